@@ -1,0 +1,1 @@
+"""What moves: motion, skeleton, skinning, actor."""

@@ -1,0 +1,1 @@
+"""Joint detections and the sets of joints they name."""

@@ -1,0 +1,1 @@
+"""Tensor maths, no people."""

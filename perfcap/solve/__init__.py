@@ -1,0 +1,1 @@
+"""Optimisation that has never heard of bodies."""

@@ -1,0 +1,212 @@
+"""States, residuals, energies and their sum: the vocabulary of the solver.
+
+Shapes: ``*b`` is any batch (windows, people), ``F`` frames, ``G`` residual groups a frame, ``d``
+entries a group, ``D`` unknowns a frame, ``S`` unknowns shared by all frames of a batch element.
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.solve.kernels import Kernel, Quadratic
+
+
+class Coupling(enum.Enum):
+    """Which frames a residual row depends on."""
+
+    FRAME = "frame"  # row f sees frame f (and the shared unknowns) only
+    WINDOW = "window"  # rows see all frames, through a linear filter along time
+
+
+@dataclass(frozen=True)
+class Step:
+    """A tangent vector of a state: ``frame`` (*b, F, D) and ``shared`` (*b, S)."""
+
+    frame: Tensor
+    shared: Tensor
+
+
+class State(Protocol):
+    """Unknowns of a solve: an immutable value on a manifold."""
+
+    @property
+    def frame_dim(self) -> int:
+        """D, tangent dimensions of a frame."""
+
+    @property
+    def shared_dim(self) -> int:
+        """S, tangent dimensions shared by all frames; 0 where there are none."""
+
+    def retract(self, step: Step) -> Self:
+        """Move along a tangent vector; a zero step is the identity."""
+
+    def local(self, other: Self) -> Step:
+        """Tangent vector from here to ``other``: the inverse of ``retract``."""
+
+    def coordinates(self) -> Step:
+        """The numbers that box bounds apply to, in the order of the tangent vector.
+
+        Only coordinates that ``retract`` adds to may be bounded; others may hold anything.
+        """
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Residual groups ``value`` (*b, F, G, d) and their ``confidence`` (*b, F, G), 1 if None."""
+
+    value: Tensor
+    confidence: Tensor | None = None
+
+    def squared_norm(self) -> Tensor:
+        """Confidence times squared norm of each group, (*b, F, G)."""
+        squared = self.value.square().sum(-1)
+        return squared if self.confidence is None else self.confidence * squared
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """A residual and its derivative.
+
+    ``frame`` is (*b, F, G, d, D), the derivative of frame f's rows in frame f's unknowns;
+    ``shared`` is (*b, F, G, d, S), or None for an energy that does not see shared unknowns.
+    """
+
+    residual: Residual
+    frame: Tensor
+    shared: Tensor | None = None
+
+
+class Energy(nn.Module, ABC):
+    """A weighted sum of robust squared residuals: ``weight * sum kernel(confidence * |group|^2)``.
+
+    There is no hidden one half. An author writes ``residual``; ``linearize`` may be overridden by
+    a closed form, and is forward-mode differentiation otherwise.
+    """
+
+    coupling = Coupling.FRAME
+    sees_shared = False
+    weight: Tensor
+
+    def __init__(self, weight: float | Tensor = 1.0, kernel: Kernel | None = None) -> None:
+        super().__init__()
+        if isinstance(weight, nn.Parameter):
+            self.weight = weight
+        else:
+            self.register_buffer("weight", torch.as_tensor(weight))
+        self.kernel = kernel if kernel is not None else Quadratic()
+
+    @abstractmethod
+    def residual(self, state: State) -> Residual:
+        """Residual groups at a state, (*b, F, G, d)."""
+
+    def forward(self, state: State) -> Tensor:
+        """Energy of each batch element, (*b,): an ordinary differentiable loss."""
+        return self.weight * self.kernel.value(self.residual(state).squared_norm()).sum((-2, -1))
+
+    def linearize(self, state: State) -> Linearization:
+        """Residual and Jacobian at a state."""
+        return forward_mode(self, state)
+
+
+class WindowEnergy(Energy):
+    """An energy that filters per-frame features along time, ``y - C' diag(keep) C y``.
+
+    ``features`` (*b, F, E) may be any function of a frame's unknowns. ``basis`` C (K, F) has
+    orthonormal rows and ``keep`` (K,) in [0, 1] says how much of each row's component is left
+    unpenalised: 1 removes it from the residual, 0 penalises it fully. The energy is
+    ``weight * |y - C' diag(keep) C y|^2``, always with the quadratic kernel, so its curvature
+    in time is ``I - C' diag(1 - (1 - keep)^2) C``: a multiple of the identity minus a low rank.
+    """
+
+    coupling = Coupling.WINDOW
+    basis: Tensor
+    keep: Tensor
+
+    def __init__(self, basis: Tensor, keep: Tensor, weight: float | Tensor = 1.0) -> None:
+        super().__init__(weight)
+        self.register_buffer("basis", basis)
+        self.register_buffer("keep", keep)
+
+    @abstractmethod
+    def features(self, state: State) -> Tensor:
+        """Per-frame features y, (*b, F, E)."""
+
+    def linearize_features(self, state: State) -> tuple[Tensor, Tensor]:
+        """Features (*b, F, E) and their Jacobian (*b, F, E, D)."""
+        linear = forward_mode(_Features(self), state)
+        return linear.residual.value.squeeze(-1), linear.frame.squeeze(-2)
+
+    def filter(self, features: Tensor) -> Tensor:
+        """Apply the temporal filter to features (*b, F, E)."""
+        components = self.basis @ features  # *b K E
+        return features - self.basis.mT @ (self.keep[:, None] * components)
+
+    def residual(self, state: State) -> Residual:
+        """Filtered features, one group a frame: (*b, F, 1, E)."""
+        return Residual(self.filter(self.features(state)).unsqueeze(-2))
+
+
+class _Features(Energy):
+    """Features of a window energy, seen as per-frame residuals so that they can be differentiated."""
+
+    def __init__(self, energy: WindowEnergy) -> None:
+        super().__init__()
+        object.__setattr__(self, "source", energy)
+
+    def residual(self, state: State) -> Residual:
+        source: WindowEnergy = object.__getattribute__(self, "source")
+        return Residual(source.features(state).unsqueeze(-1))
+
+
+def forward_mode(energy: Energy, state: State) -> Linearization:
+    """Jacobian blocks of a FRAME energy by forward-mode differentiation.
+
+    Rows of frame f depend on frame f only, so one tangent vector shared by all frames and batch
+    elements returns every diagonal block in D (+ S) columns instead of D * F.
+    """
+    here = state.coordinates()
+    zero = here.frame.new_zeros(state.frame_dim + state.shared_dim)
+
+    def moved(tangent: Tensor) -> tuple[Tensor, Residual]:
+        frame = tangent[: state.frame_dim].expand_as(here.frame)
+        shared = tangent[state.frame_dim :].expand(*here.frame.shape[:-2], state.shared_dim)
+        residual = energy.residual(state.retract(Step(frame, shared)))
+        return residual.value, residual
+
+    jacobian, residual = torch.func.jacfwd(
+        lambda tangent: (moved(tangent)[0], moved(tangent)[0]), has_aux=True
+    )(zero)
+    confidence = energy.residual(state).confidence
+    shared = jacobian[..., state.frame_dim :] if energy.sees_shared else None
+    return Linearization(
+        Residual(residual, confidence), jacobian[..., : state.frame_dim], shared
+    )
+
+
+class Objective(nn.Module):
+    """Named energies and their sum."""
+
+    def __init__(self, energies: Mapping[str, Energy] | None = None, **named: Energy) -> None:
+        super().__init__()
+        self.energies = nn.ModuleDict({**(energies or {}), **named})
+        if not self.energies:
+            raise ValueError("an Objective needs at least one energy, got none")
+
+    def items(self) -> list[tuple[str, Energy]]:
+        """Names and energies in the order given."""
+        return list(self.energies.items())  # type: ignore[arg-type]
+
+    def forward(self, state: State) -> Tensor:
+        """Total energy of each batch element, (*b,)."""
+        return torch.stack(list(self.report(state).values())).sum(0)
+
+    def report(self, state: State) -> dict[str, Tensor]:
+        """Each energy's share, (*b,) by name."""
+        return {name: energy(state) for name, energy in self.items()}
