@@ -1,0 +1,98 @@
+"""The rigged template of a person as a module: motion in, joints and surface out."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.actor.anatomy import JOINTS, human_rig
+from perfcap.actor.motion import Motion
+from perfcap.actor.skeleton import Rig, Skeleton
+from perfcap.actor.skinning import dual_quaternion_blend
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+
+
+class Actor(nn.Module):
+    """Skeleton, template mesh and skinning weights of one person.
+
+    Every bone of the template moves rigidly with one joint of the skeleton: the joint of its
+    name, or of its nearest ancestor that has one. Extra bones (fingers, twists) are thus carried
+    along, and an exported animation plays on the user's own bones.
+
+    Args:
+        template: the rigged mesh.
+        rig: its skeleton; built from the bones by name when not given.
+    """
+
+    vertices: Tensor
+    weights: Tensor
+    weight_bones: Tensor
+
+    def __init__(self, template: Template, rig: Rig | None = None) -> None:
+        super().__init__()
+        self.template = template
+        self.skeleton = Skeleton(rig if rig is not None else human_rig(_positions(template)))
+        self.bone_joints = _bone_joints(template, self.skeleton.rig.joints)
+        like = self.skeleton.rest_positions
+        self.register_buffer("vertices", torch.tensor(template.vertices).to(like))
+        self.register_buffer("weights", torch.tensor(template.weights).to(like))
+        self.register_buffer("weight_bones", torch.tensor(template.weight_bones))
+        # skinning weights of joints rather than bones: bones of one joint move as one
+        joints = torch.tensor(self.bone_joints)[self.weight_bones]
+        self.register_buffer("weight_joints", joints)
+
+    def joints(self, motion: Motion) -> Tensor:
+        """Landmarks in the world, (*b, F, 16, 3), metres."""
+        landmarks: Tensor = self.skeleton(motion).landmarks
+        return landmarks
+
+    def surface(self, motion: Motion) -> Tensor:
+        """Vertices in the world, (*b, F, V, 3), metres, by dual quaternion skinning (MPC-4)."""
+        rotation, translation = self.joint_transforms(motion)
+        return dual_quaternion_blend(
+            self.vertices, self.weights, rotation, translation, weight_index=self.weight_joints
+        )
+
+    def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""
+        if motion.shape is not None:
+            raise ValueError("motion has shape unknowns; resize the actor first: actor.resized()")
+        pose = self.skeleton(motion)
+        moved = (pose.rotation @ self.skeleton.rest_positions[..., None]).squeeze(-1)
+        return pose.rotation, pose.position - moved
+
+    def bone_transforms(self, motion: Motion) -> Tensor:
+        """Rest-to-posed world transforms of the template's bones, (*b, F, B, 4, 4)."""
+        rotation, translation = self.joint_transforms(motion)
+        matrix = torch.cat((rotation, translation[..., None]), -1)
+        last = matrix.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*matrix.shape[:-2], 1, 4)
+        return torch.cat((matrix, last), -2)[..., list(self.bone_joints), :, :]
+
+    def resized(self, shape: Tensor) -> Self:
+        """The actor with bones of group g longer by ``exp(shape_g)``, (S,); its mesh follows."""
+        from perfcap.actor.bone_lengths import resize
+
+        template, rig = resize(self.template, self.skeleton, self.bone_joints, shape)
+        return type(self)(template, rig).to(self.vertices)
+
+
+def _positions(template: Template) -> dict[str, Tensor]:
+    """Rest positions of bones and landmarks by name."""
+    rest = torch.tensor(template.bone_rest)[:, :3, 3]
+    positions = dict(zip(template.bone_names, rest, strict=True))
+    return {**positions, **{n: torch.tensor(p) for n, (_, p) in template.landmarks.items()}}
+
+
+def _bone_joints(template: Template, joints: tuple[str, ...]) -> tuple[int, ...]:
+    """Index of the joint each bone moves with."""
+    owner: list[int] = []
+    for name, parent in zip(template.bone_names, template.bone_parents, strict=True):
+        owner.append(joints.index(name) if name in joints else owner[parent] if parent >= 0 else 0)
+    if len(set(owner)) < 2:
+        raise InputError(
+            f"actor {template.name!r} has no bone of the skeleton; expected {', '.join(JOINTS)}"
+        )
+    return tuple(owner)

@@ -1,0 +1,117 @@
+"""Poses over frames: the unknowns of motion capture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from perfcap.geometry.rotation import (
+    quaternion_multiply,
+    quaternion_to_rotvec,
+    rotvec_to_quaternion,
+)
+from perfcap.solve.energy import Step
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Root position and rotation, joint angles and (optionally) bone lengths over frames.
+
+    The tangent vector of a frame is (translation, rotation, angles). Rotations move by
+    ``R <- exp(step) R``, a left perturbation in world axes, so no chart is ever left and full
+    turns are ordinary; the rotation *vector* is storage, not a chart anything is smoothed in.
+
+    Attributes:
+        translation: position of the root joint in the world, (*b, F, 3), metres.
+        rotation: world rotation of the root relative to the rest pose, (*b, F, 3), rotation vector.
+        angles: joint angles from the anatomical neutral pose, (*b, F, A), radians.
+        shape: log scales of the bone groups, (*b, S), shared by all frames; None where bone
+            lengths are known.
+    """
+
+    translation: Tensor
+    rotation: Tensor
+    angles: Tensor
+    shape: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        lead = self.angles.shape[:-1]
+        for name in ("translation", "rotation"):
+            found = tuple(getattr(self, name).shape)
+            if found != (*lead, 3):
+                raise ValueError(f"motion {name} has shape {found}, expected {(*lead, 3)}")
+
+    @property
+    def frame_dim(self) -> int:
+        """D = 6 + A."""
+        return 6 + self.angles.shape[-1]
+
+    @property
+    def shared_dim(self) -> int:
+        """S, 0 where bone lengths are not unknowns."""
+        return 0 if self.shape is None else self.shape.shape[-1]
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.angles.shape[-2]
+
+    def retract(self, step: Step) -> Self:
+        """Move along a tangent vector."""
+        translation, rotation, angles = step.frame.split((3, 3, self.angles.shape[-1]), -1)
+        turned = quaternion_multiply(
+            rotvec_to_quaternion(rotation), rotvec_to_quaternion(self.rotation)
+        )
+        return replace(
+            self,
+            translation=self.translation + translation,
+            rotation=quaternion_to_rotvec(turned),
+            angles=self.angles + angles,
+            shape=None if self.shape is None else self.shape + step.shared,
+        )
+
+    def local(self, other: Self) -> Step:
+        """Tangent vector from here to another motion of the same shape."""
+        here = rotvec_to_quaternion(self.rotation)
+        inverse = torch.cat((here[..., :1], -here[..., 1:]), -1)
+        turn = quaternion_multiply(rotvec_to_quaternion(other.rotation), inverse)
+        parts = (
+            other.translation - self.translation,
+            quaternion_to_rotvec(turn),
+            other.angles - self.angles,
+        )
+        if self.shape is None or other.shape is None:
+            shared = self.angles.new_zeros(*self.angles.shape[:-2], 0)
+        else:
+            shared = other.shape - self.shape
+        return Step(torch.cat(parts, -1), shared)
+
+    def coordinates(self) -> Step:
+        """Numbers that bounds apply to: only angles and shape may be bounded."""
+        shared = self.angles.new_zeros(*self.angles.shape[:-2], 0)
+        return Step(
+            torch.cat((self.translation, self.rotation, self.angles), -1),
+            shared if self.shape is None else self.shape,
+        )
+
+    def __getitem__(self, index: slice | Tensor) -> Self:
+        """Select along the frame axis."""
+        return replace(
+            self,
+            translation=self.translation[..., index, :],
+            rotation=self.rotation[..., index, :],
+            angles=self.angles[..., index, :],
+        )
+
+    def to(self, like: Tensor) -> Self:
+        """The same motion with the type and device of a tensor."""
+        return replace(
+            self,
+            translation=self.translation.to(like),
+            rotation=self.rotation.to(like),
+            angles=self.angles.to(like),
+            shape=None if self.shape is None else self.shape.to(like),
+        )
