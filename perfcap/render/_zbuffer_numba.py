@@ -1,0 +1,101 @@
+"""Hard z-buffer on the CPU: one pass over triangles, one pass over the pixels of each.
+
+The plain-torch twin in ``_zbuffer_reference.py`` states the same thing without loops; tests hold
+the two equal. Arithmetic on the pixel grid is in integers, so coverage is exact.
+"""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+def fill(
+    grid: NDArray[np.int64],
+    inverse_depth: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    faces: NDArray[np.int64],
+    culled_sign: int,
+    bits: int,
+    depth: NDArray[np.float64],
+    triangle: NDArray[np.int32],
+) -> None:
+    """Draw triangles into ``depth`` (H, W), preset to inf, and ``triangle`` (H, W), preset to -1.
+
+    Args:
+        grid: vertices (V, 2) in units of 2^-bits pixels.
+        inverse_depth: (V,) 1/m.
+        usable: (V,), False for vertices whose triangles are dropped.
+        faces: (T, 3).
+        culled_sign: sign of the area, as seen in the image, of triangles to leave out; 0 for none.
+        bits: fractional bits of the grid.
+        depth: (H, W) metres, written; ties between triangles go to the lower index.
+        triangle: (H, W), written.
+    """
+    height, width = depth.shape
+    round_up = (1 << bits) - 1
+    for index in range(len(faces)):
+        a, b, c = faces[index]
+        if not (usable[a] and usable[b] and usable[c]):
+            continue
+        left = max((min(grid[a, 0], grid[b, 0], grid[c, 0]) + round_up) >> bits, 0)
+        right = min(max(grid[a, 0], grid[b, 0], grid[c, 0]) >> bits, width - 1)
+        top = max((min(grid[a, 1], grid[b, 1], grid[c, 1]) + round_up) >> bits, 0)
+        bottom = min(max(grid[a, 1], grid[b, 1], grid[c, 1]) >> bits, height - 1)
+        if left > right or top > bottom:
+            continue
+        area = _cross(grid[a], grid[b], grid[c, 0], grid[c, 1])
+        if area == 0 or area * culled_sign > 0:
+            continue
+        if area < 0:
+            b, c, area = c, b, -area
+        _fill_triangle(
+            (grid[a], grid[b], grid[c]),
+            (inverse_depth[a], inverse_depth[b], inverse_depth[c]),
+            area,
+            (left, right, top, bottom),
+            bits,
+            index,
+            depth,
+            triangle,
+        )
+
+
+@numba.njit(nogil=True)
+def _cross(start, end, x, y):  # type: ignore[no-untyped-def]
+    """Twice the signed area of start, end, (x, y): positive on the inner side of an edge."""
+    return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
+
+
+@numba.njit(nogil=True)
+def _least(start, end):  # type: ignore[no-untyped-def]
+    """Smallest edge value that counts as inside: 0 on top and left edges, 1 on the others."""
+    rises = end[1] < start[1] or (end[1] == start[1] and end[0] > start[0])
+    return 0 if rises else 1
+
+
+@numba.njit(nogil=True)
+def _fill_triangle(corners, inverse, area, box, bits, index, depth, triangle):  # type: ignore[no-untyped-def]
+    """Draw one triangle of positive area; edge values grow by constant steps along a row."""
+    a, b, c = corners
+    left, right, top, bottom = box
+    least_a, least_b, least_c = _least(b, c), _least(c, a), _least(a, b)
+    step_a, step_b, step_c = (
+        (b[1] - c[1]) << bits,
+        (c[1] - a[1]) << bits,
+        (a[1] - b[1]) << bits,
+    )
+    for row in range(top, bottom + 1):
+        x, y = left << bits, row << bits
+        at_a, at_b, at_c = _cross(b, c, x, y), _cross(c, a, x, y), _cross(a, b, x, y)
+        for column in range(left, right + 1):
+            # the sign bit of the union says at once whether any edge has the pixel outside
+            if ((at_a - least_a) | (at_b - least_b) | (at_c - least_c)) >= 0:
+                blend = at_a * inverse[0] + at_b * inverse[1] + at_c * inverse[2]
+                here = area / blend
+                if here < depth[row, column]:
+                    depth[row, column] = here
+                    triangle[row, column] = index
+            at_a += step_a
+            at_b += step_b
+            at_c += step_c
