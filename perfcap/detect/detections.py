@@ -1,0 +1,104 @@
+"""What a detector says about a clip: the only thing energies know about images of joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Joints of one person in the frames and views of a clip.
+
+    ``J`` is always the 16 landmarks, in their order. An unseen joint has confidence 0 and any
+    finite coordinates.
+
+    Attributes:
+        joints2d: (*b, F, C, J, 2), pixels, pixel centres at integer coordinates.
+        confidence2d: (*b, F, C, J), 0 to 1.
+        joints3d: (*b, F, C, J, 3), metres in the axes of the view's camera, relative to the
+            middle of the hips; None when the detector has none.
+        trusted3d: (*b, F, C), bool: whether a view's 3D pose may be used in a frame.
+    """
+
+    joints2d: Tensor
+    confidence2d: Tensor
+    joints3d: Tensor | None
+    trusted3d: Tensor
+
+    def __post_init__(self) -> None:
+        batch = self.joints2d.shape[:-2]
+        joints = len(LANDMARKS)
+        if len(batch) < 2:
+            raise ValueError(
+                f"joints2d has shape {tuple(self.joints2d.shape)}, expected (*b, F, C, {joints}, 2)"
+            )
+        _require("joints2d", self.joints2d, (*batch, joints, 2))
+        _require("confidence2d", self.confidence2d, (*batch, joints))
+        if self.joints3d is not None:
+            _require("joints3d", self.joints3d, (*batch, joints, 3))
+        _require("trusted3d", self.trusted3d, tuple(batch))
+        if self.trusted3d.dtype != torch.bool:
+            raise ValueError(f"trusted3d is {self.trusted3d.dtype}, expected torch.bool")
+
+    @classmethod
+    def from_joints(
+        cls, joints2d: Tensor, confidence2d: Tensor, joints3d: Tensor | None = None
+    ) -> Self:
+        """Detections whose 3D poses are trusted wherever there are any."""
+        trusted = torch.full(
+            joints2d.shape[:-2], joints3d is not None, dtype=torch.bool, device=joints2d.device
+        )
+        return cls(joints2d, confidence2d, joints3d, trusted)
+
+    @property
+    def frame_count(self) -> int:
+        """F."""
+        return self.joints2d.shape[-4]
+
+    @property
+    def views(self) -> int:
+        """C."""
+        return self.joints2d.shape[-3]
+
+    def frames(self, index: slice | Tensor) -> Self:
+        """The detections of some frames."""
+        return replace(
+            self,
+            joints2d=self.joints2d[..., index, :, :, :],
+            confidence2d=self.confidence2d[..., index, :, :],
+            joints3d=None if self.joints3d is None else self.joints3d[..., index, :, :, :],
+            trusted3d=self.trusted3d[..., index, :],
+        )
+
+    def select(self, views: list[int]) -> Self:
+        """The detections of some views, in the order given."""
+        return replace(
+            self,
+            joints2d=self.joints2d[..., views, :, :],
+            confidence2d=self.confidence2d[..., views, :],
+            joints3d=None if self.joints3d is None else self.joints3d[..., views, :, :],
+            trusted3d=self.trusted3d[..., views],
+        )
+
+    def to(self, like: Tensor) -> Self:
+        """The same detections with the type and device of a tensor; ``trusted3d`` stays bool."""
+        return replace(
+            self,
+            joints2d=self.joints2d.to(like),
+            confidence2d=self.confidence2d.to(like),
+            joints3d=None if self.joints3d is None else self.joints3d.to(like),
+            trusted3d=self.trusted3d.to(like.device),
+        )
+
+
+def _require(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
+    if tuple(tensor.shape) != expected:
+        raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {expected}")
+    if name != "trusted3d" and not tensor.is_floating_point():
+        raise ValueError(f"{name} is {tensor.dtype}, expected a floating-point type")

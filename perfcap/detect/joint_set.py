@@ -1,0 +1,188 @@
+"""Named joint sets of common detectors, and the map from each of them to our 16 landmarks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+LANDMARKS = (
+    "head_top",
+    "neck",
+    "r_shoulder",
+    "r_elbow",
+    "r_wrist",
+    "l_shoulder",
+    "l_elbow",
+    "l_wrist",
+    "r_hip",
+    "r_knee",
+    "r_ankle",
+    "r_toe",
+    "l_hip",
+    "l_knee",
+    "l_ankle",
+    "l_toe",
+)
+"""The joints every energy, file and score speaks of; left and right are the actor's own."""
+
+# A landmark that a set lacks is the mean of other joints. The first recipe a set can cook is
+# taken; a set that can cook none does not see the landmark.
+_RECIPES = {
+    "neck": (("l_shoulder", "r_shoulder"),),
+    "l_toe": (("l_big_toe",),),
+    "r_toe": (("r_big_toe",),),
+}
+
+
+@dataclass(frozen=True)
+class JointSet:
+    """What a detector calls its joints, in the order it writes them.
+
+    Names are ours: ``l_``/``r_`` in front, ``head_top`` for the crown of the head.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        twice = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
+        if twice:
+            raise ValueError(f"joint set {self.name!r} names {', '.join(twice)} more than once")
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def sources(self, landmark: str) -> tuple[int, ...]:
+        """Indices of the joints whose mean is a landmark; empty where the set has none."""
+        for recipe in ((landmark,), *_RECIPES.get(landmark, ())):
+            if all(joint in self.joints for joint in recipe):
+                return tuple(self.joints.index(joint) for joint in recipe)
+        return ()
+
+    def missing(self) -> tuple[str, ...]:
+        """Landmarks this set does not see."""
+        return tuple(landmark for landmark in LANDMARKS if not self.sources(landmark))
+
+
+def map_to_landmarks(
+    values: Tensor, confidence: Tensor, joint_set: JointSet
+) -> tuple[Tensor, Tensor]:
+    """Reorder and combine a detector's joints into the 16 landmarks.
+
+    Args:
+        values: pixels (..., J, 2) or positions (..., J, 3) in the order of ``joint_set``.
+        confidence: (..., J).
+        joint_set: names of the J joints.
+
+    Returns:
+        Values (..., 16, 2 or 3) and confidence (..., 16). Where a joint is not finite, has no
+        confidence or (in pixels) lies at exactly (0, 0), and where the set has no such joint,
+        both are 0. A landmark made from several joints has the least of their confidences.
+    """
+    if values.shape[:-1] != confidence.shape or values.shape[-2] != len(joint_set):
+        raise ValueError(
+            f"values {tuple(values.shape)} and confidence {tuple(confidence.shape)} do not hold "
+            f"the {len(joint_set)} joints of {joint_set.name!r}; expected (..., J, d) and (..., J)"
+        )
+    values, confidence = _drop_undetected(values, confidence)
+    columns = [joint_set.sources(landmark) for landmark in LANDMARKS]
+    means, least = zip(*(_mean(values, confidence, list(c)) for c in columns), strict=True)
+    mapped, trust = torch.stack(means, -2), torch.stack(least, -1)
+    return torch.where(trust[..., None] > 0, mapped, 0), trust
+
+
+def _drop_undetected(values: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
+    seen = values.isfinite().all(-1) & confidence.isfinite() & (confidence > 0)
+    if values.shape[-1] == 2:  # the corner pixel is how detectors write "nothing here"
+        seen = seen & (values != 0).any(-1)
+    return torch.where(seen[..., None], values, 0), torch.where(seen, confidence, 0)
+
+
+def _mean(values: Tensor, confidence: Tensor, columns: list[int]) -> tuple[Tensor, Tensor]:
+    if not columns:
+        return torch.zeros_like(values[..., 0, :]), torch.zeros_like(confidence[..., 0])
+    return values[..., columns, :].mean(-2), confidence[..., columns].amin(-1)
+
+
+def canonical_name(name: str) -> str:
+    """Our spelling of a joint's name: ``RShoulder``, ``right_shoulder`` become ``r_shoulder``."""
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[LR])(?=[A-Z][a-z])", "_", name.strip())
+    lower = re.sub(r"[\s\-.]+", "_", spaced).lower()
+    lower = re.sub(r"^(left|right)_?", lambda side: side.group(1)[0] + "_", lower)
+    lower = re.sub(r"^(.*)_(left|right)$", lambda m: f"{m.group(2)[0]}_{m.group(1)}", lower)
+    return _SYNONYMS.get(lower, lower)
+
+
+_SYNONYMS = {"headtop": "head_top", "top_of_head": "head_top", "head": "head_top"}
+
+
+def _sides(order: Sequence[str], *joints: str) -> tuple[str, ...]:
+    """Each joint once a side, sides alternating in the order given."""
+    return tuple(f"{side}_{joint}" for joint in joints for side in order)
+
+
+def _side(side: str, *joints: str) -> tuple[str, ...]:
+    return tuple(f"{side}_{joint}" for joint in joints)
+
+
+_ARM = ("shoulder", "elbow", "wrist")
+_LEG = ("hip", "knee", "ankle")
+_FOOT = ("big_toe", "small_toe", "heel")
+_FACE = ("nose", *_sides("lr", "eye", "ear"))
+_LIMBS = _sides("lr", *_ARM, *_LEG)
+_FEET = (*_side("l", *_FOOT), *_side("r", *_FOOT))
+
+LANDMARKS16 = JointSet("landmarks16", LANDMARKS)
+COCO17 = JointSet("COCO-17", (*_FACE, *_LIMBS))
+COCO18 = JointSet(
+    "COCO-18",
+    (
+        *("nose", "neck"),
+        *(*_side("r", *_ARM), *_side("l", *_ARM), *_side("r", *_LEG), *_side("l", *_LEG)),
+        *_sides("rl", "eye", "ear"),
+    ),
+)
+BODY_25 = JointSet(
+    "BODY_25",
+    (
+        *("nose", "neck", *_side("r", *_ARM), *_side("l", *_ARM)),
+        *("mid_hip", *_side("r", *_LEG), *_side("l", *_LEG)),
+        *(*_sides("rl", "eye", "ear"), *_FEET),
+    ),
+)
+BODY_25B = JointSet("BODY_25B", (*_FACE, *_LIMBS, "neck", "head_top", *_FEET))
+HALPE26 = JointSet(
+    "Halpe-26",
+    (
+        *(*_FACE, *_LIMBS, "head_top", "neck", "mid_hip"),
+        *_sides("lr", "big_toe", "small_toe", "heel"),
+    ),
+)
+COCO_WHOLEBODY = JointSet(
+    "COCO-WholeBody",
+    (
+        *(*_FACE, *_LIMBS, *_FEET),
+        *(f"face_{i}" for i in range(68)),
+        *(f"{side}_hand_{i}" for side in "lr" for i in range(21)),
+    ),
+)
+HALPE136 = JointSet(
+    "Halpe-136",
+    (
+        *HALPE26.joints,
+        *(f"face_{i}" for i in range(68)),
+        *(f"{side}_hand_{i}" for side in "lr" for i in range(21)),
+    ),
+)
+
+JOINT_SETS = (
+    *(LANDMARKS16, COCO17, COCO18, BODY_25, BODY_25B),
+    *(HALPE26, COCO_WHOLEBODY, HALPE136),
+)
+"""Every set known by name. BODY_25 and BODY_25B both have 25 joints."""
+
+KNOWN_JOINTS = frozenset(joint for joint_set in JOINT_SETS for joint in joint_set.joints)

@@ -1,0 +1,57 @@
+"""The detections value."""
+
+import pytest
+import torch
+
+from perfcap.detect.detections import Detections
+
+
+def example(frames: int = 5, views: int = 3) -> Detections:
+    generator = torch.Generator().manual_seed(0)
+    joints = torch.randn(frames, views, 16, 3, generator=generator, dtype=torch.float64)
+    return Detections.from_joints(joints[..., :2], joints[..., 2].abs(), joints)
+
+
+def test_slicing_frames_and_views_commutes() -> None:
+    detections = example()
+    once = detections.frames(slice(1, 4)).select([2, 0])
+    other = detections.select([2, 0]).frames(slice(1, 4))
+    assert (once.frame_count, once.views) == (3, 2)
+    for name in ("joints2d", "confidence2d", "joints3d", "trusted3d"):
+        assert torch.equal(getattr(once, name), getattr(other, name))
+    assert torch.equal(once.joints2d, detections.joints2d[1:4][:, [2, 0]])
+
+
+def test_slicing_keeps_leading_batch_axes() -> None:
+    one = example()
+    stacked = Detections.from_joints(one.joints2d[None], one.confidence2d[None], None)
+    part = stacked.frames(slice(2)).select([1])
+    assert part.joints2d.shape == (1, 2, 1, 16, 2)
+    assert part.joints3d is None and not part.trusted3d.any()
+
+
+def test_to_follows_a_tensor() -> None:
+    single = example().to(torch.zeros(1, dtype=torch.float32))
+    assert single.joints2d.dtype == single.confidence2d.dtype == torch.float32
+    assert single.trusted3d.dtype == torch.bool and single.trusted3d.all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joints2d": torch.zeros(5, 3, 17, 2)}, "joints2d has shape"),
+        ({"joints2d": torch.zeros(16, 2)}, "expected"),
+        ({"confidence2d": torch.zeros(5, 16)}, "confidence2d has shape"),
+        ({"joints3d": torch.zeros(5, 3, 16, 2)}, "joints3d has shape"),
+        ({"trusted3d": torch.zeros(5, 3)}, "expected torch.bool"),
+        ({"trusted3d": torch.zeros(5, dtype=torch.bool)}, "trusted3d has shape"),
+        ({"joints2d": torch.zeros(5, 3, 16, 2, dtype=torch.int64)}, "floating-point"),
+    ],
+)
+def test_wrong_shapes_are_named(change: dict[str, torch.Tensor], words: str) -> None:
+    good = example()
+    fields = {
+        name: getattr(good, name) for name in ("joints2d", "confidence2d", "joints3d", "trusted3d")
+    }
+    with pytest.raises(ValueError, match=words):
+        Detections(**{**fields, **change})
