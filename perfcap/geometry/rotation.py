@@ -31,7 +31,8 @@ def quaternion_to_rotvec(quaternion: Tensor) -> Tensor:
     small = squared < torch.finfo(quaternion.dtype).eps
     norm = torch.where(small, torch.ones_like(squared), squared).sqrt()
     # 2 atan2(s, w)/s = (2/w) (1 - s^2/(3 w^2)) + O(s^4)
-    series = (2 - 2 * squared / (3 * real.square())) / real
+    near = torch.where(small, real, torch.ones_like(real))  # real is zero at half a turn
+    series = (2 - 2 * squared / (3 * near.square())) / near
     return torch.where(small, series, 2 * torch.atan2(norm, real) / norm) * imaginary
 
 
