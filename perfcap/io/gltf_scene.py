@@ -1,0 +1,130 @@
+"""Node hierarchy and skins of a glTF document: where the bones are."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from perfcap.io.gltf_document import Document, Object
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_LOG = logging.getLogger(__name__)
+_BIND_TOLERANCE = 1e-3  # metres, and parts of one: below it the nodes stand in the bind pose
+
+
+@dataclass(frozen=True, eq=False)
+class NodeTree:
+    """Node hierarchy: parent index or -1, (N,), and node-to-world transforms (N, 4, 4)."""
+
+    parents: Integers
+    world: Floats
+    order: tuple[int, ...]  # parents before children, in the order of the file
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Joint nodes of a skin and the transforms that put its bind pose into the world."""
+
+    joints: tuple[int, ...]
+    bind_to_world: Floats  # (4, 4)
+    rest: Floats  # (joints, 4, 4), rigid
+
+
+def read_tree(document: Document) -> NodeTree:
+    """Node hierarchy of a file with world transforms, checked to be a forest."""
+    nodes = document.items("nodes")
+    parents = np.full(len(nodes), -1, dtype=np.int64)
+    for number, node in enumerate(nodes):
+        children = node.get("children", [])
+        for value in children if isinstance(children, list) else [children]:
+            child = document.integer(value, "node.children", 0, len(nodes) - 1)
+            if parents[child] != -1:
+                raise document.error(f"damaged file, node {child} has two parents")
+            parents[child] = number
+    order = _topological_order(document, parents)
+    world = np.empty((len(nodes), 4, 4))
+    for number in order:
+        local = _local_matrix(document, nodes[number])
+        parent = parents[number]
+        world[number] = local if parent < 0 else world[parent] @ local
+    return NodeTree(parents, world, order)
+
+
+def _topological_order(document: Document, parents: Integers) -> tuple[int, ...]:
+    children: dict[int, list[int]] = {}
+    for child, parent in enumerate(parents.tolist()):
+        children.setdefault(parent, []).append(child)
+    order: list[int] = []
+    pending = children.get(-1, [])[::-1]
+    while pending:
+        order.append(pending.pop())
+        pending += children.get(order[-1], [])[::-1]
+    if len(order) != len(parents):
+        raise document.error("damaged file, its nodes form a cycle")
+    return tuple(order)
+
+
+def _local_matrix(document: Document, node: Object) -> Floats:
+    if "matrix" in node:
+        return document.numbers(node["matrix"], 16, "node.matrix").reshape(4, 4).T
+    matrix = np.eye(4)
+    matrix[:3, 3] = document.numbers(node.get("translation", [0, 0, 0]), 3, "node.translation")
+    quaternion = document.numbers(node.get("rotation", [0, 0, 0, 1]), 4, "node.rotation")
+    if not quaternion.any():
+        raise document.error("damaged file, node.rotation is a zero quaternion")
+    scale = document.numbers(node.get("scale", [1, 1, 1]), 3, "node.scale")
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix() * scale
+    return matrix
+
+
+def read_skin(document: Document, skin: Object, tree: NodeTree) -> Skin:
+    """Place the bind pose of a skin in the world.
+
+    A vertex v is drawn at ``world_j @ inverse_bind_j @ v``. Where the nodes stand in the bind
+    pose that product is the same for all joints j: it takes mesh units to the world. Otherwise
+    the joint nearest to the root decides, and the pose of the others is dropped.
+    """
+    listed = skin.get("joints")
+    if not isinstance(listed, list) or not listed:
+        raise document.error("damaged file, a skin has no joints")
+    joints = tuple(document.integer(j, "skin.joints", 0, len(tree.world) - 1) for j in listed)
+    if len(set(joints)) != len(joints):
+        raise document.error("damaged file, a skin lists a joint twice")
+    inverse_bind = _inverse_bind(document, skin, len(joints))
+    placements = tree.world[list(joints)] @ inverse_bind
+    position = {node: place for place, node in enumerate(tree.order)}
+    bind_to_world: Floats = placements[min(range(len(joints)), key=lambda j: position[joints[j]])]
+    if not abs(np.linalg.det(bind_to_world[:3, :3])) > 0:
+        raise document.error("its skeleton is scaled to zero; apply the scale and export again")
+    posed = placements @ np.linalg.inv(bind_to_world) - np.eye(4)
+    if np.abs(posed).max() > _BIND_TOLERANCE:
+        _LOG.warning("%s: nodes are posed; the bind pose is used as rest pose", document.path)
+    return Skin(joints, bind_to_world, _rigid(bind_to_world @ np.linalg.inv(inverse_bind)))
+
+
+def _inverse_bind(document: Document, skin: Object, joints: int) -> Floats:
+    if "inverseBindMatrices" not in skin:
+        raise document.error("its skin has no inverse bind matrices; export it again with them")
+    raw = document.accessor(skin["inverseBindMatrices"], "MAT4")
+    matrices = raw[:joints].reshape(-1, 4, 4).mT.astype(np.float64)
+    if len(matrices) < joints:
+        raise document.error(f"{len(matrices)} inverse bind matrices for {joints} joints")
+    if not np.isfinite(matrices).all() or np.any(np.linalg.det(matrices[:, :3, :3]) == 0):
+        raise document.error("its inverse bind matrices cannot be inverted; apply all scales")
+    matrices[:, 3] = (0, 0, 0, 1)
+    return matrices
+
+
+def _rigid(matrices: Floats) -> Floats:
+    """Nearest rigid transforms: scale and shear of a bone's axes move no vertex."""
+    u, _, vt = np.linalg.svd(matrices[:, :3, :3])
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    rigid = matrices.copy()
+    rigid[:, :3, :3] = u @ vt
+    return rigid

@@ -1,0 +1,278 @@
+"""Write a skinned, textured, animated character as one binary glTF 2.0 file."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+
+Floats = NDArray[np.float64]
+Object = dict[str, Any]
+
+_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+_TRIANGLES, _LINEAR, _LINEAR_MIPMAP, _CLAMP = 4, 9729, 9987, 33071
+_COMPONENTS = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
+_WIDTH_NAMES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_STILL = 1e-6  # metres, or quaternion entries: less movement than this gets no channel
+_RIGID_TOLERANCE = 1e-3
+# Multiples of 2^-23 up to one are exact in float32, and so are their sums in any order.
+_WEIGHT_UNIT = 2.0**-23
+
+
+@dataclass(eq=False)
+class _Buffer:
+    """A binary buffer under construction with its views and accessors."""
+
+    data: bytearray = field(default_factory=bytearray)
+    views: list[Object] = field(default_factory=list)
+    accessors: list[Object] = field(default_factory=list)
+
+    def add_bytes(self, data: bytes, target: int | None = None) -> int:
+        """Append a four-byte aligned view; returns its index."""
+        view: Object = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
+        self.views.append(view if target is None else view | {"target": target})
+        self.data += data + bytes(-len(data) % 4)
+        return len(self.views) - 1
+
+    def add(
+        self, values: NDArray[Any], dtype: str, target: int | None = None, bounds: bool = False
+    ) -> int:
+        """Append an accessor over rows of ``values``; returns its index."""
+        rows = np.ascontiguousarray(values.reshape(len(values), -1), dtype="<" + dtype)
+        accessor: Object = {
+            "bufferView": self.add_bytes(rows.tobytes(), target),
+            "componentType": _COMPONENTS[dtype],
+            "count": len(rows),
+            "type": _WIDTH_NAMES[rows.shape[1]],
+        }
+        if bounds:
+            accessor |= {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
+
+
+def save_animation(
+    path: str | Path, template: Template, bone_transforms: Floats, fps: float
+) -> None:
+    """Write an actor in motion; the file appears complete or not at all.
+
+    Args:
+        path: where to write the ``.glb``.
+        template: the rigged mesh.
+        bone_transforms: rigid rest-to-posed transforms of its bones in the world,
+            (F, B, 4, 4) m: what moves a vertex that hangs on that bone alone.
+        fps: frames per second; frame f is keyed at f / fps seconds.
+
+    Raises:
+        InputError: wrong shapes, transforms that are not finite and rigid, or fps not positive.
+    """
+    transforms = _checked(template, bone_transforms, fps)
+    buffer = _Buffer()
+    tree: Object = {
+        "asset": {"version": "2.0", "generator": "perfcap"},
+        "scene": 0,
+        "scenes": [{"nodes": [*_roots(template), len(template.bone_names)]}],
+        "nodes": _nodes(template),
+        "meshes": [_mesh(buffer, template)],
+        "skins": [_skin(buffer, template)],
+        **_material(buffer, template),
+    }
+    animation = _animation(buffer, template, transforms, fps)
+    if animation["channels"]:
+        tree["animations"] = [animation]
+    tree |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
+    tree["buffers"] = [{"byteLength": len(buffer.data)}]
+    _write(Path(path), tree, bytes(buffer.data))
+
+
+def _checked(template: Template, bone_transforms: Floats, fps: float) -> Floats:
+    transforms = np.asarray(bone_transforms, dtype=np.float64)
+    expected = (len(template.bone_names), 4, 4)
+    if transforms.ndim != 4 or transforms.shape[1:] != expected or not len(transforms):
+        raise InputError(
+            f"bone_transforms has shape {transforms.shape}; expected (frames, *{expected})"
+        )
+    rotation = transforms[..., :3, :3]
+    if not np.isfinite(transforms).all() or (
+        np.abs(rotation @ rotation.mT - np.eye(3)).max() > _RIGID_TOLERANCE
+        or np.linalg.det(rotation).min() < 0
+    ):
+        raise InputError("bone_transforms holds matrices that are not finite and rigid")
+    if not (np.isfinite(fps) and fps > 0):
+        raise InputError(f"fps is {fps}; expected a positive number of frames per second")
+    return transforms
+
+
+def _roots(template: Template) -> list[int]:
+    return np.flatnonzero(template.bone_parents < 0).tolist()
+
+
+def _to_parent(template: Template, world: Floats) -> Floats:
+    """Bone-to-parent transforms from bone-to-world ones, (..., B, 4, 4)."""
+    rotation, position = world[..., :3, :3], world[..., :3, 3]
+    inverse = np.zeros_like(world)
+    inverse[..., :3, :3] = rotation.mT
+    inverse[..., :3, 3] = -(rotation.mT @ position[..., None])[..., 0]
+    inverse[..., 3, 3] = 1
+    parents = template.bone_parents
+    is_root = (parents < 0)[:, None, None]
+    local: Floats = np.where(is_root, world, inverse[..., np.maximum(parents, 0), :, :] @ world)
+    return local
+
+
+def _quaternions(rotations: Floats) -> Floats:
+    """Unit quaternions (x, y, z, w) of nearly orthonormal matrices (..., 3, 3)."""
+    flat: Floats = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return flat.reshape(*rotations.shape[:-2], 4)
+
+
+def _nodes(template: Template) -> list[Object]:
+    local = _to_parent(template, template.bone_rest)
+    rotation = _quaternions(local[:, :3, :3])
+    nodes: list[Object] = []
+    for bone, name in enumerate(template.bone_names):
+        node: Object = {
+            "name": name,
+            "translation": local[bone, :3, 3].tolist(),
+            "rotation": rotation[bone].tolist(),
+        }
+        children = np.flatnonzero(template.bone_parents == bone).tolist()
+        nodes.append(node | {"children": children} if children else node)
+    # A skinned mesh at the top of the scene: transforms above it would be ignored anyway.
+    return [*nodes, {"name": template.name, "mesh": 0, "skin": 0}]
+
+
+def _mesh(buffer: _Buffer, template: Template) -> Object:
+    bones = "u1" if len(template.bone_names) <= 256 else "u2"
+    indices = "u2" if len(template.vertices) < 65535 else "u4"
+    attributes = {
+        "POSITION": buffer.add(template.vertices, "f4", _ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(vertex_normals(template), "f4", _ARRAY_BUFFER),
+    }
+    if template.uv is not None:
+        attributes["TEXCOORD_0"] = buffer.add(template.uv, "f4", _ARRAY_BUFFER)
+    weights = _exact_weights(template.weights)
+    weight_bones = np.where(weights > 0, template.weight_bones, 0)
+    attributes["JOINTS_0"] = buffer.add(weight_bones, bones, _ARRAY_BUFFER)
+    attributes["WEIGHTS_0"] = buffer.add(weights, "f4", _ARRAY_BUFFER)
+    primitive = {
+        "attributes": attributes,
+        "indices": buffer.add(template.faces.reshape(-1, 1), indices, _ELEMENT_BUFFER),
+        "mode": _TRIANGLES,
+        "material": 0,
+    }
+    return {"name": template.name, "primitives": [primitive]}
+
+
+def vertex_normals(template: Template) -> Floats:
+    """Unit normals weighted by triangle area, smooth across texture seams, (V, 3).
+
+    Vertices without area get +y: a file must not hold a zero normal.
+    """
+    index, representative = template.weld()
+    corners = template.vertices[template.faces]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros((len(representative), 3))
+    np.add.at(total, index[template.faces], area[:, None])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    normals = np.where(length > 0, total / np.where(length > 0, length, 1), (0.0, 1.0, 0.0))
+    return normals[index]
+
+
+def _exact_weights(weights: Floats) -> Floats:
+    """Nearest weights whose float32 sum is exactly one, (V, 4); heaviest first stays so."""
+    units = np.round(weights / _WEIGHT_UNIT)
+    units[:, 0] += 1 / _WEIGHT_UNIT - units.sum(1)
+    return units * _WEIGHT_UNIT
+
+
+def _skin(buffer: _Buffer, template: Template) -> Object:
+    inverse = np.linalg.inv(template.bone_rest)
+    inverse[:, 3] = (0, 0, 0, 1)
+    roots = _roots(template)
+    skin: Object = {
+        "inverseBindMatrices": buffer.add(inverse.mT, "f4"),  # column-major
+        "joints": list(range(len(template.bone_names))),
+    }
+    return skin | {"skeleton": roots[0]} if len(roots) == 1 else skin
+
+
+def _material(buffer: _Buffer, template: Template) -> Object:
+    surface: Object = {"metallicFactor": 0.0, "roughnessFactor": 0.9}
+    material = {"name": template.name, "pbrMetallicRoughness": surface, "doubleSided": True}
+    if template.texture is None or template.uv is None:
+        surface["baseColorFactor"] = [0.7, 0.7, 0.7, 1.0]
+        return {"materials": [material]}
+    surface["baseColorTexture"] = {"index": 0}
+    view = buffer.add_bytes(template.texture)
+    sampler = {"magFilter": _LINEAR, "minFilter": _LINEAR_MIPMAP, "wrapS": _CLAMP, "wrapT": _CLAMP}
+    return {
+        "materials": [material],
+        "textures": [{"sampler": 0, "source": 0}],
+        "images": [{"bufferView": view, "mimeType": template.texture_mime}],
+        "samplers": [sampler],
+    }
+
+
+def _animation(buffer: _Buffer, template: Template, transforms: Floats, fps: float) -> Object:
+    """Channels of the bones that move against their parent; others keep their rest transform."""
+    local = _to_parent(template, transforms @ template.bone_rest)
+    rest = _to_parent(template, template.bone_rest)
+    tracks = {
+        "translation": (local[..., :3, 3], rest[:, :3, 3]),
+        "rotation": (_continuous(_quaternions(local[..., :3, :3])), _quaternions(rest[:, :3, :3])),
+    }
+    animation: Object = {"name": "capture", "channels": [], "samplers": []}
+    time = None
+    for bone in range(len(template.bone_names)):
+        for path, (values, resting) in tracks.items():
+            if _distance(values[:, bone], resting[bone], path).max() < _STILL:
+                continue
+            if time is None:
+                time = buffer.add(np.arange(len(local)) / fps, "f4", bounds=True)
+            sampler = {"input": time, "output": buffer.add(values[:, bone], "f4")}
+            target = {"node": bone, "path": path}
+            animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
+            animation["samplers"].append(sampler | {"interpolation": "LINEAR"})
+    return animation
+
+
+def _distance(values: Floats, resting: Floats, path: str) -> Floats:
+    """Largest difference of each frame's entries from rest; q and -q are the same rotation."""
+    apart: Floats = np.abs(values - resting).max(-1)
+    return np.minimum(apart, np.abs(values + resting).max(-1)) if path == "rotation" else apart
+
+
+def _continuous(quaternions: Floats) -> Floats:
+    """Flip signs along time so that neighbours lie on one half-sphere, (F, B, 4)."""
+    agreement = (quaternions[1:] * quaternions[:-1]).sum(-1)
+    signs = np.cumprod(np.where(agreement < 0, -1.0, 1.0), axis=0)
+    return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
+
+
+def _write(path: Path, tree: Object, binary: bytes) -> None:
+    text = json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    size = 12 + 8 + len(text) + 8 + len(binary)
+    if size >= 1 << 32:
+        raise InputError(f"{path}: {size} bytes exceed the 4 GB of a GLB; write fewer frames")
+    temporary = path.with_name(path.name + ".tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(struct.pack("<4sII", b"glTF", 2, size))
+            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+            file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
