@@ -88,6 +88,16 @@ class Camera:
         pixels = self._to_pixels(self._distort(plane))
         return pixels, self.intrinsics[..., None, :2, :2] @ jacobian
 
+    def to_plane(self, pixels: Tensor) -> Tensor:
+        """Undistorted coordinates (x/z, y/z), (..., C, N, 2), of pixels (..., C, N, 2)."""
+        offset = pixels - self.intrinsics[..., None, :2, 2]
+        bent = torch.linalg.solve(self.intrinsics[..., :2, :2], offset.mT).mT
+        plane = bent
+        if self.distortion is not None:
+            for _ in range(10):  # fixed point: contracts by the size of the distortion
+                plane = plane - (self._distort(plane) - bent)
+        return plane
+
     def _to_pixels(self, plane: Tensor) -> Tensor:
         focal = self.intrinsics[..., :2, :2]
         return plane @ focal.mT + self.intrinsics[..., None, :2, 2]

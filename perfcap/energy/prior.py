@@ -1,0 +1,94 @@
+"""Weak preferences for poses and bone lengths, where images say nothing."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
+
+
+class PosePrior(Energy):
+    """Gaussian on the joint angles: sum ((angle - mean) / deviation)^2 (MuVS Eq. 2, diagonal).
+
+    Twists of straight limbs and of the head leave the landmarks where they are; this keeps them
+    at rest instead of wherever the solver strayed.
+
+    Args:
+        mean: (A,), radians.
+        deviation: (A,) or a number, radians.
+        weight: of the energy.
+    """
+
+    coupling = Coupling.FRAME
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(
+        self, mean: Tensor, deviation: float | Tensor = 1.0, weight: float | Tensor = 1.0
+    ) -> None:
+        super().__init__(weight)
+        self.register_buffer("mean", mean)
+        self.register_buffer("scale", 1 / torch.as_tensor(deviation).to(mean).expand_as(mean))
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, A, 1)."""
+        return Residual((self.scale * (motion.angles - self.mean)).unsqueeze(-1))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """A constant diagonal."""
+        residual = self.residual(motion)
+        count = len(self.mean)
+        jacobian = torch.nn.functional.pad(self.scale.diag(), (6, 0))
+        return Linearization(
+            residual, jacobian[:, None].expand(*residual.value.shape[:-2], count, 1, 6 + count)
+        )
+
+
+class BoneLengthPrior(Energy):
+    """Gaussian on the log bone lengths: a person of another size with similar proportions.
+
+    ``shape_g = size + own_g`` with deviations ``size`` and ``own``; the size is integrated out.
+
+    Args:
+        groups: S, the number of bone groups.
+        frames: F; the prior acts once, however many frames share the shape.
+        size: deviation of the log size of people.
+        own: deviation of a single bone's log length at a given size.
+        weight: of the energy.
+    """
+
+    coupling = Coupling.FRAME
+    sees_shared = True
+    whiten: Tensor
+
+    def __init__(
+        self,
+        groups: int,
+        frames: int,
+        size: float = 0.08,
+        own: float = 0.06,
+        weight: float | Tensor = 1.0,
+        dtype: torch.dtype = torch.float64,
+    ) -> None:
+        super().__init__(weight)
+        covariance = own**2 * torch.eye(groups, dtype=dtype) + size**2
+        whiten = torch.linalg.inv(torch.linalg.cholesky(covariance))
+        self.register_buffer("whiten", whiten / frames**0.5)
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, S, 1), equal in all frames."""
+        if motion.shape is None:
+            raise ValueError("BoneLengthPrior needs a motion with shape unknowns; it has none")
+        white = motion.shape @ self.whiten.mT
+        frames = motion.angles.shape[-2]
+        return Residual(white[..., None, :, None].expand(*white.shape[:-1], frames, -1, 1))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """A constant matrix in the shared block."""
+        residual = self.residual(motion)
+        lead = residual.value.shape[:-2]
+        frame = residual.value.new_zeros(1).expand(*lead, len(self.whiten), 1, motion.frame_dim)
+        shared = self.whiten[:, None].expand(*lead, len(self.whiten), 1, motion.shared_dim)
+        return Linearization(residual, frame, shared)

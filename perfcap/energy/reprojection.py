@@ -1,0 +1,64 @@
+"""Pixel distance between projected and detected joints."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.geometry.camera import Camera
+from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
+from perfcap.solve.kernels import Kernel
+
+
+class Reprojection(Energy):
+    """Confidence-weighted reprojection error in all views (Xu et al. 2018, Eq. 4; MuVS Eq. 3).
+
+    A residual group is one joint in one view: (projected - detected) / unit, 2 entries. The sum
+    runs over frames, views and joints; the paper's means belong into ``weight``.
+
+    Args:
+        actor: gives the joints.
+        cameras: C views, (C,) or (F, C) or (*b, F, C).
+        detections: (*b, F, C, 16).
+        weight: of the energy.
+        kernel: acts on the squared residual, in ``unit``.
+        unit: pixels that count as one, a number or (C,): with a unit in proportion to the size of
+            the person in the image, weights and kernels hold for any resolution.
+    """
+
+    coupling = Coupling.FRAME
+    sees_shared = True
+    scale: Tensor
+
+    def __init__(
+        self,
+        actor: Actor,
+        cameras: Camera,
+        detections: Detections,
+        weight: float | Tensor = 1.0,
+        kernel: Kernel | None = None,
+        unit: float | Tensor = 1.0,
+    ) -> None:
+        super().__init__(weight, kernel)
+        self.actor, self.cameras, self.detections = actor, cameras, detections
+        self.register_buffer("scale", 1 / torch.as_tensor(unit).to(detections.joints2d))
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, C * 16, 2)."""
+        return self._residual(self.cameras.project(self.actor.joints(motion)))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """Closed form: camera derivative times joint derivative."""
+        joints, frame, shared = self.actor.skeleton.linearize(motion)
+        pixels, camera = self.cameras.linearize(joints)  # *b F C J 2 3
+        camera = camera * self.scale[..., None, None, None]
+        of_frame = (camera @ frame.unsqueeze(-4)).flatten(-4, -3)
+        of_shared = None if shared is None else (camera @ shared.unsqueeze(-4)).flatten(-4, -3)
+        return Linearization(self._residual(pixels), of_frame, of_shared)
+
+    def _residual(self, pixels: Tensor) -> Residual:
+        error = (pixels - self.detections.joints2d) * self.scale[..., None, None]
+        return Residual(error.flatten(-3, -2), self.detections.confidence2d.flatten(-2))

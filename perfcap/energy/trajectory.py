@@ -1,0 +1,82 @@
+"""Smoothness of a window: what its trajectories have outside a low-frequency subspace."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.geometry.rotation import aligned, rotvec_to_quaternion
+from perfcap.solve.energy import WindowEnergy
+from perfcap.temporal.subspace import dct_basis
+
+
+class Trajectory(WindowEnergy):
+    """Null-space projection of the pose parameters over a window (Xu et al. 2018, Eq. 7 and 8).
+
+    The features of a frame are the root translation, the root rotation as **twice its unit
+    quaternion**, with signs chosen so that neighbouring frames agree, and the angles; each is
+    scaled by its published weight lambda. The chart of the root rotation matters: Euler angles
+    and rotation vectors jump when a person turns around, and a prior on them then tears the
+    window apart. A quaternion is a smooth function of time through any number of full turns, and
+    twice the quaternion moves exactly as fast as the rotation (its derivative in the rotation
+    has orthonormal columns), so the published weight in radians keeps its meaning.
+
+    Args:
+        frames: F, the length of the window.
+        rank: K, the number of DCT vectors that stay free.
+        weight: of the energy; the paper's 1 / |B| belongs in here.
+        translation: lambda_t, per metre.
+        rotation: lambda_R, per radian.
+        angles: lambda_Theta, per radian, a number or (A,).
+        keep: (K',) how much of each DCT component is left unpenalised, a soft edge instead of
+            the sharp one; overrides ``rank``.
+    """
+
+    scale: Tensor
+
+    def __init__(
+        self,
+        frames: int,
+        rank: int = 8,
+        weight: float | Tensor = 1.0,
+        *,
+        translation: float = 1.0,
+        rotation: float = 1.0,
+        angles: float | Tensor = 1.0,
+        keep: Tensor | None = None,
+    ) -> None:
+        kept = torch.ones(min(rank, frames), dtype=torch.float64) if keep is None else keep
+        super().__init__(dct_basis(frames, len(kept), dtype=kept.dtype), kept, weight)
+        self.translation, self.rotation = translation, rotation
+        self.register_buffer("angles", torch.as_tensor(angles, dtype=kept.dtype))
+
+    def features(self, motion: Motion) -> Tensor:
+        """(*b, F, 3 + 4 + A)."""
+        quaternion = aligned(rotvec_to_quaternion(motion.rotation))
+        return torch.cat(
+            (
+                self.translation * motion.translation,
+                2 * self.rotation * quaternion,
+                self.angles * motion.angles,
+            ),
+            -1,
+        )
+
+    def linearize_features(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Features and their derivative (*b, F, 3 + 4 + A, 6 + A), block-diagonal."""
+        features = self.features(motion)
+        count = motion.angles.shape[-1]
+        jacobian = features.new_zeros(*features.shape, 6 + count)
+        jacobian[..., :3, :3] = self.translation * torch.eye(3).to(features)
+        jacobian[..., 3:7, 3:6] = _quaternion_derivative(features[..., 3:7])
+        diagonal = self.angles.to(features).expand(count).diag()
+        jacobian[..., 7:, 6:] = diagonal
+        return features, jacobian
+
+
+def _quaternion_derivative(quaternion: Tensor) -> Tensor:
+    """Derivative (*b, 4, 3) of 2 q in a left rotation: columns (0, e_k) q, times the scale of q."""
+    w, x, y, z = (0.5 * quaternion).unbind(-1)
+    rows = (-x, -y, -z, w, z, -y, -z, w, x, y, -x, w)
+    return torch.stack(rows, -1).unflatten(-1, (4, 3))
