@@ -1,0 +1,89 @@
+"""Our own camera files: ``camera.json`` of one view, ``cameras.json`` of several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from perfcap.errors import InputError
+from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.view import View, make_view
+from perfcap.io.files import TEXT_LIMIT, read_json
+
+PIXEL_CENTRES = (0.0, 0.5)
+
+
+def read_camera_json(
+    path: Path, default_sizes: Sequence[tuple[int, int]] | None = None
+) -> CameraRig:
+    """Read K, R, t (OpenCV, world to camera, metres), once or per frame, of one or more views.
+
+    ``pixel_centre`` is the coordinate of the top-left pixel's centre: 0, or 0.5 when the file
+    counts from the image corner. ``views`` maps names to entries; without it the whole file is
+    one view. ``width``, ``height``, ``distortion`` may stand outside for all views.
+    """
+    data = read_json(path, "a camera file", TEXT_LIMIT)
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: holds a {type(data).__name__}, expected an object with K, R, t")
+    centre = _pixel_centre(path, data)
+    views = data.get("views")
+    if views is None:
+        entries: Mapping[str, Any] = {str(data.get("name", path.stem)): data}
+    elif isinstance(views, dict):
+        entries = views
+    else:
+        raise InputError(f"{path}: views is a {type(views).__name__}, expected an object by name")
+    return make_rig(
+        str(path),
+        [_view(path, name, entry, data, centre) for name, entry in entries.items()],
+        fps=_fps(path, data),
+        pixel_offset=-centre,
+        default_sizes=default_sizes,
+    )
+
+
+def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: float) -> View:
+    where = f"{path}: view {name}"
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: is a {type(entry).__name__}, expected an object with K, R, t")
+    if entry.get("pixel_centre", centre) != centre:
+        raise InputError(f"{where}: has its own pixel_centre; state one for the whole file")
+    view = make_view(
+        where,
+        name,
+        intrinsics=entry.get("K"),
+        rotation=entry.get("R"),
+        translation=entry.get("t"),
+        distortion=entry.get("distortion", shared.get("distortion")),
+        size=(
+            entry.get("height", shared.get("height")),
+            entry.get("width", shared.get("width")),
+        ),
+        pixel_centre=centre,
+    )
+    frames = shared.get("frames")
+    if len(view.rotation) > 1 and isinstance(frames, int) and frames != len(view.rotation):
+        raise InputError(
+            f"{where}: has {len(view.rotation)} camera poses but says frames = {frames}"
+        )
+    return view
+
+
+def _pixel_centre(path: Path, data: Mapping[str, Any]) -> float:
+    value = data.get("pixel_centre", 0.0)
+    if isinstance(value, bool) or value not in PIXEL_CENTRES:
+        raise InputError(
+            f"{path}: pixel_centre is {value!r}, expected 0 (pixel centres at integers) or 0.5 "
+            "(the image corner is the origin)"
+        )
+    return float(value)
+
+
+def _fps(path: Path, data: Mapping[str, Any]) -> float | None:
+    fps = data.get("fps")
+    if fps is None:
+        return None
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < 1e5:
+        raise InputError(f"{path}: fps is {fps!r}, expected a positive number")
+    return float(fps)

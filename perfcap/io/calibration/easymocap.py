@@ -1,0 +1,86 @@
+"""EasyMocap's pair of OpenCV-YAML files, ``intri.yml`` and ``extri.yml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml  # type: ignore[import-untyped]
+
+from perfcap.errors import InputError
+from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.toml_file import rotation_matrix
+from perfcap.io.calibration.view import Array, View, make_view, to_numbers
+from perfcap.io.files import read_text
+
+INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+
+
+def read_easymocap(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None) -> CameraRig:
+    """Read both files, given either of them or their folder.
+
+    ``K_<name>``, ``dist_<name>``, ``H_<name>``, ``W_<name>`` in the first; ``Rot_<name>`` (matrix)
+    or ``R_<name>`` (rotation vector) and ``T_<name>`` in the second. OpenCV's conventions.
+    """
+    folder = path if path.is_dir() else path.parent
+    intrinsics = _read_opencv_yaml(folder / INTRINSICS)
+    extrinsics = _read_opencv_yaml(folder / EXTRINSICS)
+    names = extrinsics.get("names", intrinsics.get("names"))
+    if not isinstance(names, list) or not all(isinstance(n, str | int) for n in names):
+        raise InputError(f"{folder / EXTRINSICS}: has no list 'names' of cameras")
+    views = [_view(folder, str(name), intrinsics, extrinsics) for name in names]
+    return make_rig(str(folder), views, default_sizes=default_sizes)
+
+
+def _view(folder: Path, name: str, inner: Mapping[str, Any], outer: Mapping[str, Any]) -> View:
+    where = f"{folder}: camera {name}"
+    rotation = outer.get(f"Rot_{name}", outer.get(f"R_{name}"))
+    translation = outer.get(f"T_{name}")
+    return make_view(
+        where,
+        name,
+        intrinsics=inner.get(f"K_{name}"),
+        rotation=rotation_matrix(where, rotation),
+        translation=None if translation is None else _vector(where, translation),
+        distortion=inner.get(f"dist_{name}"),
+        size=(inner.get(f"H_{name}"), inner.get(f"W_{name}")),
+    )
+
+
+def _vector(where: str, value: Any) -> Array:
+    return to_numbers(where, "translation T", value).reshape(-1)
+
+
+class _OpenCVLoader(yaml.SafeLoader):  # type: ignore[misc]
+    """Plain YAML values and ``!!opencv-matrix``, nothing that could build an object."""
+
+
+def _matrix(loader: _OpenCVLoader, node: yaml.Node) -> Array:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(None, None, "opencv-matrix is no mapping")
+    fields = loader.construct_mapping(node, deep=True)
+    rows, columns, data = (fields.get(key) for key in ("rows", "cols", "data"))
+    numbers = to_numbers("opencv-matrix", "data", data)
+    if not isinstance(rows, int) or not isinstance(columns, int) or numbers.size != rows * columns:
+        raise yaml.constructor.ConstructorError(
+            None, None, f"opencv-matrix of {rows} x {columns} has {numbers.size} numbers"
+        )
+    return numbers.reshape(rows, columns)
+
+
+_OpenCVLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+
+
+def _read_opencv_yaml(path: Path) -> Mapping[str, Any]:
+    # OpenCV's first line, %YAML:1.0, is not YAML
+    text = read_text(path, f"EasyMocap's {INTRINSICS} and {EXTRINSICS} beside each other")
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
+    try:
+        data = yaml.load(body, Loader=_OpenCVLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: is not OpenCV YAML ({reason})") from error
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: holds no entries; expected K_<name>, R_<name>, T_<name>")
+    return data

@@ -1,0 +1,73 @@
+"""``Calib*.toml`` as Pose2Sim, aniposelib and kin write it: one section a camera."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from perfcap.errors import InputError
+from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.view import Array, View, make_view, to_numbers
+from perfcap.io.files import read_text
+
+
+def read_toml(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None) -> CameraRig:
+    """Read ``matrix``, ``rotation`` (rotation vector), ``translation``, ``distortions``, ``size``.
+
+    OpenCV's conventions, world to camera, metres, pixel centres at integers; views in the order
+    of the file.
+    """
+    try:
+        data = tomllib.loads(read_text(path, "a camera file"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not valid TOML ({error}); expected Calib*.toml") from error
+    sections = {
+        name: section
+        for name, section in data.items()
+        if isinstance(section, dict) and name != "metadata"
+    }
+    views = [_view(path, name, section) for name, section in sections.items()]
+    return make_rig(str(path), views, default_sizes=default_sizes)
+
+
+def _view(path: Path, name: str, section: dict[str, Any]) -> View:
+    where = f"{path}: [{name}]"
+    if section.get("fisheye", False):
+        raise InputError(
+            f"{where}: fisheye = true; expected a pinhole camera with OpenCV's five-coefficient "
+            "distortion; undistort the video and calibrate the result"
+        )
+    width, height = _size(where, section.get("size"))
+    return make_view(
+        where,
+        str(section.get("name", name)),
+        intrinsics=section.get("matrix"),
+        rotation=rotation_matrix(where, section.get("rotation")),
+        translation=section.get("translation"),
+        distortion=section.get("distortions"),
+        size=(height, width),
+    )
+
+
+def _size(where: str, size: Any) -> tuple[Any, Any]:
+    if size is None:
+        return None, None
+    if not isinstance(size, list) or len(size) != 2:
+        raise InputError(f"{where}: size is {size!r}, expected [width, height]")
+    return size[0], size[1]
+
+
+def rotation_matrix(where: str, rotation: Any) -> Array | None:
+    """A rotation given as a rotation vector (3) or a matrix (3, 3)."""
+    if rotation is None:
+        return None
+    numbers = to_numbers(where, "rotation", rotation)
+    if numbers.size == 3 and np.isfinite(numbers).all():
+        matrix: Array = cv2.Rodrigues(numbers.reshape(3, 1))[0]
+        return matrix
+    return numbers

@@ -1,0 +1,60 @@
+"""Opening files that somebody else made: bounded, and refused in one line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from perfcap.errors import InputError
+
+MEBIBYTE = 2**20
+JSON_LIMIT = 512 * MEBIBYTE
+TEXT_LIMIT = 64 * MEBIBYTE
+
+
+def require_file(path: Path, limit: int, what: str) -> None:
+    """Refuse a path that is no file, is empty, or is larger than ``limit`` bytes."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file; expected {what}")
+    if not path.is_file():
+        raise InputError(f"{path}: is not a file; expected {what}")
+    size = path.stat().st_size
+    if size == 0:
+        raise InputError(f"{path}: is empty (0 bytes); expected {what}; write or copy it again")
+    if size > limit:
+        raise InputError(
+            f"{path}: is {size / MEBIBYTE:.0f} MB, the limit for {what} is "
+            f"{limit / MEBIBYTE:.0f} MB; split it"
+        )
+
+
+def read_text(path: Path, what: str, limit: int = TEXT_LIMIT) -> str:
+    """The text of a UTF-8 file, with or without a byte-order mark."""
+    require_file(path, limit, what)
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: is not UTF-8 text (byte {error.start}); expected {what}"
+        ) from error
+
+
+def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
+    """The value of a JSON file. ``NaN`` and ``Infinity`` are read, as detectors write them."""
+    try:
+        return json.loads(read_text(path, what, limit))
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); expected {what}; "
+            "the file may be cut short, write it again"
+        ) from error
+    except RecursionError as error:
+        raise InputError(f"{path}: JSON nested too deep; expected {what}") from error
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sort key under which ``frame2`` comes before ``frame10``."""
+    parts = re.split(r"(\d+)", name)
+    return [(0, int(p), "") if p.isdigit() and p.isascii() else (1, 0, p.lower()) for p in parts]
