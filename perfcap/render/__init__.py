@@ -1,6 +1,26 @@
 """Meshes to pixels."""
 
 from perfcap.render.label_map import Cull, LabelMap, rasterize
+from perfcap.render.overlay import OverlayStyle, draw_caption, draw_overlay
+from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
+from perfcap.render.shading import FLAT, Lighting, Rendering, render, shade
+from perfcap.render.texture import Texture
 from perfcap.render.viewpoint import look_at
 
-__all__ = ["Cull", "LabelMap", "look_at", "rasterize"]
+__all__ = [
+    "FLAT",
+    "Cull",
+    "LabelMap",
+    "Lighting",
+    "OverlayStyle",
+    "ProjectedMesh",
+    "Rendering",
+    "Texture",
+    "draw_caption",
+    "draw_overlay",
+    "look_at",
+    "rasterize",
+    "render",
+    "shade",
+    "vertex_normals",
+]

@@ -1,0 +1,100 @@
+"""Textures: colour space, filtering and look-up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+
+COARSEST = 16  # px; smaller levels mix parts of the body that are neighbours in the atlas only
+
+
+def to_linear(color: Tensor) -> Tensor:
+    """Light intensity in [0, 1], float32, of sRGB values, uint8 (IEC 61966-2-1)."""
+    value = torch.arange(256, dtype=torch.float32, device=color.device) / 255
+    curve = torch.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return curve[color.long()]
+
+
+def to_srgb(light: Tensor) -> Tensor:
+    """The nearest sRGB value, uint8, of light intensities; what exceeds [0, 1] is clipped."""
+    light = light.clamp(0, 1)
+    # the power of a clamped base keeps the branch not taken free of its infinite slope at zero
+    curve = torch.where(
+        light <= 0.0031308, 12.92 * light, 1.055 * light.clamp_min(1e-4) ** (1 / 2.4) - 0.055
+    )
+    return (255 * curve).round().to(torch.uint8)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image that is mapped onto a mesh, as glTF defines it.
+
+    Attributes:
+        levels: linear light (h, w, 3) at full size, then each half the size of the one before.
+        uv: (N, 2), origin at the top left corner of the image, repeated outside [0, 1].
+        faces: indices into ``uv`` of each face's corners, (T, 3).
+    """
+
+    levels: tuple[Tensor, ...]
+    uv: Tensor
+    faces: Tensor
+
+    @classmethod
+    def from_image(cls, image: Tensor, uv: Tensor, faces: Tensor) -> Self:
+        """Map an sRGB image (h, w, 3) uint8 onto faces (T, 3) that index uv (N, 2).
+
+        Raises:
+            InputError: the image is not (h, w, 3) uint8.
+        """
+        if image.ndim != 3 or image.shape[-1] != 3 or image.dtype != torch.uint8:
+            raise InputError(
+                f"texture image has shape {tuple(image.shape)} and dtype {image.dtype}; "
+                "expected (h, w, 3) uint8"
+            )
+        levels = [to_linear(image)]
+        while min(levels[-1].shape[:2]) >= 2 * COARSEST:
+            half = torch.nn.functional.avg_pool2d(levels[-1].movedim(-1, 0), 2)
+            levels.append(half.movedim(0, -1).contiguous())
+        return cls(tuple(levels), uv, faces)
+
+    @classmethod
+    def plain(cls, color: tuple[int, int, int], faces: int) -> Self:
+        """One sRGB colour for all of a number of faces."""
+        image = torch.tensor(color, dtype=torch.uint8).expand(1, 1, 3)
+        return cls.from_image(image, torch.zeros(1, 2), torch.zeros(faces, 3, dtype=torch.int64))
+
+    def sample(self, uv: Tensor, level: Tensor) -> Tensor:
+        """Trilinear look-up: linear light (N, 3) at uv (N, 2) and pyramid level (N,), 0 finest."""
+        level = level.clamp(0, len(self.levels) - 1)
+        color = uv.new_zeros(len(uv), 3)
+        for position, image in enumerate(self.levels):
+            share = (1 - (level - position).abs()).clamp_min(0)
+            here = torch.nonzero(share).squeeze(-1)
+            color = color.index_add(0, here, share[here, None] * bilinear(image, uv[here]))
+        return color
+
+    def level_of_detail(self, doubled_area: Tensor) -> Tensor:
+        """Pyramid level (T,) at which a texel is about a pixel, for faces of 2 x area (T,) px²."""
+        height, width, _ = self.levels[0].shape
+        scale = self.uv.new_tensor([width, height])
+        a, b, c = (self.uv * scale)[self.faces.long()].unbind(-2)
+        texels = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).abs()
+        return 0.5 * torch.log2(texels.clamp_min(1e-6) / doubled_area.clamp_min(1e-6))
+
+
+def bilinear(image: Tensor, uv: Tensor) -> Tensor:
+    """Bilinear look-up (N, 3) in an image (h, w, 3) that repeats; texels end at integers."""
+    height, width, _ = image.shape
+    x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
+    left, top = x.floor(), y.floor()
+    across, down = (x - left)[:, None], (y - top)[:, None]
+    columns = [(left.long() + step) % width for step in (0, 1)]
+    rows = [(top.long() + step) % height for step in (0, 1)]
+    upper = torch.lerp(image[rows[0], columns[0]], image[rows[0], columns[1]], across)
+    lower = torch.lerp(image[rows[1], columns[0]], image[rows[1], columns[1]], across)
+    return torch.lerp(upper, lower, down)
