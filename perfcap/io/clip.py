@@ -1,0 +1,212 @@
+"""Lazy frames of one or several synchronous views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.io.image_folder import ImageFolder
+from perfcap.io.video import UNKNOWN_FPS, VideoFile
+
+Frames = NDArray[np.uint8]
+
+# Recordings of one take rarely stop at the same frame: this many may be missing at an end.
+END_SLACK = 5
+
+
+class FrameSource(Protocol):
+    """Frames of one view by index; ``VideoFile`` or ``ImageFolder``."""
+
+    name: str
+    size: tuple[int, int]
+    warnings: tuple[str, ...]
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second, None when unknown."""
+
+    @property
+    def timestamps(self) -> NDArray[np.float64] | None:
+        """Seconds from the first frame, (F,), None when unknown."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, start: int, stop: int) -> Frames:
+        """RGB frames, (stop - start, H, W, 3)."""
+
+    def close(self) -> None:
+        """Let go of files."""
+
+
+class Clip:
+    """Frames of C synchronous views: frame f of every view was taken at the same time.
+
+    Attributes:
+        sources: one a view.
+        fps: frames a second.
+        warnings: what a user should know about how the files were read.
+        start: index in the files of the clip's first frame.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[FrameSource],
+        fps: float,
+        warnings: Sequence[str] = (),
+        start: int = 0,
+        stop: int | None = None,
+    ) -> None:
+        self.sources = tuple(sources)
+        self.fps = fps
+        self.warnings = tuple(warnings)
+        self.start = start
+        shortest = min(len(source) for source in sources)
+        self._stop = shortest if stop is None else min(stop, shortest)
+
+    @classmethod
+    def open(
+        cls,
+        paths: str | Path | Sequence[str | Path],
+        *,
+        fps: float | None = None,
+        frames: slice | None = None,
+    ) -> Self:
+        """Open one video or folder of images a view.
+
+        Args:
+            paths: one or several files or folders.
+            fps: frames a second where the files do not say (folders), e.g. from a camera file.
+            frames: the part to use, ``slice(start, stop)``; frames after it are never decoded.
+
+        Raises:
+            InputError: a file that cannot be used, views of different rate or length, or an empty
+                part.
+        """
+        several = [paths] if isinstance(paths, str | Path) else list(paths)
+        start, stop = _bounds(frames)
+        sources = [open_source(Path(path), stop) for path in several]
+        rate, rate_notes = _common_rate(sources, fps)
+        length_notes = _check_lengths(sources)
+        clip = cls(
+            sources,
+            rate,
+            [*(w for s in sources for w in s.warnings), *rate_notes, *length_notes],
+            start,
+            stop,
+        )
+        if not len(clip):
+            raise InputError(
+                f"--frames {start}:{'' if stop is None else stop}: holds no frame of "
+                f"{several[0]}, which has {len(sources[0])}"
+            )
+        return clip
+
+    def __len__(self) -> int:
+        return max(0, self._stop - self.start)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the files without suffix, C."""
+        return tuple(source.name for source in self.sources)
+
+    @property
+    def views(self) -> int:
+        """C."""
+        return len(self.sources)
+
+    @property
+    def sizes(self) -> tuple[tuple[int, int], ...]:
+        """Image (height, width) a view."""
+        return tuple(source.size for source in self.sources)
+
+    @property
+    def timestamps(self) -> NDArray[np.float64]:
+        """Seconds from the clip's first frame, (F,): the first view's, or evenly spaced."""
+        times = self.sources[0].timestamps
+        if times is None:
+            return np.arange(len(self)) / self.fps
+        part: NDArray[np.float64] = times[self.start : self._stop] - times[self.start]
+        return part
+
+    def read_views(self, start: int, stop: int) -> list[Frames]:
+        """RGB frames ``start`` to ``stop`` a view, each (stop - start, H, W, 3)."""
+        if not 0 <= start <= stop <= len(self):
+            raise IndexError(f"frames {start}:{stop} of a clip of {len(self)}")
+        return [source.read(self.start + start, self.start + stop) for source in self.sources]
+
+    def read(self, start: int, stop: int) -> Frames:
+        """RGB frames of views of one size, (stop - start, C, H, W, 3)."""
+        self._require_one_size()
+        return np.stack(self.read_views(start, stop), 1)
+
+    def iter_views(self, batch: int = 16) -> Iterator[list[Frames]]:
+        """All frames in order, ``batch`` at a time, a list with one array a view."""
+        for start in range(0, len(self), batch):
+            yield self.read_views(start, min(start + batch, len(self)))
+
+    def iter(self, batch: int = 16) -> Iterator[Frames]:
+        """All frames of views of one size in order, (f, C, H, W, 3) with f at most ``batch``."""
+        self._require_one_size()
+        return (np.stack(views, 1) for views in self.iter_views(batch))
+
+    def close(self) -> None:
+        """Let go of the files; reading opens them again."""
+        for source in self.sources:
+            source.close()
+
+    def _require_one_size(self) -> None:
+        if len(set(self.sizes)) > 1:
+            raise ValueError(f"views have sizes {self.sizes}; use read_views or iter_views")
+
+
+def open_source(path: Path, stop: int | None = None) -> FrameSource:
+    """The frames of a video file or a folder of images."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; expected a video or a folder of images")
+    return ImageFolder(path, stop) if path.is_dir() else VideoFile(path, stop)
+
+
+def _bounds(frames: slice | None) -> tuple[int, int | None]:
+    if frames is None:
+        return 0, None
+    start, stop, step = frames.start or 0, frames.stop, frames.step
+    if start < 0 or (stop is not None and stop <= start) or step not in (None, 1):
+        raise InputError(f"--frames: is {start}:{stop}, expected A:B with 0 <= A < B")
+    return start, stop
+
+
+def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[float, list[str]]:
+    known = [source for source in sources if source.fps is not None]
+    rates = [source.fps for source in known if source.fps is not None]
+    if not rates:
+        note = f"{sources[0].name}: images have no frame rate; {UNKNOWN_FPS:g} a second assumed"
+        return (UNKNOWN_FPS, [note]) if fps is None else (fps, [])
+    if max(rates) / min(rates) > 1.01:
+        listing = ", ".join(f"{source.name} {source.fps:.3g}" for source in known)
+        raise InputError(
+            f"videos run at different rates ({listing} frames a second); expected synchronous "
+            "views, convert them to one rate"
+        )
+    if fps is not None and abs(rates[0] / fps - 1) > 0.01:
+        note = f"{sources[0].name}: runs at {rates[0]:.3g} frames a second, not {fps:.3g}"
+        return rates[0], [note]
+    return rates[0], []
+
+
+def _check_lengths(sources: Sequence[FrameSource]) -> list[str]:
+    lengths = [len(source) for source in sources]
+    shortest, longest = min(lengths), max(lengths)
+    if shortest == longest:
+        return []
+    listing = ", ".join(f"{s.name} {n}" for s, n in zip(sources, lengths, strict=True))
+    if longest - shortest > END_SLACK:
+        raise InputError(
+            f"videos have different numbers of frames ({listing}); expected synchronous views, "
+            "cut them to the same part"
+        )
+    return [f"videos have different numbers of frames ({listing}); the first {shortest} are used"]

@@ -1,0 +1,114 @@
+"""Writing H.264 videos that every browser plays."""
+
+from __future__ import annotations
+
+import os
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+
+class VideoWriter:
+    """H.264 (yuv420p, moov in front) under a temporary name until it is complete.
+
+    Used as a context: leaving it normally gives the file its name, leaving it by an exception
+    removes what was written.
+
+    Example:
+        >>> import numpy as np, tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "grey.mp4"
+        >>> with VideoWriter(path, fps=30) as writer:
+        ...     writer.write(np.full((48, 64, 3), 128, np.uint8))
+        >>> path.exists()
+        True
+    """
+
+    def __init__(
+        self, path: str | Path, fps: float, *, crf: int = 20, preset: str = "medium"
+    ) -> None:
+        """Prepare a writer; nothing is written before the first frame.
+
+        Args:
+            path: final name, ``.mp4``.
+            fps: frames a second.
+            crf: quality, 0 (lossless) to 51; 17 is visually lossless.
+            preset: x264's speed, ``ultrafast`` to ``veryslow``.
+        """
+        if not 0 < fps < 1e5:
+            raise ValueError(f"fps is {fps}, expected a positive number")
+        self.path = Path(path)
+        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self._rate = Fraction(fps).limit_denominator(1001)
+        self._options = {"crf": str(crf), "preset": preset}
+        self._container: Any = None
+        self._stream: Any = None
+        self._size: tuple[int, int] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
+
+    def write(self, frame: NDArray[np.uint8]) -> None:
+        """Append an RGB frame (H, W, 3); all frames have the size of the first."""
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+            raise ValueError(
+                f"frame is {frame.dtype} {frame.shape}, expected uint8 (height, width, 3)"
+            )
+        size = (frame.shape[0], frame.shape[1])
+        if self._size is None:
+            self._begin(size)
+        elif size != self._size:
+            raise ValueError(f"frame has size {size}, the first had {self._size}")
+        # yuv420p has half the chroma pixels: odd sides get one more row or column
+        even = np.pad(frame, ((0, size[0] % 2), (0, size[1] % 2), (0, 0)), mode="edge")
+        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+        self._container.mux(self._stream.encode(picture))
+
+    def close(self) -> None:
+        """Finish the file and give it its name.
+
+        Raises:
+            ValueError: no frame was written.
+        """
+        if self._container is None:
+            raise ValueError(f"{self.path}: no frames were written")
+        try:
+            self._container.mux(self._stream.encode())
+            self._container.close()
+        except BaseException:
+            self.discard()
+            raise
+        self._container = None
+        os.replace(self._partial, self.path)
+
+    def discard(self) -> None:
+        """Give up and remove what was written."""
+        if self._container is not None:
+            self._container.close()
+            self._container = None
+        self._partial.unlink(missing_ok=True)
+
+    def _begin(self, size: tuple[int, int]) -> None:
+        self._size = size
+        self._container = av.open(
+            str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
+        )
+        self._stream = self._container.add_stream("libx264", self._rate, options=self._options)
+        self._stream.height = size[0] + size[0] % 2
+        self._stream.width = size[1] + size[1] % 2
+        self._stream.pix_fmt = "yuv420p"

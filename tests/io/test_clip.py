@@ -1,0 +1,373 @@
+"""Videos and image folders, whole and damaged."""
+
+import struct
+import wave
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from perfcap.errors import InputError
+from perfcap.io.clip import Clip
+from perfcap.io.video import VideoFile
+from perfcap.io.video_writer import VideoWriter
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data beside this tree")
+
+
+STEP = 2.6  # grey levels a frame, more than colour conversion rounds away
+
+
+def picture(i: int, height: int = 48, width: int = 64) -> np.ndarray:
+    """A frame that tells its number (grey level) and its orientation (bright top left)."""
+    frame = np.full((height, width, 3), round(16 + STEP * i), np.uint8)
+    frame[: height // 4, : width // 4] = 235
+    return frame
+
+
+def number(frame: np.ndarray) -> int:
+    return round((float(np.median(frame)) - 15) / STEP)  # conversion loses up to 2 levels
+
+
+def make_video(path: Path, frames: int = 80, size: tuple[int, int] = (48, 64)) -> Path:
+    with VideoWriter(path, 30, crf=5, preset="ultrafast") as writer:
+        for i in range(frames):
+            writer.write(picture(i, *size))
+    return path
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """80 frames with key frames every 12 and B-frames, as cameras and editors write them."""
+    path = tmp_path_factory.mktemp("video") / "cam01.mp4"
+    options = {"crf": "5", "preset": "veryfast", "g": "12", "bf": "2"}
+    write_frames(path, [(picture(i), i) for i in range(80)], Fraction(1, 30), options)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(video: Path) -> np.ndarray:
+    return VideoFile(video).read(0, 80)
+
+
+def write_frames(
+    path: Path,
+    frames: list[tuple[np.ndarray, int]],
+    tick: Fraction,
+    options: dict[str, str] | None = None,
+) -> None:
+    with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+        stream = container.add_stream("libx264", 30, options=options or {"crf": "5"})
+        stream.height, stream.width = frames[0][0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.time_base = stream.codec_context.time_base = tick
+        for image, pts in frames:
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = pts, tick
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+# --- reading --------------------------------------------------------------------------------------
+
+
+def test_writer_and_reader_agree(tmp_path: Path) -> None:
+    clip = Clip.open(make_video(tmp_path / "a.mp4", 7))
+    frames = clip.read(0, 7)
+    assert frames.shape == (7, 1, 48, 64, 3) and frames.dtype == np.uint8
+    assert (clip.fps, clip.names, clip.sizes, clip.warnings) == (30, ("a",), ((48, 64),), ())
+    assert [number(frame[0]) for frame in frames] == list(range(7))
+    np.testing.assert_allclose(clip.timestamps, np.arange(7) / 30, atol=1e-3)
+    assert np.abs(frames[3, 0].astype(int) - picture(3)).mean() < 2
+
+
+@pytest.mark.parametrize("start", [0, 1, 11, 12, 13, 40, 79])
+def test_random_access_equals_sequential(video: Path, whole: np.ndarray, start: int) -> None:
+    assert [number(frame) for frame in whole] == list(range(80))
+    source = VideoFile(video)
+    source.read(70, 71)  # somewhere else first
+    part = source.read(start, min(start + 3, 80))
+    assert np.array_equal(part, whole[start : start + 3])
+    assert np.array_equal(source.read(5, 6), whole[5:6])
+    source.close()
+    assert np.array_equal(source.read(60, 61), whole[60:61])
+
+
+def test_batches_cover_the_clip_once(video: Path) -> None:
+    clip = Clip.open([video, video])
+    batches = list(clip.iter(batch=32))
+    assert [len(batch) for batch in batches] == [32, 32, 16]
+    assert np.array_equal(np.concatenate(batches), clip.read(0, 80))
+
+
+def test_a_part_of_a_clip(video: Path) -> None:
+    clip = Clip.open(video, frames=slice(20, 30))
+    assert len(clip) == 10 and clip.start == 20
+    assert [number(f[0]) for f in clip.read(2, 5)] == [22, 23, 24]
+    assert clip.timestamps[0] == 0
+    assert len(clip.sources[0]) == 30  # nothing after the part was decoded
+    assert len(Clip.open(video, frames=slice(70, 100))) == 10
+
+
+@pytest.mark.parametrize("part", [slice(80, 90), slice(5, 5), slice(-3, 5), slice(0, 8, 2)])
+def test_empty_or_odd_parts(video: Path, part: slice) -> None:
+    with pytest.raises(InputError, match="--frames"):
+        Clip.open(video, frames=part)
+
+
+def test_out_of_range_is_an_error(video: Path) -> None:
+    clip = Clip.open(video)
+    for start, stop in ((0, 81), (-1, 3), (5, 4)):
+        with pytest.raises(IndexError):
+            clip.read(start, stop)
+    assert clip.read(3, 3).shape == (0, 1, 48, 64, 3)
+
+
+def test_views_of_different_size(tmp_path: Path) -> None:
+    paths = [make_video(tmp_path / "a.mp4", 3), make_video(tmp_path / "b.mp4", 3, (32, 40))]
+    clip = Clip.open(paths)
+    assert [view.shape for view in clip.read_views(0, 2)] == [(2, 48, 64, 3), (2, 32, 40, 3)]
+    with pytest.raises(ValueError, match="use read_views"):
+        clip.read(0, 2)
+    with pytest.raises(ValueError, match="use read_views"):
+        clip.iter()
+
+
+@pytest.mark.parametrize(("turn", "k"), [(90, -1), (180, 2), (270, 1)])
+def test_rotation_flag_is_honoured(tmp_path: Path, turn: int, k: int) -> None:
+    path = make_video(tmp_path / "phone.mp4", 3)
+    upright = VideoFile(path).read(0, 3)
+    data = bytearray(path.read_bytes())
+    c, s = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
+    # the track header's matrix, 16.16 fixed point; turn is clockwise as phones write it
+    at = data.index(b"tkhd") + 4 + 40
+    data[at : at + 36] = struct.pack(
+        ">9i", c << 16, s << 16, 0, -s << 16, c << 16, 0, 0, 0, 1 << 30
+    )
+    path.write_bytes(data)
+    turned = VideoFile(path)
+    assert turned.size == ((64, 48) if turn != 180 else (48, 64))
+    assert np.array_equal(turned.read(0, 3), np.rot90(upright, k, (1, 2)))
+
+
+def test_variable_frame_rate_keeps_stored_frames_and_says_so(tmp_path: Path) -> None:
+    ticks = [0, 33, 67, 100, 300, 333, 367, 400]
+    write_frames(
+        tmp_path / "vfr.mp4", [(picture(i), t) for i, t in enumerate(ticks)], Fraction(1, 1000)
+    )
+    clip = Clip.open(tmp_path / "vfr.mp4")
+    assert len(clip) == 8 and 28 < clip.fps < 32
+    assert "variable frame rate" in clip.warnings[0]
+    np.testing.assert_allclose(clip.timestamps * 1000, ticks, atol=1)
+
+
+def test_rounded_time_stamps_are_a_constant_rate(tmp_path: Path) -> None:
+    ticks = [round(i * 1001 / 30) for i in range(60)]
+    write_frames(
+        tmp_path / "a.mkv", [(picture(i), t) for i, t in enumerate(ticks)], Fraction(1, 1000)
+    )
+    clip = Clip.open(tmp_path / "a.mkv")
+    assert not clip.warnings and abs(clip.fps - 29.97) < 0.05
+
+
+def test_stream_without_time_stamps(tmp_path: Path, video: Path) -> None:
+    path = tmp_path / "raw.h264"
+    with av.open(str(video)) as source, av.open(str(path), "w", format="h264") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    raw = VideoFile(path)
+    assert len(raw) == 80
+    assert [number(raw.read(i, i + 1)[0]) for i in (50, 3, 79)] == [50, 3, 79]
+
+
+@needs_data
+def test_real_videos() -> None:
+    clip = Clip.open(DATA / "rendered/dev_tight/video.mp4")
+    assert (len(clip), clip.fps, clip.sizes) == (100, 30, ((640, 640),))
+    folder = Clip.open(DATA / "rendered/dev_tight/frames", fps=30)
+    assert len(folder) == 100
+    difference = clip.read(42, 43).astype(int) - folder.read(42, 43)
+    assert np.abs(difference).mean() < 4
+    assert (
+        np.abs(clip.read(42, 43).astype(int) - folder.read(43, 44)).mean()
+        > np.abs(difference).mean()
+    )
+
+
+# --- damaged and wrong files ----------------------------------------------------------------------
+
+
+def test_truncated_video_gives_its_frames_and_says_how_many(tmp_path: Path, video: Path) -> None:
+    cut = tmp_path / "cut.mp4"
+    data = video.read_bytes()
+    cut.write_bytes(data[: len(data) * 9 // 10])
+    clip = Clip.open(cut)
+    assert 20 < len(clip) < 80
+    assert any(str(len(clip)) in warning for warning in clip.warnings)
+    assert number(clip.read(len(clip) - 1, len(clip))[0, 0]) == len(clip) - 1
+
+
+def cut_before_index(path: Path) -> None:
+    """A recording that was never finished: pictures but no index."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", 30)
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv420p"
+        for i in range(20):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i), format="rgb24")))
+        container.mux(stream.encode())
+    path.write_bytes(path.read_bytes()[: path.read_bytes().index(b"moov") - 4])
+
+
+def sound(path: Path) -> None:
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(8000)
+        file.writeframes(b"\0\0" * 800)
+
+
+def test_unfinished_recording(tmp_path: Path) -> None:
+    cut_before_index(tmp_path / "a.mp4")
+    with pytest.raises(InputError, match="not a video that can be opened"):
+        Clip.open(tmp_path / "a.mp4")
+
+
+def test_sound_only(tmp_path: Path) -> None:
+    sound(tmp_path / "a.wav")
+    with pytest.raises(InputError, match="holds no video"):
+        Clip.open(tmp_path / "a.wav")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"hello, this is text", "not a video"),
+        (b"\0" * 4096, "not a video"),
+        (b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n/etc/hostname\n", "video"),
+        (b"ffconcat version 1.0\nfile cam01.mp4\n", "video"),
+    ],
+)
+def test_not_a_video(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "a.mp4").write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        Clip.open(tmp_path / "a.mp4")
+    assert "\n" not in str(caught.value) and "a.mp4" in str(caught.value)
+
+
+def test_playlists_do_not_open_other_files(tmp_path: Path, video: Path) -> None:
+    (tmp_path / "other.mp4").write_bytes(video.read_bytes())
+    playlist = tmp_path / "list.ffconcat"
+    playlist.write_text("ffconcat version 1.0\nfile other.mp4\n")
+    with pytest.raises(InputError, match="video"):
+        Clip.open(playlist)
+
+
+def test_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        Clip.open(tmp_path / "nothing.mp4")
+
+
+def test_resolution_change(tmp_path: Path) -> None:
+    paths = [tmp_path / "a.h264", tmp_path / "b.h264"]
+    for path, size in zip(paths, ((48, 64), (64, 96)), strict=True):
+        with av.open(str(path), "w", format="h264") as container:
+            stream = container.add_stream("libx264", 30)
+            stream.height, stream.width, stream.pix_fmt = *size, "yuv420p"
+            for i in range(4):
+                frame = av.VideoFrame.from_ndarray(picture(i, *size), format="rgb24")
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    paths[0].write_bytes(paths[0].read_bytes() + paths[1].read_bytes())
+    with pytest.raises(InputError, match="expected one size"):
+        Clip.open(paths[0])
+
+
+def test_views_of_different_rate_and_length(tmp_path: Path, video: Path) -> None:
+    with VideoWriter(tmp_path / "slow.mp4", 25) as writer:
+        for i in range(80):
+            writer.write(picture(i))
+    with pytest.raises(InputError, match="different rates"):
+        Clip.open([video, tmp_path / "slow.mp4"])
+    with pytest.raises(InputError, match="different numbers of frames"):
+        Clip.open([video, make_video(tmp_path / "short.mp4", 20)])
+    clip = Clip.open([video, make_video(tmp_path / "almost.mp4", 78)])
+    assert len(clip) == 78 and "first 78 are used" in clip.warnings[0]
+
+
+# --- folders ------------------------------------------------------------------------------------
+
+
+def make_folder(path: Path, names: list[str]) -> Path:
+    path.mkdir()
+    for name in names:
+        value = int("".join(c for c in name if c.isdigit()))
+        cv2.imwrite(str(path / name), picture(value)[..., ::-1])
+    return path
+
+
+def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "frames", ["f10.png", "f2.png", "f1.png"])
+    red = np.zeros((48, 64, 3), np.uint8)
+    red[..., 2] = 255
+    cv2.imwrite(str(folder / "f11.png"), red)
+    (folder / ".hidden.png").write_bytes(b"x")
+    (folder / "notes.txt").write_text("not a frame")
+    clip = Clip.open(folder)
+    assert [number(f) for f in clip.read(0, 3)[:, 0]] == [1, 2, 10]
+    assert clip.read(3, 4)[0, 0, 0, 0].tolist() == [255, 0, 0]
+    assert clip.fps == 30 and "no frame rate" in clip.warnings[0]
+    assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
+
+
+def test_bad_folders(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no images"):
+        Clip.open(tmp_path / "empty")
+    folder = make_folder(tmp_path / "frames", ["1.png", "2.png"])
+    (folder / "3.png").write_bytes(b"not an image")
+    cv2.imwrite(str(folder / "4.png"), np.zeros((20, 20, 3), np.uint8))
+    (folder / "5.jpg").write_bytes(b"")
+    clip = Clip.open(folder)
+    for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
+        with pytest.raises(InputError, match=words):
+            clip.read(i, i + 1)
+
+
+# --- writing ------------------------------------------------------------------------------------
+
+
+def test_odd_sizes_are_padded(tmp_path: Path) -> None:
+    assert VideoFile(make_video(tmp_path / "odd.mp4", 3, (47, 63))).size == (48, 64)
+
+
+def test_nothing_half_written_under_the_final_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    with pytest.raises(RuntimeError, match="stop"), VideoWriter(path, 30) as writer:
+        writer.write(picture(0))
+        assert not path.exists()
+        raise RuntimeError("stop")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="no frames"), VideoWriter(path, 30):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="fps is 0"):
+        VideoWriter(tmp_path / "a.mp4", 0)
+    writer = VideoWriter(tmp_path / "a.mp4", 30)
+    with pytest.raises(ValueError, match="expected uint8"):
+        writer.write(np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
+    writer.write(picture(0))
+    with pytest.raises(ValueError, match="the first had"):
+        writer.write(picture(0, 32))
+    writer.discard()
+    assert list(tmp_path.iterdir()) == []
