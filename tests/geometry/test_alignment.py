@@ -12,6 +12,11 @@ from perfcap.geometry.alignment import (
 from perfcap.geometry.rotation import rotvec_to_matrix
 
 
+@pytest.fixture(autouse=True)
+def seed():
+    torch.manual_seed(0)
+
+
 def points(*shape):
     return torch.randn(*shape, 3, dtype=torch.float64)
 

@@ -7,6 +7,11 @@ from perfcap.geometry.rotation_mean import nearest_turn, rotation_mean
 PI = torch.pi
 
 
+@pytest.fixture(autouse=True)
+def seed():
+    torch.manual_seed(0)
+
+
 def relative(a, b):
     return matrix_to_rotvec(rotvec_to_matrix(a).mT @ rotvec_to_matrix(b))
 

@@ -20,6 +20,11 @@ CASES = [(1, 50, 10), (7, 50, 10), (50, 50, 10), (51, 50, 10), (95, 50, 10), (13
 CASES += [(40, 12, 0), (43, 12, 9), (29, 10, 5), (8, 1, 0), (11, 2, 1)]
 
 
+@pytest.fixture(autouse=True)
+def seed():
+    torch.manual_seed(0)
+
+
 def cut(clip, windows):
     return torch.stack([clip[window.index] for window in windows])
 
