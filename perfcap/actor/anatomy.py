@@ -39,6 +39,7 @@ _AAOS = "AAOS, Joint Motion: Method of Measuring and Recording, 1965"
 _NORKIN = "Norkin and White, Measurement of Joint Motion, 5th ed. 2016, App. A"
 _PANJABI = "White and Panjabi, Clinical Biomechanics of the Spine, 2nd ed. 1990"
 _KURZ = "Kurz, Stretching Scientifically, 4th ed. 2003, table of normal ranges"
+_RUSSELL = "Russell et al., Extreme Ankle Range of Motion of Ballet Dancers, Foot Ankle Spec. 2010"
 _KAPANDJI = "Kapandji, The Physiology of the Joints, vol. 2, 6th ed. 2010"
 
 # Positive is named by the angle. Limits are those of healthy adults; the larger published value is
@@ -63,7 +64,7 @@ SIDE_LIMITS = {
     "hip_abduction": Limit(-30, 50, f"{_AAOS}: adduction 30; {_KURZ}: abduction 50"),
     "hip_rotation": Limit(-45, 45, f"{_AAOS}: 45 each way; positive inwards"),
     "knee_flexion": Limit(0, 160, f"{_KAPANDJI}: 160 passive"),
-    "ankle_dorsiflexion": Limit(-50, 30, f"{_AAOS}: plantar 50; {_KAPANDJI}: dorsal 30"),
+    "ankle_dorsiflexion": Limit(-89, 30, f"{_RUSSELL}: plantar 89, dorsal 30"),
     "ankle_inversion": Limit(-25, 35, f"{_AAOS}: inversion 35; {_KAPANDJI}: eversion 25"),
 }
 
@@ -96,6 +97,9 @@ _GROUPS = {
     "ankle": "shank",
     "toe": "foot",
 }
+# The foot turns in about an oblique axis that rises forwards and points inwards (Inman 1976, The
+# Joints of the Ankle): inversion comes with toes turned in, which is what joints can show.
+_SUBTALAR_RISE, _SUBTALAR_TURN = math.radians(42), math.radians(23)
 # A bend this small does not tell the axis of a knee or elbow: the anatomical one is used.
 _STRAIGHT = math.radians(4)
 
@@ -209,7 +213,10 @@ def _leg(side: str, at: Mapping[str, Tensor], body: Tensor) -> list[Hinge]:
     hinges.append(
         _hinge("ankle_dorsiflexion", "ankle", -lateral, SIDE_LIMITS, side, float(lean))
     )
-    hinges.append(_hinge("ankle_inversion", "ankle", -sign * forward, SIDE_LIMITS, side))
+    inward = math.cos(_SUBTALAR_RISE) * math.sin(_SUBTALAR_TURN) * lateral
+    ahead = math.cos(_SUBTALAR_RISE) * math.cos(_SUBTALAR_TURN) * forward
+    subtalar = inward - sign * (ahead + math.sin(_SUBTALAR_RISE) * up)
+    hinges.append(_hinge("ankle_inversion", "ankle", subtalar, SIDE_LIMITS, side))
     return hinges
 
 

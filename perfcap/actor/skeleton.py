@@ -93,6 +93,7 @@ class Skeleton(nn.Module):
     upper: Tensor
     rest_angles: Tensor
     rest_positions: Tensor
+    rest_landmarks: Tensor
 
     def __init__(self, rig: Rig) -> None:
         super().__init__()
@@ -101,6 +102,7 @@ class Skeleton(nn.Module):
         self.angle_names = tuple(hinge.name for hinge in rig.hinges)
         self.group_names = tuple(dict.fromkeys(rig.bone_groups[1:]))
         self.register_buffer("rest_positions", like.clone())
+        self.register_buffer("rest_landmarks", rig.landmark_positions.to(like).clone())
         for name in ("lower", "upper"):
             self.register_buffer(name, like.new_tensor([getattr(h, name) for h in rig.hinges]))
         self.register_buffer("rest_angles", like.new_tensor([h.rest for h in rig.hinges]))

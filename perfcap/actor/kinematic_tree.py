@@ -1,0 +1,144 @@
+"""What kinematics needs to know of a rig, and what it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.actor.rig import Rig
+from perfcap.geometry.rotation import rotvec_to_matrix
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Posed joints: x = rotation @ (x_rest - rest position) + position.
+
+    Attributes:
+        rotation: rest to posed, (*b, F, J, 3, 3).
+        position: of the joints in the world, (*b, F, J, 3), metres.
+        landmarks: in the world, (*b, F, L, 3), metres.
+    """
+
+    rotation: Tensor
+    position: Tensor
+    landmarks: Tensor
+
+
+class KinematicTree(nn.Module):
+    """A rig as tensors, shared by the compiled and the plain kinematics.
+
+    *Bones* lead to the joints from their parents, then to the landmarks from their joints.
+
+    Attributes:
+        axes: unit axes of the hinges, (A, 3).
+        slots: hinges of each joint from first to last, then A where it has no more, (J, K).
+        unrest: C, undoes the hinges at the rest angles, (J, 3, 3).
+        parents: (J,), -1 for the root.
+        hinge_joint: the joint each hinge turns, (A,).
+        bone_start: the joint each bone starts at, (J + L,).
+        bone_group: the group of each bone, -1 for the root's, (J + L,).
+        bone_vectors: in the rest pose, (J + L, 3) metres; zero for the root's.
+        chain: 1 where a bone is on the way from the root to a joint or landmark, else 0, indexed
+            by point, then bone, (J + L, J + L).
+        moves: 1 where an angle moves a landmark, else 0, (L, A).
+        jumps: see ``_jumps``, (R, 2 + J).
+    """
+
+    axes: Tensor
+    slots: Tensor
+    unrest: Tensor
+    parents: Tensor
+    hinge_joint: Tensor
+    bone_start: Tensor
+    bone_group: Tensor
+    bone_vectors: Tensor
+    chain: Tensor
+    moves: Tensor
+    jumps: Tensor
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__()
+        groups = rig.bone_groups or ("body",) * (len(rig.joints) + len(rig.landmarks))
+        self.group_names = tuple(dict.fromkeys(groups[1:]))
+        like = rig.positions
+        start = [max(parent, 0) for parent in rig.parents] + list(rig.landmark_joints)
+        ends = torch.cat((rig.positions, rig.landmark_positions.to(like)))
+        axes = like.new_tensor([hinge.axis for hinge in rig.hinges]).reshape(-1, 3)
+        joint = torch.tensor([rig.joints.index(h.joint) for h in rig.hinges], dtype=torch.long)
+        above = _above(rig.parents)
+        for name, value in (
+            ("axes", nn.functional.normalize(axes, dim=-1)),
+            ("slots", _slots(joint.tolist(), len(rig.joints))),
+            ("unrest", _rest_turns(rig, axes).mT.contiguous()),
+            ("parents", torch.tensor(rig.parents)),
+            ("hinge_joint", joint),
+            ("bone_start", torch.tensor(start)),
+            ("bone_group", torch.tensor([-1] + [self.group_names.index(g) for g in groups[1:]])),
+            ("bone_vectors", ends - rig.positions[start]),
+            ("chain", _chain(above, rig.landmark_joints).to(like)),
+            ("moves", above[list(rig.landmark_joints)][:, joint].to(like)),
+            ("jumps", _jumps(rig.parents)),
+        ):
+            self.register_buffer(name, value)
+
+    @property
+    def joints(self) -> int:
+        """J."""
+        return len(self.parents)
+
+    def scaled_bones(self, shape: Tensor | None) -> Tensor:
+        """Bone vectors longer by ``exp(shape)``, (*b, J + L, 3); without a shape (J + L, 3)."""
+        if shape is None:
+            return self.bone_vectors
+        scale = shape.exp()[..., self.bone_group.clamp(min=0)]
+        return scale[..., None] * self.bone_vectors
+
+
+def _above(parents: tuple[int, ...]) -> Tensor:
+    """Whether joint i is j or above it, [j, i], (J, J)."""
+    above = torch.eye(len(parents), dtype=torch.bool)
+    for joint, parent in enumerate(parents[1:], 1):
+        above[joint] |= above[parent]
+    return above
+
+
+def _slots(hinge_joint: list[int], joints: int) -> Tensor:
+    """Hinges of each joint, padded with A to the same number, (J, K)."""
+    of_joint = [[a for a, j in enumerate(hinge_joint) if j == joint] for joint in range(joints)]
+    longest = max(1, *map(len, of_joint))
+    return torch.tensor([h + [len(hinge_joint)] * (longest - len(h)) for h in of_joint])
+
+
+def _rest_turns(rig: Rig, axes: Tensor) -> Tensor:
+    """Product of each joint's hinges at the rest angles, (J, 3, 3)."""
+    turns = torch.eye(3).to(axes).repeat(len(rig.joints), 1, 1)
+    for hinge, axis in zip(rig.hinges, nn.functional.normalize(axes, dim=-1), strict=True):
+        joint = rig.joints.index(hinge.joint)
+        turns[joint] = turns[joint] @ rotvec_to_matrix(hinge.rest * axis)
+    return turns
+
+
+def _chain(above: Tensor, landmark_joints: tuple[int, ...]) -> Tensor:
+    """Which bones lead to each joint and landmark, (J + L, J + L)."""
+    joints = above.clone()
+    joints[:, 0] = False
+    to_landmark = torch.eye(len(landmark_joints), dtype=torch.bool)
+    pad = torch.zeros(len(above), len(landmark_joints), dtype=torch.bool)
+    top, low = (joints, pad), (joints[list(landmark_joints)], to_landmark)
+    return torch.cat((torch.cat(top, 1), torch.cat(low, 1)))
+
+
+def _jumps(parents: tuple[int, ...]) -> Tensor:
+    """Ancestors at distance 1, 2, 4, ... of every body, (R, 2 + J).
+
+    Bodies are 0, which never turns and is everyone's last ancestor, 1, which the root rotation
+    turns, and 2 + j for the joints. Products down a chain then take R = log2(depth) batched steps.
+    """
+    ancestor = torch.tensor([0, 0, *(2 + parent for parent in parents)])
+    jumps = []
+    while ancestor.any():
+        jumps.append(ancestor)
+        ancestor = ancestor[ancestor]
+    return torch.stack(jumps)

@@ -1,0 +1,72 @@
+"""A skeleton as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """One angle: a joint turning about a fixed axis.
+
+    Attributes:
+        name: of the angle.
+        joint: the joint that turns.
+        axis: unit axis in rest coordinates, carried along by the joint's parent and by the
+            joint's earlier hinges.
+        lower, upper: limits, radians.
+        rest: the angle of the rest pose, radians.
+    """
+
+    name: str
+    joint: str
+    axis: tuple[float, float, float]
+    lower: float
+    upper: float
+    rest: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A skeleton as plain data; lengths in metres, all positions in the rest pose.
+
+    Attributes:
+        joints: names, parents before children; the first is the root.
+        parents: index of each joint's parent, -1 for the root.
+        positions: of the joints, (J, 3).
+        hinges: in the order of the angles; a joint's hinges are applied from first (at the
+            parent) to last (at the bone).
+        landmarks: names of the points that detections speak of.
+        landmark_joints: the joint each landmark is rigidly attached to.
+        landmark_positions: (L, 3).
+        bone_groups: name of the group whose length each bone shares: one for each joint's bone
+            from its parent (the root's is ignored), then one for each landmark's from its joint.
+            All bones share one group where it is empty.
+    """
+
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: Tensor
+    hinges: tuple[Hinge, ...]
+    landmarks: tuple[str, ...]
+    landmark_joints: tuple[int, ...]
+    landmark_positions: Tensor
+    bone_groups: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.parents[:1] != (-1,) or min(self.parents[1:], default=0) < 0:
+            raise InputError("skeleton needs one root, its first joint; attach the others to it")
+        if any(parent >= joint for joint, parent in enumerate(self.parents)):
+            raise InputError("skeleton joints must follow their parents; sort them from the root")
+        if not torch.isfinite(self.positions).all():
+            raise InputError("skeleton has joint positions that are not finite numbers")
+        unknown = {hinge.joint for hinge in self.hinges} - set(self.joints)
+        if unknown:
+            raise InputError(
+                f"skeleton has hinges on {', '.join(sorted(unknown))}, which are no joints of it"
+            )

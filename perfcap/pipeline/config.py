@@ -1,0 +1,102 @@
+"""Settings of a capture. Published weights are converted to house units here and nowhere else.
+
+An energy is a sum of squared residuals measured in *units*: a weight of 1 and a unit of one
+standard deviation make it a negative log likelihood (times two), which is how the defaults are
+set. The paper's weights were tuned in pixels and millimetres; ``MONOPERFCAP`` restates them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+# Deviation of predicted 3D joints from the truth, relative to the root, in metres, in the order
+# of the landmarks: networks predict hips best and the ends of limbs worst.
+_DEVIATION_3D = (
+    0.06, 0.04, 0.05, 0.06, 0.09, 0.05, 0.06, 0.09,
+    0.02, 0.05, 0.07, 0.09, 0.02, 0.05, 0.07, 0.09,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ReprojectionConfig:
+    """2D joint alignment (Xu et al. 2018, Eq. 4)."""
+
+    weight: float = 1.0
+    deviation: float = 1.0  # percent of the person's height in the image
+    scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+
+
+@dataclass(frozen=True)
+class PositionConfig:
+    """3D joint alignment (Xu et al. 2018, Eq. 5 and 6)."""
+
+    weight: float = 1.0
+    deviation: tuple[float, ...] = _DEVIATION_3D  # m
+    scale: float | None = 2.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+    gate: float = 0.4  # PCK error, in head lengths, from which a frame's 3D pose is not used
+
+
+@dataclass(frozen=True)
+class TrajectoryConfig:
+    """Temporal prior over a window (Xu et al. 2018, Eq. 7)."""
+
+    weight: float = 1.0
+    rank: int = 16  # DCT vectors of a 50-frame window at 30 Hz below full penalty
+    edge: float = 2.5  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
+    translation: float = 50.0  # per m
+    rotation: float = 50.0  # per rad
+    angles: float = 50.0  # per rad
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """Weak preference for the neutral pose; keeps unseen twists at rest."""
+
+    deviation: float = 1.5  # rad
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class BoneConfig:
+    """Bone lengths solved over the clip."""
+
+    frames: int = 60  # spread over the clip
+    size: float = 0.08  # deviation of the log size of people
+    own: float = 0.06  # deviation of one bone's log length at a given size
+    max_steps: int = 40
+
+
+@dataclass(frozen=True)
+class PoseConfig:
+    """Everything of the skeleton motion."""
+
+    window: int = 50  # frames (MPC-8)
+    overlap: int = 10  # frames
+    batch: int = 8  # windows solved at once: bounds the memory of long clips
+    max_steps: int = 30
+    initial_steps: int = 20
+    reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
+    position: PositionConfig = field(default_factory=PositionConfig)
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    bones: BoneConfig = field(default_factory=BoneConfig)
+
+
+# Xu et al. 2018, Sec. 4: E_2d + 0.1 E_3d + 50 E_d, lambda_t = 1 per mm, lambda_R = lambda_Theta
+# = 600 per rad, K = 8, no robust kernel. Multiplied by |B| N_d = 50 * 16: the means over frames
+# and joints become sums, and E_d, a mean over frames only, keeps a factor of 16. The size of the
+# paper's image is not stated; its pixel is taken as 1/500 of the person's height, 0.2 %.
+MONOPERFCAP = PoseConfig(
+    reprojection=ReprojectionConfig(weight=1.0, deviation=0.2, scale=None),
+    position=PositionConfig(weight=0.1, deviation=(0.001,) * 16, scale=None),
+    trajectory=TrajectoryConfig(
+        weight=50.0 * 16,
+        rank=8,
+        edge=float("inf"),
+        translation=1000.0,
+        rotation=600.0,
+        angles=600.0,
+    ),
+    prior=PriorConfig(weight=1e-6),
+)
+PRESETS = {"default": PoseConfig(), "monoperfcap": MONOPERFCAP}

@@ -1,0 +1,109 @@
+"""The pose objective: which energies, in which units, for a stretch of a clip."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.detect.detections import Detections
+from perfcap.energy.joint_position import JointPosition
+from perfcap.energy.prior import PosePrior
+from perfcap.energy.reprojection import Reprojection
+from perfcap.energy.trajectory import Trajectory
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
+from perfcap.solve.energy import Energy, Objective, Step
+from perfcap.solve.bounds import Bounds
+from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
+
+_REFERENCE_FRAMES, _REFERENCE_RATE = 50, 30.0  # what a rank is stated for
+
+
+def pose_objective(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    config: PoseConfig,
+    pixel_unit: Tensor,
+    trajectory: Trajectory | None = None,
+) -> Objective:
+    """E_2d + w_3d E_3d + w_d E_d (Xu et al. 2018, Eq. 3) and a weak pose prior.
+
+    Args:
+        actor: gives the joints.
+        cameras: C views.
+        detections: (*b, F, C), retargeted to the actor.
+        config: weights, units and kernels.
+        pixel_unit: one percent of the person's height in each view, (C,), pixels.
+        trajectory: the temporal prior; frames are independent without.
+    """
+    r, p = config.reprojection, config.position
+    energies: dict[str, Energy] = {
+        "joints2d": Reprojection(
+            actor, cameras, detections, r.weight, _kernel(r.scale), r.deviation * pixel_unit
+        )
+    }
+    if detections.joints3d is not None and bool(detections.trusted3d.any()):
+        unit = detections.joints3d.new_tensor(p.deviation)
+        energies["joints3d"] = JointPosition(
+            actor, cameras, detections, p.weight, _kernel(p.scale), unit
+        )
+    if trajectory is not None:
+        energies["trajectory"] = trajectory
+    mean = neutral_angles(actor)
+    energies["prior"] = PosePrior(mean, config.prior.deviation, config.prior.weight)
+    return Objective(energies).to(actor.skeleton.lower)
+
+
+def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Trajectory:
+    """The temporal prior of a window of ``frames`` at ``rate`` frames a second.
+
+    A rank is a frequency: K of 50 frames at 30 Hz end at 0.3 K Hz. Shorter windows and other
+    frame rates keep that frequency, except for the paper's sharp edge, which keeps K.
+    """
+    rank = config.rank
+    if config.edge != float("inf"):
+        rank = round(rank * (frames / _REFERENCE_FRAMES) * (_REFERENCE_RATE / rate))
+    rank = max(1, min(rank, frames))
+    order = torch.arange(rank, dtype=torch.float64)
+    # penalty (1 - keep)^2 = (k / K)^(2 edge); a sharp edge keeps everything below K
+    keep = 1 - (order / rank) ** config.edge if config.edge != float("inf") else order * 0 + 1
+    return Trajectory(
+        frames,
+        weight=config.weight,
+        translation=config.translation,
+        rotation=config.rotation,
+        angles=config.angles,
+        keep=keep,
+    )
+
+
+def angle_bounds(actor: Actor) -> Bounds:
+    """Anatomical limits as hard bounds (Xu et al. 2018, Eq. 2)."""
+    lower, upper = actor.skeleton.bounds
+    none = lower.new_zeros(0)
+    return Bounds(Step(lower, none), Step(upper, none))
+
+
+def neutral_angles(actor: Actor) -> Tensor:
+    """A relaxed standing pose inside the limits, (A,): where unseen angles rest."""
+    angles = torch.zeros_like(actor.skeleton.lower)
+    for index, name in enumerate(actor.skeleton.angle_names):
+        if name.endswith(("elbow_flexion", "knee_flexion")):
+            angles[index] = 0.25
+    return angles.clamp(actor.skeleton.lower, actor.skeleton.upper)
+
+
+def person_height(detections: Detections) -> Tensor:
+    """Median height of the person in the image, (C,), pixels; 1 where nothing is detected."""
+    seen = detections.confidence2d > 0.2
+    rows = detections.joints2d[..., 1]
+    top = torch.where(seen, rows, torch.inf).amin(-1)
+    bottom = torch.where(seen, rows, -torch.inf).amax(-1)
+    height = torch.where(seen.sum(-1) >= 6, bottom - top, torch.nan)
+    return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
+
+
+def _kernel(scale: float | None) -> Kernel:
+    return Quadratic() if scale is None else GemanMcClure(scale)

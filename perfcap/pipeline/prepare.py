@@ -1,0 +1,59 @@
+"""Detections as the energies want them: the actor's bone lengths, untrusted 3D poses gated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import bone_vectors, retarget
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.resection import translation_from_plane
+
+_HEAD = LANDMARKS.index("head_top")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Detections ready for the solver.
+
+    Attributes:
+        detections: 3D joints retargeted to the actor; ``trusted3d`` is Eq. 6's w_f.
+        lifted: 3D joints of each view moved to where they project onto the 2D joints, in the
+            world, (F, C, 16, 3) m; None without 3D joints.
+        error3d: the PCK error of each frame and view, (F, C); None without 3D joints.
+    """
+
+    detections: Detections
+    lifted: Tensor | None
+    error3d: Tensor | None
+
+
+def prepare(
+    actor: Actor, cameras: Camera, detections: Detections, gate: float = 0.4
+) -> Prepared:
+    """Retarget 3D detections to the actor and gate them by agreement with the 2D detections.
+
+    The PCK error of a frame and view (Xu et al. 2018, Eq. 6, left undefined there) is: retarget
+    the 3D pose to the actor, translate it to fit the 2D joints, and take the confidence-weighted
+    mean distance between its projection and the 2D joints, in head lengths of the actor at the
+    depth of the pose. A frame is trusted below ``gate``. Head lengths make it PCKh's unit, and
+    the actor's own head makes it immune to a wrong head detection.
+    """
+    if detections.joints3d is None:
+        return Prepared(detections, None, None)
+    rest = actor.skeleton.rest_landmarks
+    lengths = bone_vectors(rest).norm(dim=-1)
+    local = retarget(detections.joints3d, lengths)
+    plane = cameras.to_plane(detections.joints2d)
+    shift, error = translation_from_plane(local, plane, detections.confidence2d)
+    error = error * shift[..., 2] / lengths[_HEAD]
+    finite = torch.isfinite(shift).all(-1) & (shift[..., 2] > 0)
+    trusted = detections.trusted3d & finite & (error < gate)
+    placed = local + shift.unsqueeze(-2)  # camera coordinates
+    lifted = (placed - cameras.translation.unsqueeze(-2)) @ cameras.rotation
+    return Prepared(replace(detections, joints3d=local, trusted3d=trusted), lifted, error)
