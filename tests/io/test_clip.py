@@ -19,18 +19,20 @@ DATA = Path(__file__).parents[2] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data beside this tree")
 
 
-STEP = 2.6  # grey levels a frame, more than colour conversion rounds away
-
-
 def picture(i: int, height: int = 48, width: int = 64) -> np.ndarray:
-    """A frame that tells its number (grey level) and its orientation (bright top left)."""
-    frame = np.full((height, width, 3), round(16 + STEP * i), np.uint8)
+    """A frame that tells its number, as eight bars of binary digits, and where its top left is."""
+    frame = np.full((height, width, 3), 40, np.uint8)
+    for digit in range(8):
+        bar = slice(digit * (width // 8), (digit + 1) * (width // 8))
+        frame[height // 2 :, bar] = 220 if i >> digit & 1 else 20
     frame[: height // 4, : width // 4] = 235
     return frame
 
 
 def number(frame: np.ndarray) -> int:
-    return round((float(np.median(frame)) - 15) / STEP)  # conversion loses up to 2 levels
+    height, width = frame.shape[:2]
+    bars = frame[height // 2 + 4 :, : width // 8 * 8].mean((0, 2)).reshape(8, -1).mean(1)
+    return sum(1 << digit for digit, level in enumerate(bars) if level > 120)
 
 
 def make_video(path: Path, frames: int = 80, size: tuple[int, int] = (48, 64)) -> Path:
