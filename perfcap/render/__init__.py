@@ -1,13 +1,16 @@
 """Meshes to pixels."""
 
 from perfcap.render.label_map import Cull, LabelMap, rasterize
+from perfcap.render.lighting import DAYLIGHT, FLAT, Lighting
 from perfcap.render.overlay import OverlayStyle, draw_caption, draw_overlay
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
-from perfcap.render.shading import FLAT, Lighting, Rendering, render, shade
+from perfcap.render.shading import Rendering, render, shade
+from perfcap.render.shadow import Visibility, shade_ground, visibility
 from perfcap.render.texture import Texture
 from perfcap.render.viewpoint import look_at
 
 __all__ = [
+    "DAYLIGHT",
     "FLAT",
     "Cull",
     "LabelMap",
@@ -16,11 +19,14 @@ __all__ = [
     "ProjectedMesh",
     "Rendering",
     "Texture",
+    "Visibility",
     "draw_caption",
     "draw_overlay",
     "look_at",
     "rasterize",
     "render",
     "shade",
+    "shade_ground",
     "vertex_normals",
+    "visibility",
 ]

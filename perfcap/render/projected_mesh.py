@@ -61,11 +61,12 @@ class ProjectedMesh:
 def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
     """Outward unit normals (V, 3), faces weighted by area; zero for vertices without a face.
 
+    Faces with a vertex that is not finite count for nothing.
     Vertices that are split along texture seams have a normal each, which shows as a crease:
     pass the welded mesh.
     """
     a, b, c = vertices[faces.long()].unbind(-2)
-    doubled = torch.linalg.cross(b - a, c - a)
+    doubled = torch.linalg.cross(b - a, c - a).nan_to_num(0.0, 0.0, 0.0)
     total = torch.zeros_like(vertices)
     for corner in faces.long().unbind(-1):
         total = total.index_add(0, corner, doubled)

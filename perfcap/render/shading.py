@@ -1,7 +1,6 @@
 """A lit, textured picture of a mesh over a background.
 
-Light is added and averaged in linear intensity; images are sRGB. Lambertian surfaces under an
-ambient light, a sky that grows brighter towards ``up``, and a sun.
+Light is added and averaged in linear intensity; images are sRGB. Surfaces are Lambertian.
 """
 
 from __future__ import annotations
@@ -13,39 +12,10 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.render.label_map import LabelMap, barycentric_at
+from perfcap.render.lighting import DAYLIGHT, Lighting
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
+from perfcap.render.shadow import Visibility
 from perfcap.render.texture import Texture, to_linear, to_srgb
-
-Color = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """Light in the world; intensities are linear RGB, and 1 in sum shows a texture as it is.
-
-    Attributes:
-        ambient: the same from everywhere.
-        sky: on surfaces facing up, half of it on vertical ones, none on those facing down.
-        sun: on surfaces facing the sun.
-        towards_sun: direction, any length.
-        up: direction, any length.
-    """
-
-    ambient: Color = (0.22, 0.22, 0.23)
-    sky: Color = (0.32, 0.34, 0.38)
-    sun: Color = (0.72, 0.68, 0.60)
-    towards_sun: Color = (0.5, 1.0, 0.6)
-    up: Color = (0.0, 1.0, 0.0)
-
-    def on(self, normals: Tensor) -> Tensor:
-        """Irradiance (N, 3) on surfaces of unit normals (N, 3)."""
-        facing_up = 0.5 + 0.5 * normals @ unit(self.up, normals)
-        facing_sun = (normals @ unit(self.towards_sun, normals)).clamp_min(0)
-        ambient, sky, sun = (normals.new_tensor(c) for c in (self.ambient, self.sky, self.sun))
-        return ambient + sky * facing_up[:, None] + sun * facing_sun[:, None]
-
-
-FLAT = Lighting(ambient=(1.0, 1.0, 1.0), sky=(0.0, 0.0, 0.0), sun=(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -60,7 +30,8 @@ def render(
     mesh: ProjectedMesh,
     texture: Texture,
     background: Tensor,
-    lighting: Lighting = Lighting(),
+    lighting: Lighting = DAYLIGHT,
+    reached: Visibility | None = None,
     supersampling: int = 2,
 ) -> Rendering:
     """Draw a mesh over a background.
@@ -70,6 +41,7 @@ def render(
         texture: colours of its faces.
         background: (H, W, 3) uint8 sRGB; unchanged wherever the mesh covers nothing.
         lighting: lights of the scene.
+        reached: share of them that reaches each vertex; all of it if None.
         supersampling: samples along each side of a pixel, 1 to 8.
 
     Raises:
@@ -79,42 +51,49 @@ def render(
     _check(mesh, texture, background, supersampling)
     fine = mesh.enlarged(supersampling)
     seen = fine.rasterize()
-    light = shade(seen, fine, texture, lighting)
-    pooled = torch.cat([light, seen.mask[..., None].to(light)], -1).movedim(-1, 0)
-    pooled = torch.nn.functional.avg_pool2d(pooled, supersampling).movedim(0, -1)
-    coverage = pooled[..., 3]
-    blended = pooled[..., :3] + (1 - coverage[..., None]) * to_linear(background)
-    image = torch.where(coverage[..., None] > 0, to_srgb(blended), background)
-    return Rendering(image, coverage)
+    row, column = torch.nonzero(seen.mask, as_tuple=True)
+    light = shade(seen, fine, texture, lighting, reached)
+    width, share = mesh.size[1], 1 / supersampling**2
+    target = (row // supersampling) * width + column // supersampling
+    total = light.new_zeros(mesh.size[0] * width, 3).index_add(0, target, light * share)
+    coverage = torch.bincount(target, minlength=len(total)) * share
+    touched = torch.nonzero(coverage).squeeze(-1)
+    image = background.reshape(-1, 3).clone()
+    behind = (1 - coverage[touched, None]) * to_linear(image[touched])
+    image[touched] = to_srgb(total[touched] + behind)
+    return Rendering(image.view(*mesh.size, 3), coverage.view(mesh.size))
 
 
-def shade(seen: LabelMap, mesh: ProjectedMesh, texture: Texture, lighting: Lighting) -> Tensor:
-    """Linear light (H, W, 3) that leaves the surface at each pixel, zero where there is none."""
+def shade(
+    seen: LabelMap,
+    mesh: ProjectedMesh,
+    texture: Texture,
+    lighting: Lighting,
+    reached: Visibility | None = None,
+) -> Tensor:
+    """Linear light (P, 3) that leaves the surface at each pixel of ``seen.mask``, row by row."""
     row, column = torch.nonzero(seen.mask, as_tuple=True)
     face = seen.triangle[row, column].long()
     corners = mesh.faces.long()[face]  # P 3
     point = torch.stack([column, row], -1).to(mesh.pixels)
     weights = barycentric_at(point, mesh.pixels[corners], mesh.depth[corners]).float()
-    area = _doubled_area(mesh)[face]
+    area = _doubled_area(mesh).float()
     normals = blend(vertex_normals(mesh.vertices, mesh.faces).float()[corners], weights)
     normals = torch.nn.functional.normalize(normals, dim=-1)
     # a positive area in the image is a face seen from behind: cloth is shaded on both sides
-    normals = torch.where(area[:, None] > 0, -normals, normals)
+    normals = torch.where(area[face, None] > 0, -normals, normals)
+    sun, sky = lighting.parts(normals)
+    if reached is not None:
+        sun = sun * blend(reached.sun.float()[corners, None], weights)
+        sky = sky * blend(reached.sky.float()[corners, None], weights)
     uv = blend(texture.uv.float()[texture.faces.long()[face]], weights)
-    level = texture.level_of_detail(_doubled_area(mesh).abs().float())[face]
-    out = weights.new_zeros(*seen.mask.shape, 3)
-    out[row, column] = texture.sample(uv, level) * lighting.on(normals)
-    return out
+    color = texture.sample(uv, texture.level_of_detail(area.abs())[face])
+    return color * (sun + sky + sun.new_tensor(lighting.ambient))
 
 
 def blend(corners: Tensor, weights: Tensor) -> Tensor:
     """Values (P, D) at points of faces from those at their corners (P, 3, D)."""
     return (weights[:, :, None] * corners).sum(1)
-
-
-def unit(direction: Color, like: Tensor) -> Tensor:
-    """A direction as a unit vector (3,) of a tensor's kind."""
-    return torch.nn.functional.normalize(like.new_tensor(direction), dim=0)
 
 
 def _doubled_area(mesh: ProjectedMesh) -> Tensor:

@@ -7,8 +7,9 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.render.lighting import FLAT, Lighting
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
-from perfcap.render.shading import FLAT, Lighting, render
+from perfcap.render.shading import render
 from perfcap.render.texture import Texture, to_linear, to_srgb
 from perfcap.render.viewpoint import look_at
 
@@ -42,7 +43,7 @@ def test_constant_texture_under_flat_light_keeps_its_colour(supersampling: int) 
     vertices, faces = sphere()
     mesh = ProjectedMesh.seen_by(front_camera(), vertices, faces)
     texture = Texture.plain((200, 13, 90), len(faces))
-    picture = render(mesh, texture, BACKGROUND, FLAT, supersampling)
+    picture = render(mesh, texture, BACKGROUND, FLAT, supersampling=supersampling)
     inside = picture.coverage == 1
     assert inside.sum() > 300
     assert (picture.image[inside] == torch.tensor([200, 13, 90], dtype=torch.uint8)).all()
@@ -53,7 +54,9 @@ def test_supersampling_leaves_the_silhouette_in_place() -> None:
     vertices, faces = sphere()
     mesh = ProjectedMesh.seen_by(front_camera(), vertices, faces)
     texture = Texture.plain((9, 9, 9), len(faces))
-    coarse, fine = (render(mesh, texture, BACKGROUND, FLAT, n).coverage for n in (1, 4))
+    coarse, fine = (
+        render(mesh, texture, BACKGROUND, FLAT, supersampling=n).coverage for n in (1, 4)
+    )
     assert torch.equal(fine, fine.flip(0))
     assert torch.equal(fine, fine.flip(1))
     assert fine.sum() == pytest.approx(coarse.sum().item(), rel=0.01)
@@ -79,7 +82,7 @@ def test_texture_is_perspective_correct() -> None:
     camera = front_camera()
     mesh = ProjectedMesh.seen_by(camera, vertices, faces)
     ramp = torch.arange(256, dtype=torch.uint8).expand(256, 256)[..., None].expand(-1, -1, 3)
-    picture = render(mesh, Texture.from_image(ramp, uv, faces), BACKGROUND, FLAT, 1)
+    picture = render(mesh, Texture.from_image(ramp, uv, faces), BACKGROUND, FLAT, supersampling=1)
     points = torch.stack([torch.linspace(-0.9, 0.4, 9)] * 3, -1).double()
     points[:, 1], points[:, 2] = 0, 2 * points[:, 0]
     where = camera.project(points[None])[0, 0].round().long()
@@ -137,6 +140,27 @@ def test_a_vertex_without_a_face_has_no_normal() -> None:
     vertices, faces, _ = square()
     lonely = torch.cat([vertices, torch.ones(1, 3).double()])
     assert not vertex_normals(lonely, faces)[-1].any()
+
+
+def test_a_lost_vertex_leaves_the_rest_of_the_picture() -> None:
+    vertices, faces = sphere()
+    lost = vertices.clone()
+    lost[3] = torch.nan
+    texture = Texture.plain((200, 13, 90), len(faces))
+    whole, torn = (
+        render(ProjectedMesh.seen_by(front_camera(), points, faces), texture, BACKGROUND, FLAT)
+        for points in (vertices, lost)
+    )
+    same = torn.coverage == whole.coverage
+    assert same.double().mean() > 0.95
+    assert torch.equal(torn.image[same], whole.image[same])
+
+
+def test_an_empty_view_shows_the_background() -> None:
+    vertices, faces = sphere()
+    mesh = ProjectedMesh.seen_by(front_camera(), vertices + 100, faces)
+    picture = render(mesh, Texture.plain((1, 2, 3), len(faces)), BACKGROUND)
+    assert torch.equal(picture.image, BACKGROUND)
 
 
 def test_bad_input_is_named() -> None:

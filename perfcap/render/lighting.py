@@ -1,0 +1,50 @@
+"""Lights of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """Light in the world; intensities are linear RGB, and 1 in sum shows a texture as it is.
+
+    Attributes:
+        ambient: the same from everywhere, and never blocked.
+        sky: on surfaces facing up, half of it on vertical ones, none on those facing down.
+        sun: on surfaces facing the sun.
+        towards_sun: direction, any length.
+        up: direction, any length.
+    """
+
+    ambient: Color = (0.12, 0.12, 0.13)
+    sky: Color = (0.46, 0.48, 0.52)
+    sun: Color = (0.72, 0.68, 0.60)
+    towards_sun: Color = (0.5, 1.0, 0.6)
+    up: Color = (0.0, 1.0, 0.0)
+
+    def parts(self, normals: Tensor) -> tuple[Tensor, Tensor]:
+        """Irradiance of the sun and of the sky, (N, 3) each, on surfaces of normals (N, 3)."""
+        facing_sun = (normals @ unit(self.towards_sun, normals)).clamp_min(0)
+        facing_up = 0.5 + 0.5 * normals @ unit(self.up, normals)
+        sun, sky = normals.new_tensor(self.sun), normals.new_tensor(self.sky)
+        return sun * facing_sun[:, None], sky * facing_up[:, None]
+
+    def on(self, normals: Tensor) -> Tensor:
+        """Irradiance (N, 3) on surfaces of unit normals (N, 3) that see every light."""
+        sun, sky = self.parts(normals)
+        return normals.new_tensor(self.ambient) + sun + sky
+
+
+DAYLIGHT = Lighting()
+FLAT = Lighting(ambient=(1.0, 1.0, 1.0), sky=(0.0, 0.0, 0.0), sun=(0.0, 0.0, 0.0))
+
+
+def unit(direction: Color, like: Tensor) -> Tensor:
+    """A direction as a unit vector (3,) of a tensor's kind."""
+    return torch.nn.functional.normalize(like.new_tensor(direction), dim=0)
