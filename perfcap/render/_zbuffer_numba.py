@@ -35,59 +35,57 @@ def fill(
     height, width = depth.shape
     round_up = (1 << bits) - 1
     for index in range(len(faces)):
-        a, b, c = faces[index]
+        a, b, c = faces[index, 0], faces[index, 1], faces[index, 2]
         if not (usable[a] and usable[b] and usable[c]):
             continue
-        left = max((min(grid[a, 0], grid[b, 0], grid[c, 0]) + round_up) >> bits, 0)
-        right = min(max(grid[a, 0], grid[b, 0], grid[c, 0]) >> bits, width - 1)
-        top = max((min(grid[a, 1], grid[b, 1], grid[c, 1]) + round_up) >> bits, 0)
-        bottom = min(max(grid[a, 1], grid[b, 1], grid[c, 1]) >> bits, height - 1)
+        # scalars: views of single vertices would cost more than the triangle
+        ax, bx, cx = grid[a, 0], grid[b, 0], grid[c, 0]
+        ay, by, cy = grid[a, 1], grid[b, 1], grid[c, 1]
+        left = max((min(ax, bx, cx) + round_up) >> bits, 0)
+        right = min(max(ax, bx, cx) >> bits, width - 1)
+        top = max((min(ay, by, cy) + round_up) >> bits, 0)
+        bottom = min(max(ay, by, cy) >> bits, height - 1)
         if left > right or top > bottom:
             continue
-        area = _cross(grid[a], grid[b], grid[c, 0], grid[c, 1])
+        area = _cross(ax, ay, bx, by, cx, cy)
         if area == 0 or area * culled_sign > 0:
             continue
         if area < 0:
-            b, c, area = c, b, -area
-        _fill_triangle(
-            (grid[a], grid[b], grid[c]),
-            (inverse_depth[a], inverse_depth[b], inverse_depth[c]),
-            area,
-            (left, right, top, bottom),
-            bits,
-            index,
-            depth,
-            triangle,
-        )
+            b, c, bx, cx, by, cy, area = c, b, cx, bx, cy, by, -area
+        inverse = (inverse_depth[a], inverse_depth[b], inverse_depth[c])
+        box = (left, right, top, bottom)
+        _fill_triangle((ax, ay, bx, by, cx, cy), inverse, area, box, bits, index, depth, triangle)
 
 
 @numba.njit(nogil=True)
-def _cross(start, end, x, y):  # type: ignore[no-untyped-def]
-    """Twice the signed area of start, end, (x, y): positive on the inner side of an edge."""
-    return (end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0])
+def _cross(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
+    """Twice the signed area of a, b, (x, y): positive on the inner side of the edge a, b."""
+    return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
 
 
 @numba.njit(nogil=True)
-def _least(start, end):  # type: ignore[no-untyped-def]
-    """Smallest edge value that counts as inside: 0 on top and left edges, 1 on the others."""
-    rises = end[1] < start[1] or (end[1] == start[1] and end[0] > start[0])
-    return 0 if rises else 1
+def _least(ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """Smallest value of the edge a, b that counts as inside: 0 on top and left edges, else 1."""
+    return 0 if by < ay or (by == ay and bx > ax) else 1
 
 
 @numba.njit(nogil=True)
 def _fill_triangle(corners, inverse, area, box, bits, index, depth, triangle):  # type: ignore[no-untyped-def]
     """Draw one triangle of positive area; edge values grow by constant steps along a row."""
-    a, b, c = corners
+    ax, ay, bx, by, cx, cy = corners
     left, right, top, bottom = box
-    least_a, least_b, least_c = _least(b, c), _least(c, a), _least(a, b)
-    step_a, step_b, step_c = (
-        (b[1] - c[1]) << bits,
-        (c[1] - a[1]) << bits,
-        (a[1] - b[1]) << bits,
+    least_a, least_b, least_c = (
+        _least(bx, by, cx, cy),
+        _least(cx, cy, ax, ay),
+        _least(ax, ay, bx, by),
     )
+    step_a, step_b, step_c = (by - cy) << bits, (cy - ay) << bits, (ay - by) << bits
+    x = left << bits
     for row in range(top, bottom + 1):
-        x, y = left << bits, row << bits
-        at_a, at_b, at_c = _cross(b, c, x, y), _cross(c, a, x, y), _cross(a, b, x, y)
+        y = row << bits
+        at_a = _cross(bx, by, cx, cy, x, y)
+        at_b = _cross(cx, cy, ax, ay, x, y)
+        at_c = _cross(ax, ay, bx, by, x, y)
         for column in range(left, right + 1):
             # the sign bit of the union says at once whether any edge has the pixel outside
             if ((at_a - least_a) | (at_b - least_b) | (at_c - least_c)) >= 0:

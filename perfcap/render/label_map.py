@@ -126,7 +126,7 @@ def draw(
     triangle: Tensor,
 ) -> None:
     """Draw one snapped frame in place into ``depth`` (H, W) float64 and ``triangle`` (H, W)."""
-    if depth.is_cuda:
+    if depth.device.type != "cpu":
         mesh = (grid, inverse_depth, usable, faces)
         _zbuffer_reference.fill(*mesh, cull.value, BITS, depth, triangle)
         return
