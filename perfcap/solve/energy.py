@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -57,6 +57,9 @@ class State(Protocol):
         """
 
 
+StateType = TypeVar("StateType", bound=State)
+
+
 @dataclass(frozen=True)
 class Residual:
     """Residual groups ``value`` (*b, F, G, d) and their ``confidence`` (*b, F, G), 1 if None."""
@@ -98,8 +101,11 @@ class Energy(nn.Module, ABC):
         super().__init__()
         if isinstance(weight, nn.Parameter):
             self.weight = weight
+        elif isinstance(weight, Tensor):
+            self.register_buffer("weight", weight)
         else:
-            self.register_buffer("weight", torch.as_tensor(weight))
+            # what a Python float is; without dimensions it never promotes a float32 residual
+            self.register_buffer("weight", torch.tensor(float(weight), dtype=torch.float64))
         self.kernel = kernel if kernel is not None else Quadratic()
 
     @abstractmethod
@@ -108,7 +114,11 @@ class Energy(nn.Module, ABC):
 
     def forward(self, state: State) -> Tensor:
         """Energy of each batch element, (*b,): an ordinary differentiable loss."""
-        return self.weight * self.kernel.value(self.residual(state).squared_norm()).sum((-2, -1))
+        return self.cost(self.residual(state))
+
+    def cost(self, residual: Residual) -> Tensor:
+        """Energy of a residual that is already at hand, (*b,)."""
+        return self.weight * self.kernel.value(residual.squared_norm()).sum((-2, -1))
 
     def linearize(self, state: State) -> Linearization:
         """Residual and Jacobian at a state."""
@@ -140,8 +150,8 @@ class WindowEnergy(Energy):
 
     def linearize_features(self, state: State) -> tuple[Tensor, Tensor]:
         """Features (*b, F, E) and their Jacobian (*b, F, E, D)."""
-        linear = forward_mode(_Features(self), state)
-        return linear.residual.value.squeeze(-1), linear.frame.squeeze(-2)
+        jacobian, features, _ = _diagonal_blocks(lambda at: (self.features(at), None), state)
+        return features, jacobian[..., : state.frame_dim]
 
     def filter(self, features: Tensor) -> Tensor:
         """Apply the temporal filter to features (*b, F, E)."""
@@ -153,20 +163,29 @@ class WindowEnergy(Energy):
         return Residual(self.filter(self.features(state)).unsqueeze(-2))
 
 
-class _Features(Energy):
-    """Features of a window energy, seen as per-frame residuals so that they can be differentiated."""
-
-    def __init__(self, energy: WindowEnergy) -> None:
-        super().__init__()
-        object.__setattr__(self, "source", energy)
-
-    def residual(self, state: State) -> Residual:
-        source: WindowEnergy = object.__getattribute__(self, "source")
-        return Residual(source.features(state).unsqueeze(-1))
-
-
 def forward_mode(energy: Energy, state: State) -> Linearization:
-    """Jacobian blocks of a FRAME energy by forward-mode differentiation.
+    """Linearization of a FRAME energy by forward-mode differentiation of its residual.
+
+    The confidence is held constant, as the kernels' slopes are: a least-squares method does not
+    differentiate its weights.
+    """
+
+    def value_and_confidence(at: State) -> tuple[Tensor, Tensor | None]:
+        residual = energy.residual(at)
+        return residual.value, residual.confidence
+
+    jacobian, value, confidence = _diagonal_blocks(value_and_confidence, state)
+    return Linearization(
+        Residual(value, confidence),
+        jacobian[..., : state.frame_dim],
+        jacobian[..., state.frame_dim :] if energy.sees_shared else None,
+    )
+
+
+def _diagonal_blocks(
+    function: Callable[[State], tuple[Tensor, Tensor | None]], state: State
+) -> tuple[Tensor, Tensor, Tensor | None]:
+    """Derivative (..., D + S) of rows that each see one frame, their value, and a constant.
 
     Rows of frame f depend on frame f only, so one tangent vector shared by all frames and batch
     elements returns every diagonal block in D (+ S) columns instead of D * F.
@@ -174,20 +193,14 @@ def forward_mode(energy: Energy, state: State) -> Linearization:
     here = state.coordinates()
     zero = here.frame.new_zeros(state.frame_dim + state.shared_dim)
 
-    def moved(tangent: Tensor) -> tuple[Tensor, Residual]:
+    def moved(tangent: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         frame = tangent[: state.frame_dim].expand_as(here.frame)
-        shared = tangent[state.frame_dim :].expand(*here.frame.shape[:-2], state.shared_dim)
-        residual = energy.residual(state.retract(Step(frame, shared)))
-        return residual.value, residual
+        shared = tangent[state.frame_dim :].expand_as(here.shared)
+        value, constant = function(state.retract(Step(frame, shared)))
+        return value, (value,) if constant is None else (value, constant)
 
-    jacobian, residual = torch.func.jacfwd(
-        lambda tangent: (moved(tangent)[0], moved(tangent)[0]), has_aux=True
-    )(zero)
-    confidence = energy.residual(state).confidence
-    shared = jacobian[..., state.frame_dim :] if energy.sees_shared else None
-    return Linearization(
-        Residual(residual, confidence), jacobian[..., : state.frame_dim], shared
-    )
+    jacobian, (value, *constant) = torch.func.jacfwd(moved, has_aux=True)(zero)
+    return jacobian, value, constant[0] if constant else None
 
 
 class Objective(nn.Module):

@@ -1,0 +1,132 @@
+"""From energies to normal equations: linearise each one and add up its blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.solve.energy import Coupling, Energy, Linearization, Objective, State, WindowEnergy
+from perfcap.solve.layout import Layout
+from perfcap.solve.normal_equations import NormalEquations, WindowTerm
+
+
+def assemble(objective: Objective, state: State) -> NormalEquations:
+    """Linearise every energy at a state and add up the structured normal equations.
+
+    Raises:
+        InputError: an energy couples frames but is no ``WindowEnergy``, or sees shared unknowns
+            through a window.
+    """
+    layout = Layout.of(state)
+    like = state.coordinates().frame
+    blocks = _Blocks.zeros(layout, like)
+    terms: dict[str, Tensor] = {}
+    windows: list[WindowTerm] = []
+    for name, energy in objective.items():
+        if isinstance(energy, WindowEnergy):
+            _require_frames_only(name, energy)
+            windows.append(_window_term(energy, state, layout))
+            terms[name] = windows[-1].value()
+        elif energy.coupling is Coupling.FRAME:
+            linear = energy.linearize(state)
+            terms[name] = layout.per_element(energy.cost(linear.residual))
+            blocks.add(energy, linear, layout)
+        else:
+            raise InputError(
+                f"energy '{name}' ({type(energy).__name__}) has WINDOW coupling but is not a "
+                "WindowEnergy; derive it from WindowEnergy so that its structure is known"
+            )
+    return blocks.equations(layout, terms, windows)
+
+
+def _require_frames_only(name: str, energy: WindowEnergy) -> None:
+    if energy.sees_shared:
+        raise InputError(
+            f"energy '{name}' ({type(energy).__name__}) sees shared unknowns through a window; "
+            "window energies see frames only, so express it by features of the frames"
+        )
+
+
+def _window_term(energy: WindowEnergy, state: State, layout: Layout) -> WindowTerm:
+    features, jacobian = energy.linearize_features(state)
+    weight = _weight(energy, layout, features).sqrt()
+    complement = (1 - energy.keep).square()
+    return WindowTerm(
+        basis=(1 - complement).clamp(min=0).sqrt()[:, None] * energy.basis,
+        complement=complement,
+        plain_basis=energy.basis,
+        keep=energy.keep,
+        features=weight[..., None, None] * layout.per_element(features),
+        jacobian=weight[..., None, None, None] * layout.per_element(jacobian),
+    )
+
+
+def _weight(energy: Energy, layout: Layout, like: Tensor) -> Tensor:
+    """Weight of an energy in the precision of its rows: (B,), or (1,) when all share it."""
+    weight = energy.weight.to(like)
+    return layout.per_element(weight) if weight.ndim else weight.reshape(1)
+
+
+@dataclass
+class _Blocks:
+    """Running sums of the FRAME energies; the only mutable thing of the assembly."""
+
+    curvature: Tensor
+    gradient: Tensor
+    border: Tensor
+    shared_curvature: Tensor
+    shared_gradient: Tensor
+
+    @classmethod
+    def zeros(cls, layout: Layout, like: Tensor) -> _Blocks:
+        batch, frames = layout.batch_size, layout.frames
+        dim, shared = layout.frame_dim, layout.shared_dim
+        return cls(
+            like.new_zeros(batch, frames, dim, dim),
+            like.new_zeros(batch, frames, dim),
+            like.new_zeros(batch, frames, dim, shared),
+            like.new_zeros(batch, shared, shared),
+            like.new_zeros(batch, shared),
+        )
+
+    def equations(
+        self, layout: Layout, terms: dict[str, Tensor], windows: list[WindowTerm]
+    ) -> NormalEquations:
+        return NormalEquations(
+            layout=layout,
+            terms=terms,
+            curvature=self.curvature,
+            frame_gradient=self.gradient,
+            border=self.border,
+            shared_curvature=self.shared_curvature,
+            shared_gradient=self.shared_gradient,
+            windows=tuple(windows),
+        )
+
+    def add(self, energy: Energy, linear: Linearization, layout: Layout) -> None:
+        """Add ``w J' diag(confidence * slope) (J, r)`` of one energy (reweighted least squares)."""
+        slope = _row_weight(energy, linear, layout)  # B F G 1
+        rows = layout.per_element(linear.frame).flatten(2, 3)  # B F Gd D
+        residual = layout.per_element(linear.residual.value)  # B F G d
+        pull = (slope * residual).flatten(2).unsqueeze(-1)  # B F Gd 1
+        weighted = (slope.unsqueeze(-1) * layout.per_element(linear.frame)).flatten(2, 3)
+        self.curvature += weighted.mT @ rows
+        self.gradient += (rows.mT @ pull).squeeze(-1)
+        if linear.shared is not None and layout.shared_dim:
+            shared = layout.per_element(linear.shared).flatten(2, 3)  # B F Gd S
+            self.border += weighted.mT @ shared
+            both = slope.expand_as(residual).flatten(2).unsqueeze(-1)
+            self.shared_curvature += ((both * shared).mT @ shared).sum(1)
+            self.shared_gradient += (shared.mT @ pull).squeeze(-1).sum(1)
+
+
+def _row_weight(energy: Energy, linear: Linearization, layout: Layout) -> Tensor:
+    """Weight times confidence times kernel slope of each group, (B, F, G, 1)."""
+    residual = linear.residual
+    slope = energy.kernel.slope(residual.squared_norm())
+    if residual.confidence is not None:
+        slope = residual.confidence * slope
+    weight = _weight(energy, layout, slope)[:, None, None]
+    return (weight * layout.per_element(slope)).unsqueeze(-1)

@@ -1,0 +1,148 @@
+"""The exact minimiser of a quadratic model over a box, from an existing factorization.
+
+    minimize  g.d + 1/2 d.H d   subject to  lowest <= d <= highest
+
+Projecting the unconstrained step instead would break what H couples tightly: a nearly hard
+smoothness prior ties the frames of one angle together. With multipliers m on the violated bounds
+the step is ``d0 - H^-1 m``, and the multipliers solve a nonnegative program in the small matrix
+``E' H^-1 E``. Its solution may push other coordinates over their bounds; they join, and the dual
+objective rises each time, so this ends at the exact solution.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.solve.bounds import StepBox
+from perfcap.solve.factorization import Factorization
+from perfcap.solve.nonnegative import NonnegativeProgram
+from perfcap.solve.normal_equations import NormalEquations
+
+_ROUNDS = 30  # of joining bounds; three are usual
+_PIVOTS = 300  # of the nonnegative program; ten are usual
+
+
+@dataclass(frozen=True)
+class BoxStep:
+    """A step, and the multipliers of the bounds that hold it (positive: upper), rows (B, N)."""
+
+    step: Tensor
+    multipliers: Tensor
+
+
+def box_step(
+    equations: NormalEquations,
+    factorization: Factorization,
+    damping: Tensor,
+    box: StepBox,
+    warm: Tensor | None = None,
+) -> BoxStep:
+    """Minimise the damped model over the box.
+
+    Args:
+        equations: the model.
+        factorization: of ``equations`` with ``damping``.
+        damping: what was added to the diagonal, (B, N).
+        box: bounds on the step.
+        warm: multipliers of a similar problem, (B, N); only their signs are used.
+    """
+    newton = factorization.newton_step(equations)
+    held = torch.zeros_like(newton) if warm is None else _bounded_sides(warm, box)
+    tolerance = _tolerance(newton, box)
+    held = torch.where(_violation(newton, box) > tolerance, _side(newton, box), held)
+    if not bool(held.any()):
+        return BoxStep(box.clamp(newton), held)
+    support = held != 0 if warm is None else (held != 0) & (warm != 0)
+    step, multipliers, solved = newton, torch.zeros_like(newton), held.new_zeros(len(held)).bool()
+    for _ in range(_ROUNDS):
+        multipliers, solved = _multipliers(factorization, newton, box, held, support, tolerance)
+        step = newton - factorization.solve(multipliers)
+        joining = _violation(step, box) > tolerance
+        joining = joining & (_side(step, box) != held)
+        if not bool(joining.any()):
+            break
+        held = torch.where(joining, _side(step, box), held)
+        support = multipliers != 0
+    solved = solved & ~joining.any(-1)
+    step = box.clamp(step)
+    if not bool(solved.all()):
+        descent = _feasible_descent(equations, damping, box, step)
+        step = torch.where(solved.unsqueeze(-1), step, descent)
+    return BoxStep(step, multipliers)
+
+
+def _bounded_sides(multipliers: Tensor, box: StepBox) -> Tensor:
+    """Signs of multipliers (B, N), zero where their side has no bound."""
+    bound = torch.where(multipliers > 0, box.upper, box.lower)
+    return torch.where(bound.isfinite(), multipliers.sign(), 0)
+
+
+def _violation(step: Tensor, box: StepBox) -> Tensor:
+    """How far a step is outside; negative inside, (B, N)."""
+    return torch.maximum(step - box.highest, box.lowest - step)
+
+
+def _side(step: Tensor, box: StepBox) -> Tensor:
+    """1 where the upper bound is the nearer violation, -1 where the lower one is, (B, N)."""
+    upper = step - box.highest > box.lowest - step
+    side: Tensor = 2 * upper.to(step.dtype) - 1
+    return side
+
+
+def _tolerance(newton: Tensor, box: StepBox) -> Tensor:
+    """Violations that are rounding: relative to the largest one, and to the bounded coordinates."""
+    precision = torch.finfo(newton.dtype).eps
+    bounded = (box.lower > -torch.inf) | (box.upper < torch.inf)
+    size = torch.where(bounded, box.at.abs(), 0).amax(-1, keepdim=True)
+    worst = _violation(newton, box).nan_to_num(0).amax(-1, keepdim=True).clamp(min=0)
+    return math.pow(precision, 2 / 3) * worst + 8 * precision * size
+
+
+def _multipliers(
+    factorization: Factorization,
+    newton: Tensor,
+    box: StepBox,
+    held: Tensor,
+    support: Tensor,
+    tolerance: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Multipliers (B, N) that keep the ``held`` bounds, and whether they are exact (B,)."""
+    index, usable = _pack(held != 0)
+    side = held.gather(1, index)
+    bound = torch.where(side > 0, box.highest.gather(1, index), box.lowest.gather(1, index))
+    excess = torch.where(usable, side * (newton.gather(1, index) - bound), 0)
+    matrix = factorization.inverse_block(index) * (side.unsqueeze(-1) * side.unsqueeze(-2))
+    program = NonnegativeProgram(matrix, excess, usable, factorization.group(index), tolerance)
+    values, solved = program.solve(support.gather(1, index), _PIVOTS)
+    values = torch.where(usable, side * values, 0)
+    return torch.zeros_like(newton).scatter_add(1, index, values), solved
+
+
+def _pack(mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Indices of the set entries of rows (B, N), padded to the longest, and which are real."""
+    length = int(mask.sum(-1).max())
+    usable, index = mask.to(torch.uint8).sort(dim=-1, descending=True, stable=True)
+    return index[:, :length], usable[:, :length].bool()
+
+
+def _feasible_descent(
+    equations: NormalEquations, damping: Tensor, box: StepBox, step: Tensor
+) -> Tensor:
+    """A step in the box that lowers the model, for elements whose program did not end.
+
+    The clamped step if it does; otherwise the best point on the way to the projected, diagonally
+    scaled gradient step, whose slope is never positive.
+    """
+    promised = equations.decrease(step) - (damping * step.square()).sum(-1)
+    gradient = equations.gradient()
+    scale = damping + equations.join(*equations.data_diagonal())
+    fallback = box.clamp(-gradient / scale.clamp(min=torch.finfo(step.dtype).tiny))
+    slope = -(gradient * fallback).sum(-1)
+    curved = equations.apply(fallback) + damping * fallback
+    length = slope / (fallback * curved).sum(-1)
+    fallback = length.nan_to_num(0).clamp(0, 1).unsqueeze(-1) * fallback
+    return torch.where((promised > 0).unsqueeze(-1), step, fallback)

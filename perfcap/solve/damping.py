@@ -1,0 +1,56 @@
+"""Levenberg-Marquardt damping: its scale, and its update by the gain ratio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.solve.normal_equations import NormalEquations
+
+_FLOOR = 1e-6  # of the mean data curvature, for unknowns that no data see
+
+
+def damping_scale(equations: NormalEquations) -> Tensor:
+    """What a damping of one adds to the diagonal, (B, N): the curvature of the data alone.
+
+    A smoothness prior is a thousand to a million times stiffer than the data; damping by the full
+    diagonal (Marquardt 1963) would hold the data still. Unknowns that no data see get a small
+    share of the mean, and where there are no data at all, of the window energies' curvature.
+    """
+    diagonal = equations.join(*equations.data_diagonal())
+    floor = _FLOOR * diagonal.mean(-1, keepdim=True)
+    if equations.windows:
+        prior = sum(window.jacobian.square().mean((-3, -2, -1)) for window in equations.windows)
+        precision = torch.finfo(diagonal.dtype).eps
+        floor = floor + precision * torch.as_tensor(prior).unsqueeze(-1)
+    return diagonal + floor.clamp(min=torch.finfo(diagonal.dtype).tiny)
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Damping of each batch element, (B,), and the factor its next increase takes.
+
+    Update of Nielsen (1999): a step as good as promised lets it fall to a tenth,
+    a poor one raises it a little, rejected
+    steps raise it by 2, 4, 8, ... times.
+    """
+
+    value: Tensor
+    growth: Tensor
+
+    @classmethod
+    def start(cls, value: float, like: Tensor) -> Damping:
+        """The same damping for every element of ``like`` (B,)."""
+        return cls(torch.full_like(like, value), torch.full_like(like, 2.0))
+
+    def update(self, accepted: Tensor, gain: Tensor) -> Damping:
+        """Damping after steps that were accepted or not, with their gain ratios, (B,)."""
+        fall = (1 - (2 * gain - 1) ** 3).clamp(min=0.1, max=2.0)
+        return Damping(
+            value=torch.where(
+                accepted, (self.value * fall).clamp(min=1e-12), self.value * self.growth
+            ),
+            growth=torch.where(accepted, 2.0, 2 * self.growth),
+        )

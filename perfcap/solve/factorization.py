@@ -1,0 +1,288 @@
+"""One factorization of the damped normal equations, for any number of right-hand sides.
+
+Write J for the features of all window energies stacked, (E, D) a frame, A_f for the damped data
+curvature, M_f = A_f + J_f' J_f, and U for the low rank that the temporal bases take away. Then
+H = blockdiag(M) - U U', and by the Woodbury identity
+
+    H^-1 = M^-1 + M^-1 U S^-1 U' M^-1,   S = I - U' M^-1 U.
+
+The data may be a millionth of the prior, so S as written would lose most of its digits. Since
+``B B'`` is the diagonal ``1 - (1 - keep)^2``, it equals
+
+    S = diag((1 - keep)^2) (x) I + sum_f b_f b_f' (x) G_f,   G_f = I - J_f M_f^-1 J_f',
+
+where nothing cancels if G_f is accurate. With Y = M^-1 J' it satisfies
+
+    G = G^2 + Y' A Y,
+
+because G J' = J' - J' J Y' ... = A Y transposed. Putting the difference ``I - J Y`` into the right
+side squares its rounding error away in the directions where G is small, whatever the rank of J.
+
+Shared unknowns border H and are eliminated by their Schur complement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from perfcap.solve.layout import Layout
+from perfcap.solve.normal_equations import NormalEquations
+
+
+@dataclass(frozen=True)
+class Factorization:
+    """Solves with the damped matrix; all tensors are (B, ...).
+
+    Args:
+        layout: sizes of the unknowns.
+        cholesky: lower factors of M_f, (B, F, D, D).
+        window: the low-rank part, None without window energies.
+        shared: the elimination of the shared unknowns, None where there are none.
+        valid: whether the matrix of a batch element was positive definite, (B,).
+    """
+
+    layout: Layout
+    cholesky: Tensor
+    window: WindowPart | None
+    shared: SharedPart | None
+    valid: Tensor
+
+    def solve(self, rows: Tensor) -> Tensor:
+        """H^-1 times rows (B, N)."""
+        frame, shared = self.layout.split(rows)
+        solved = _solve_frames(self.cholesky, self.window, frame.unsqueeze(-1))
+        return self._eliminate(solved, shared)
+
+    def newton_step(self, equations: NormalEquations) -> Tensor:
+        """``-H^-1 g`` for the gradient of the equations that were factorized, (B, N)."""
+        if self.window is None:
+            return -self.solve(equations.gradient())
+        data = equations.frame_gradient
+        pulls = torch.cat([window.pull() for window in equations.windows], -1)  # B F E
+        prior = (pulls.unsqueeze(-2) @ self.window.jacobian).squeeze(-2)  # B F D
+        solved = torch.cholesky_solve(torch.stack((data, prior), -1), self.cholesky)
+        # U' M^-1 of the prior's gradient is taken as B y' - G y', exactly zero where B y' is
+        features = self.window.jacobian @ solved[..., :1]
+        features = features - self.window.defect @ pulls.unsqueeze(-1)
+        in_basis = [window.pull_in_basis().flatten(1) for window in equations.windows]
+        right = self.window.to_basis(features) + torch.cat(in_basis, -1).unsqueeze(-1)
+        solved = solved.sum(-1, keepdim=True) + self.window.correction(right)
+        return -self._eliminate(solved, equations.shared_gradient)
+
+    def inverse_block(self, index: Tensor) -> Tensor:
+        """Rows and columns ``index`` (B, m) of H^-1, (B, m, m), as a sum of squares."""
+        batch = torch.arange(len(index), device=index.device)[:, None]
+        in_frame = index < self.layout.frame_unknowns
+        frame_index = index.clamp(max=self.layout.frame_unknowns - 1)
+        frame = frame_index.div(self.layout.frame_dim, rounding_mode="floor")
+        inner = frame_index - frame * self.layout.frame_dim
+        columns = self._inverse_root[batch, frame, inner] * in_frame.unsqueeze(-1)
+        block = columns @ columns.mT
+        block = block * (frame.unsqueeze(-1) == frame.unsqueeze(-2))
+        if self.window is not None:
+            half = self.window.half_rows(batch, frame, inner) * in_frame.unsqueeze(-2)
+            block = block + half.mT @ half
+        if self.shared is not None:
+            half = self.shared.half_rows(index)
+            block = block + half.mT @ half
+        return block
+
+    def group(self, index: Tensor) -> Tensor:
+        """Group of each unknown (B, m): its place in the frame; every shared one is its own."""
+        unknowns = self.layout.frame_unknowns
+        inner = index % max(self.layout.frame_dim, 1)
+        return torch.where(index < unknowns, inner, index - unknowns + self.layout.frame_dim)
+
+    @cached_property
+    def _inverse_root(self) -> Tensor:
+        """Transposed inverse of the Cholesky factors: row d holds column d, (B, F, D, D)."""
+        identity = torch.eye(self.layout.frame_dim, dtype=self.cholesky.dtype)
+        identity = identity.to(self.cholesky.device).expand_as(self.cholesky)
+        root: Tensor = torch.linalg.solve_triangular(self.cholesky, identity, upper=False)
+        return root.mT.contiguous()
+
+    def _eliminate(self, solved: Tensor, shared: Tensor) -> Tensor:
+        """Rows (B, N) from frames solved without their border (B, F, D, 1)."""
+        if self.shared is None:
+            return solved.flatten(1)
+        remaining = shared - (self.shared.border.mT @ solved).sum(1).squeeze(-1)
+        own = torch.cholesky_solve(remaining.unsqueeze(-1), self.shared.cholesky)
+        solved = solved - self.shared.solved_border @ own.unsqueeze(1)
+        return torch.cat((solved.flatten(1), own.squeeze(-1)), -1)
+
+
+@dataclass(frozen=True)
+class WindowPart:
+    """The low-rank part of the window energies.
+
+    Args:
+        bases: B of each window energy, (K, F).
+        sizes: features E of each.
+        jacobian: stacked Jacobian J, (B, F, E, D).
+        solved: Y = M^-1 J', (B, F, D, E).
+        defect: G = I - J Y, (B, F, E, E).
+        cholesky: lower factor of the capacitance matrix S, (B, sum K E, sum K E).
+    """
+
+    bases: tuple[Tensor, ...]
+    sizes: list[int]
+    jacobian: Tensor
+    solved: Tensor
+    defect: Tensor
+    cholesky: Tensor
+
+    def to_basis(self, features: Tensor) -> Tensor:
+        """Stacked features (B, F, E, 1) against the bases, (B, sum K E, 1)."""
+        parts = torch.split(features.squeeze(-1), self.sizes, -1)
+        seen = [(b @ part).flatten(1) for b, part in zip(self.bases, parts, strict=True)]
+        return torch.cat(seen, -1).unsqueeze(-1)
+
+    def from_basis(self, components: Tensor) -> Tensor:
+        """The transpose of ``to_basis``, (B, F, E, 1)."""
+        sizes = [len(b) * size for b, size in zip(self.bases, self.sizes, strict=True)]
+        parts = torch.split(components.squeeze(-1), sizes, -1)
+        features = [
+            b.mT @ part.reshape(-1, len(b), size)
+            for b, size, part in zip(self.bases, self.sizes, parts, strict=True)
+        ]
+        return torch.cat(features, -1).unsqueeze(-1)
+
+    def correction(self, right: Tensor) -> Tensor:
+        """``M^-1 U S^-1`` times a vector (B, sum K E, 1), as frames (B, F, D, 1)."""
+        return self.solved @ self.from_basis(torch.cholesky_solve(right, self.cholesky))
+
+    def half_rows(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
+        """``L^-1 U' M^-1 e`` for unit vectors e, with S = L L': (B, sum K E, m)."""
+        features = torch.split(self.solved[batch, frame, inner], self.sizes, -1)  # B m E
+        columns = [
+            (b.mT[frame].unsqueeze(-1) * part.unsqueeze(-2)).flatten(2)  # B m K E
+            for b, part in zip(self.bases, features, strict=True)
+        ]
+        stacked = torch.cat(columns, -1).mT
+        half: Tensor = torch.linalg.solve_triangular(self.cholesky, stacked, upper=False)
+        return half
+
+
+@dataclass(frozen=True)
+class SharedPart:
+    """Elimination of the shared unknowns.
+
+    Args:
+        border: cross curvature, (B, F, D, S).
+        solved_border: frames' inverse times the border, (B, F, D, S).
+        cholesky: lower factor of the Schur complement, (B, S, S).
+    """
+
+    border: Tensor
+    solved_border: Tensor
+    cholesky: Tensor
+
+    def half_rows(self, index: Tensor) -> Tensor:
+        """The Schur complement's share of H^-1 at unknowns (B, m), as a half, (B, S, m)."""
+        batch, shared = len(index), self.cholesky.shape[-1]
+        own = -torch.eye(shared, dtype=index.dtype, device=index.device).to(self.cholesky)
+        rows = torch.cat((self.solved_border.flatten(1, 2), own.expand(batch, -1, -1)), 1)
+        rows = rows[torch.arange(batch, device=index.device)[:, None], index]
+        half: Tensor = torch.linalg.solve_triangular(self.cholesky, rows.mT, upper=False)
+        return half
+
+
+def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:
+    """Factorize the normal equations with ``damping`` (B, N) added to their diagonal.
+
+    Elements whose matrix is not positive definite are marked, and solved as if it were the
+    identity so that they stay finite.
+    """
+    frame_damping, shared_damping = equations.layout.split(damping)
+    curvature = equations.curvature.clone()
+    curvature.diagonal(dim1=-2, dim2=-1).add_(frame_damping)
+    if equations.windows:
+        jacobian = torch.cat([window.jacobian for window in equations.windows], -2)
+        total = curvature + jacobian.mT @ jacobian
+    else:
+        total = curvature
+    cholesky, info = torch.linalg.cholesky_ex(total)
+    valid = (info == 0).all(-1)
+    cholesky = _identity_where(~valid, cholesky)
+    window = None
+    if equations.windows:
+        window, positive = _window_part(equations, cholesky, curvature, jacobian)
+        valid = valid & positive
+    shared = None
+    if equations.layout.shared_dim:
+        shared, positive = _shared_part(equations, cholesky, window, shared_damping)
+        valid = valid & positive
+    return Factorization(equations.layout, cholesky, window, shared, valid)
+
+
+def _window_part(
+    equations: NormalEquations, cholesky: Tensor, curvature: Tensor, jacobian: Tensor
+) -> tuple[WindowPart, Tensor]:
+    features = jacobian.shape[-2]
+    solved = torch.cholesky_solve(jacobian.mT, cholesky)  # B F D E
+    # one product for J Y and A Y, one for G^2 + Y' A Y: small matrices prefer few, larger products
+    product = torch.cat((jacobian, curvature), -2) @ solved
+    product[..., :features, :].neg_().diagonal(dim1=-2, dim2=-1).add_(1)
+    left = torch.cat((product[..., :features, :], solved), -2)
+    defect = left.mT @ product
+    bases = tuple(window.basis for window in equations.windows)
+    sizes = [window.jacobian.shape[-2] for window in equations.windows]
+    capacitance = _capacitance(bases, sizes, defect)
+    seen = [
+        window.complement.repeat_interleave(size)
+        for window, size in zip(equations.windows, sizes, strict=True)
+    ]
+    capacitance.diagonal(dim1=-2, dim2=-1).add_(torch.cat(seen))
+    root, info = torch.linalg.cholesky_ex(capacitance)
+    valid = info == 0
+    part = WindowPart(bases, sizes, jacobian, solved, defect, _identity_where(~valid, root))
+    return part, valid
+
+
+def _capacitance(bases: tuple[Tensor, ...], sizes: list[int], defect: Tensor) -> Tensor:
+    """``sum_f b_f b_f' (x) G_f`` over all pairs of window energies, (B, sum K E, sum K E)."""
+    rows = []
+    for left, row in zip(bases, torch.split(defect, sizes, -2), strict=True):
+        blocks = []
+        for right, block in zip(bases, torch.split(row, sizes, -1), strict=True):
+            pairs = (left.unsqueeze(1) * right.unsqueeze(0)).flatten(0, 1)  # KK F
+            summed = (pairs @ block.flatten(2)).reshape(
+                -1, len(left), len(right), *block.shape[-2:]
+            )
+            blocks.append(summed.transpose(2, 3).flatten(3, 4).flatten(1, 2))
+        rows.append(torch.cat(blocks, -1))
+    return torch.cat(rows, -2)
+
+
+def _shared_part(
+    equations: NormalEquations, cholesky: Tensor, window: WindowPart | None, damping: Tensor
+) -> tuple[SharedPart, Tensor]:
+    border = equations.border
+    columns = [
+        _solve_frames(cholesky, window, column.unsqueeze(-1)) for column in border.unbind(-1)
+    ]
+    solved = torch.cat(columns, -1)  # B F D S
+    schur = equations.shared_curvature - (border.mT @ solved).sum(1)
+    schur.diagonal(dim1=-2, dim2=-1).add_(damping)
+    root, info = torch.linalg.cholesky_ex(schur)
+    valid = info == 0
+    return SharedPart(border, solved, _identity_where(~valid, root)), valid
+
+
+def _solve_frames(cholesky: Tensor, window: WindowPart | None, right: Tensor) -> Tensor:
+    """The frames' part of H^-1 on frames (B, F, D, 1)."""
+    solved = torch.cholesky_solve(right, cholesky)
+    if window is None:
+        return solved
+    return solved + window.correction(window.to_basis(window.jacobian @ solved))
+
+
+def _identity_where(mask: Tensor, matrices: Tensor) -> Tensor:
+    """Replace the matrices (B, ..., n, n) of masked batch elements by the identity."""
+    identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
+    mask = mask.reshape(-1, *[1] * (matrices.ndim - 1))
+    return torch.where(mask, identity, matrices)

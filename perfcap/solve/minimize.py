@@ -1,0 +1,58 @@
+"""The one entry to all minimisers."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import torch
+
+from perfcap.errors import InputError
+from perfcap.solve.bounds import Bounds, project
+from perfcap.solve.energy import Objective, StateType, Step
+from perfcap.solve.layout import Layout
+from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.solution import Solution
+
+
+class Method(Protocol):
+    """A minimiser: a value that holds settings and nothing else."""
+
+    def minimize(
+        self, objective: Objective, initial: StateType, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        """Minimise from an initial state that is within the bounds and carries no gradient."""
+
+
+def solve(
+    objective: Objective,
+    initial: StateType,
+    method: Method | None = None,
+    bounds: Bounds | None = None,
+) -> Solution[StateType]:
+    """Minimise an objective over a state, each batch element on its own.
+
+    Args:
+        objective: the energies.
+        initial: where to start, (*b); moved into the bounds if it is outside.
+        method: settings of a minimiser, ``LevenbergMarquardt()`` by default.
+        bounds: box on the coordinates of the state; every state visited stays in it.
+
+    Returns:
+        The solution, detached from the graph. An element that meets a value that is not finite
+        keeps its last finite state and says so in its status; it never stops the others.
+
+    Raises:
+        InputError: the state has no unknowns, or the bounds do not fit it.
+    """
+    layout = Layout.of(initial)
+    if layout.unknowns == 0 or layout.batch_size == 0:
+        raise InputError(
+            f"initial state has batch {tuple(layout.batch)} and {layout.unknowns} unknowns, "
+            "expected at least one of each; nothing can be solved"
+        )
+    with torch.no_grad():
+        start = project(initial, bounds)
+        here = start.coordinates()
+        if here.frame.requires_grad or here.shared.requires_grad:
+            start = start.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
+    return (method or LevenbergMarquardt()).minimize(objective, start, bounds)

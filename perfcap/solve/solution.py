@@ -1,0 +1,66 @@
+"""What a solve returns."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Generic
+
+from torch import Tensor
+
+from perfcap.solve.energy import StateType
+
+
+class Status(enum.IntEnum):
+    """How a batch element ended; ``sentence`` says it in words."""
+
+    CONVERGED = 0
+    MAX_STEPS = 1
+    STALLED = 2
+    NOT_FINITE = 3
+
+    @property
+    def sentence(self) -> str:
+        """One sentence: what happened and what to do."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.CONVERGED: "converged: the model promises no further decrease worth a step",
+    Status.MAX_STEPS: "stopped at the largest number of steps while still improving; "
+    "raise max_steps if the energy matters to the last digit",
+    Status.STALLED: "stalled: no step lowers the energy although its derivative promises so; "
+    "check the Jacobians with check_energy, or loosen the tolerance in float32",
+    Status.NOT_FINITE: "met a value that is not finite; the state is the last finite one, "
+    "look for NaN or infinity in the detections, the cameras or the initial state",
+}
+
+
+@dataclass(frozen=True)
+class Solution(Generic[StateType]):
+    """Result of a solve, detached from the graph.
+
+    Args:
+        state: the unknowns found, always within the bounds.
+        energy: total energy of each batch element, (*b,).
+        terms: each energy's share by name, (*b,).
+        steps: steps tried, (*b,) integers.
+        status: ``Status`` values, (*b,) integers.
+    """
+
+    state: StateType
+    energy: Tensor
+    terms: dict[str, Tensor]
+    steps: Tensor
+    status: Tensor
+
+    def describe(self) -> list[str]:
+        """A sentence for each batch element, in the order of the flattened batch."""
+        status = self.status.reshape(-1).tolist()
+        steps = self.steps.reshape(-1).tolist()
+        energy = self.energy.reshape(-1).tolist()
+        rows = zip(status, steps, energy, strict=True)
+        return [
+            f"element {index}: {Status(code).sentence} ({count} steps, energy {value:.6g})"
+            for index, (code, count, value) in enumerate(rows)
+        ]
