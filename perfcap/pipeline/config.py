@@ -43,6 +43,7 @@ class TrajectoryConfig:
     weight: float = 1.0
     rank: int = 16  # DCT vectors of a 50-frame window at 30 Hz below full penalty
     edge: float = 2.5  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
+    step: float = 1.0  # penalty just below rank, as a share of the full penalty above it
     translation: float = 50.0  # per m
     rotation: float = 50.0  # per rad
     angles: float = 50.0  # per rad

@@ -68,7 +68,7 @@ def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Traj
     rank = max(1, min(rank, frames))
     order = torch.arange(rank, dtype=torch.float64)
     # penalty (1 - keep)^2 = (k / K)^(2 edge); a sharp edge keeps everything below K
-    keep = 1 - (order / rank) ** config.edge if config.edge != float("inf") else order * 0 + 1
+    keep = 1 - config.step * (order / rank) ** config.edge if config.edge != float("inf") else order * 0 + 1
     return Trajectory(
         frames,
         weight=config.weight,
