@@ -52,6 +52,8 @@ def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
         ) from error
     except RecursionError as error:
         raise InputError(f"{path}: JSON nested too deep; expected {what}") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{path}: is not usable JSON ({error}); expected {what}") from error
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

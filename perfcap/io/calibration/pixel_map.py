@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.io.calibration.rig import CameraRig, find_view
+from perfcap.io.calibration.rig import CameraRig
 from perfcap.io.calibration.view import to_numbers
 from perfcap.io.files import TEXT_LIMIT, read_json
+from perfcap.io.view_names import find_view
 
 KEY = "video_px_to_native_px"
 

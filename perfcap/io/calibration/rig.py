@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -13,6 +12,7 @@ import torch
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.view import Array, View
+from perfcap.io.view_names import find_view, match_views
 
 
 @dataclass(frozen=True)
@@ -45,45 +45,24 @@ class CameraRig:
     def match(self, videos: Sequence[str]) -> Self:
         """The views of some videos, by name where names tell, else in the order of the file.
 
-        When no video's name tells (see ``find_view``), there must be as many videos as views.
+        When names do not tell (see ``match_views``), there must be as many videos as views.
 
         Raises:
-            InputError: names that tell for some videos only, or a wrong number of them.
+            InputError: names that do not tell, and a wrong number of them.
         """
-        found = [find_view(name, self.names) for name in videos]
-        known = [view for view in found if view is not None]
-        if len(known) == len(videos) and len(set(known)) == len(known):
-            return self.select(known)
-        if len(videos) == len(self.names) and not known:
-            return self
-        if len(videos) == len(self.names) == 1:
+        order = match_views(videos, self.names)
+        if order is not None:
+            return self.select(order)
+        if len(videos) == len(self.names) and not self._some_known(videos):
             return self
         raise InputError(
             f"--cameras: holds the views {', '.join(self.names)}, which do not match the videos "
             f"{', '.join(videos)} one to one; name each video after its view"
         )
 
-
-def find_view(name: str, views: Sequence[str]) -> int | None:
-    """Which view a video, folder or file is named after, or None when its name does not tell.
-
-    The same name, or the only one of which it is a part or that is a part of it, counted in whole
-    words and numbers: ``cam01`` and ``Cam_1`` belong to ``int_cam01_img``, ``cam10`` does not.
-    """
-    if name in views:
-        return list(views).index(name)
-    matches = [i for i, view in enumerate(views) if _within(name, view) or _within(view, name)]
-    return matches[0] if len(matches) == 1 else None
-
-
-def _within(part: str, whole: str) -> bool:
-    words, text = _words(part), _words(whole)
-    starts = range(len(text) - len(words) + 1)
-    return bool(words) and any(text[i : i + len(words)] == words for i in starts)
-
-
-def _words(name: str) -> list[str]:
-    return [word.lstrip("0") or "0" for word in re.findall(r"[a-z]+|[0-9]+", name.lower())]
+    def _some_known(self, videos: Sequence[str]) -> bool:
+        """Whether some names tell although others do not: the order is then anybody's guess."""
+        return len(videos) > 1 and any(find_view(name, self.names) is not None for name in videos)
 
 
 def make_rig(

@@ -92,7 +92,7 @@ def to_numbers(where: str, what: str, value: Any) -> Array:
     """A regular array of numbers."""
     try:
         return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: {what} is not a regular array of numbers") from error
 
 

@@ -1,0 +1,168 @@
+"""``detections.npz``: joints as arrays."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, LANDMARKS16, JointSet, canonical_name
+from perfcap.errors import InputError
+from perfcap.io.detections.track import MAX_FRAMES, Array, Track
+from perfcap.io.files import MEBIBYTE, require_file
+
+LIMIT = 2048 * MEBIBYTE  # unpacked
+PERSON_MM = (300.0, 20_000.0)  # extent of a 3D pose below which it is not millimetres
+
+
+# what the standard library and numpy raise on archives that are cut, damaged or made up
+UNREADABLE = (
+    *(OSError, ValueError, EOFError, MemoryError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error),
+)
+
+
+def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
+    """Read ``joints2d`` [F,J,2] or [F,C,J,2], ``confidence2d``, and optionally 3D and names.
+
+    Args:
+        path: the archive. ``joints3d_mm`` [F,(C,)J,3] is root-relative, in camera axes;
+            ``joint_names`` [J] defaults to the 16 landmarks.
+        views: names of the cameras wanted, used when the file names its own (``view_names``).
+
+    Returns:
+        One track a view.
+    """
+    arrays = _load(path)
+    joints2d = _numbers(path, arrays, "joints2d")
+    confidence = _numbers(path, arrays, "confidence2d")
+    if joints2d.ndim not in (3, 4) or joints2d.shape[-1] != 2 or 0 in joints2d.shape:
+        raise InputError(
+            f"{path}: joints2d has shape {joints2d.shape}, expected [F,J,2] or [F,C,J,2]"
+        )
+    _same_shape(path, "confidence2d", confidence, joints2d.shape[:-1])
+    joints3d = None
+    if "joints3d_mm" in arrays:
+        joints3d = _numbers(path, arrays, "joints3d_mm")
+        _same_shape(path, "joints3d_mm", joints3d, (*joints2d.shape[:-1], 3))
+        _check_millimetres(path, joints3d)
+        joints3d = joints3d / 1000
+    joint_set = _joint_set(path, arrays, joints2d.shape[-2])
+    if joints2d.ndim == 3:
+        return [Track(str(path), joint_set, joints2d, confidence, joints3d)]
+    return [
+        Track(
+            f"{path}: view {c + 1}",
+            joint_set,
+            joints2d[:, c],
+            confidence[:, c],
+            None if joints3d is None else joints3d[:, c],
+        )
+        for c in _view_order(path, arrays, joints2d.shape[1], views)
+    ]
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an archive, checked for size before anything is unpacked; never pickles."""
+    require_file(path, LIMIT, "detections.npz")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > LIMIT:
+            raise InputError(
+                f"{path}: unpacks to {unpacked / MEBIBYTE:.0f} MB, expected at most "
+                f"{LIMIT / MEBIBYTE:.0f} MB; split the clip"
+            )
+        wanted = ("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names")
+        with np.load(path, allow_pickle=False) as data:
+            return {name: data[name] for name in wanted if name in data.files}
+    except InputError:
+        raise
+    except UNREADABLE as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(
+            f"{path}: is not a readable npz archive of plain arrays ({reason}); write it again "
+            "with numpy.savez"
+        ) from error
+
+
+def _numbers(path: Path, arrays: dict[str, np.ndarray], name: str) -> Array:
+    array = arrays.get(name)
+    if array is None:
+        raise InputError(
+            f"{path}: has no {name}; expected joints2d, confidence2d and optionally joints3d_mm, "
+            "joint_names"
+        )
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{path}: {name} holds {array.dtype}, expected numbers")
+    if array.ndim and len(array) > MAX_FRAMES:
+        raise InputError(f"{path}: {name} has {len(array)} frames, expected at most {MAX_FRAMES}")
+    return array.astype(np.float64)
+
+
+def _same_shape(path: Path, name: str, array: Array, expected: tuple[int, ...]) -> None:
+    if array.shape != expected:
+        raise InputError(
+            f"{path}: {name} has shape {array.shape}, expected {expected} to go with joints2d"
+        )
+
+
+def _joint_set(path: Path, arrays: dict[str, np.ndarray], joints: int) -> JointSet:
+    names = arrays.get("joint_names")
+    if names is None:
+        if joints != len(LANDMARKS):
+            raise InputError(
+                f"{path}: has {joints} joints and no joint_names, expected the {len(LANDMARKS)} "
+                "landmarks; add joint_names"
+            )
+        return LANDMARKS16
+    if names.dtype.kind not in "US" or names.shape != (joints,):
+        raise InputError(
+            f"{path}: joint_names is {names.dtype} {names.shape}, expected {joints} strings"
+        )
+    given = [
+        str(name, "utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names
+    ]
+    unknown = [name for name in given if canonical_name(name) not in KNOWN_JOINTS]
+    if unknown:
+        raise InputError(
+            f"{path}: joint_names has unknown {', '.join(unknown[:8])}; expected names such as "
+            f"{', '.join(LANDMARKS[:4])}, nose, mid_hip; rename or remove them"
+        )
+    try:
+        return JointSet(f"{path.name}'s set", tuple(canonical_name(name) for name in given))
+    except ValueError as error:
+        raise InputError(f"{path}: joint_names: {error}; expected each joint once") from error
+
+
+def _view_order(
+    path: Path, arrays: dict[str, np.ndarray], count: int, views: Sequence[str] | None
+) -> list[int]:
+    """Positions in the file of the wanted views, by name where both sides have names."""
+    names = arrays.get("view_names")
+    if names is None or views is None or len(views) == 0:
+        return list(range(count))
+    given = [str(name) for name in names.reshape(-1)]
+    if len(given) != count:
+        raise InputError(f"{path}: names {len(given)} views but holds {count}")
+    if not set(views) <= set(given):
+        return list(range(count))
+    return [given.index(view) for view in views]
+
+
+def _check_millimetres(path: Path, joints3d: Array) -> None:
+    finite = np.where(np.isfinite(joints3d), joints3d, 0)
+    extent = np.linalg.norm(np.ptp(finite, axis=-2), axis=-1)
+    extent = extent[extent > 0]
+    if not len(extent):
+        return
+    size = float(np.median(extent))
+    if not PERSON_MM[0] < size < PERSON_MM[1]:
+        guess = "metres" if 0.3 < size < 20 else "another unit"
+        raise InputError(
+            f"{path}: joints3d_mm spans {size:.3g}, expected a person in millimetres; it looks "
+            f"like {guess}"
+        )

@@ -1,0 +1,154 @@
+"""Folders of OpenPose JSON, one file a frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perfcap.detect.joint_set import (
+    BODY_25,
+    BODY_25B,
+    COCO17,
+    COCO18,
+    COCO_WHOLEBODY,
+    HALPE26,
+    HALPE136,
+    JointSet,
+)
+from perfcap.errors import InputError
+from perfcap.io.detections.people import follow
+from perfcap.io.detections.track import MAX_FRAMES, Array, Track
+from perfcap.io.files import MEBIBYTE, read_json
+
+FRAME_LIMIT = 16 * MEBIBYTE
+MAX_PEOPLE = 1000
+KEYPOINTS = "pose_keypoints_2d"
+BY_COUNT = {len(s): s for s in (COCO17, COCO18, BODY_25, HALPE26, COCO_WHOLEBODY, HALPE136)}
+
+
+def read_openpose(folder: Path) -> Track:
+    """Read one view's folder; the joint set follows from the number of keypoints.
+
+    The last number in a file's name is its frame; the lowest is the first frame, and frames
+    without a file, like files without people, have nothing detected.
+
+    Raises:
+        InputError: no JSON files, two files of one frame, broken JSON, unknown keypoint counts.
+    """
+    files = _by_frame(folder)
+    first, last = min(files), max(files)
+    frames = [_people(files[f]) if f in files else [] for f in range(first, last + 1)]
+    warnings = []
+    missing = last - first + 1 - len(files)
+    if missing:
+        warnings.append(f"{folder}: {missing} frames between {first} and {last} have no file")
+    joint_set = choose_joint_set(str(folder), frames)
+    people = max(len(candidates) for candidates in frames)
+    if people > 1:
+        warnings.append(
+            f"{folder}: up to {people} people in a frame; the most prominent one is followed"
+        )
+    return make_track(str(folder), frames, joint_set, warnings)
+
+
+def make_track(
+    where: str, frames: Sequence[Sequence[Array]], joint_set: JointSet, warnings: Sequence[str]
+) -> Track:
+    """One person's track from the candidates (J, 3) of each frame."""
+    chosen = follow(frames) if any(frames) else np.zeros((len(frames), len(joint_set), 3))
+    return Track(where, joint_set, chosen[..., :2], chosen[..., 2], None, tuple(warnings))
+
+
+def _by_frame(folder: Path) -> dict[int, Path]:
+    files: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() != ".json" or path.name.startswith("."):
+            continue
+        numbers = re.findall(r"\d+", path.stem.removesuffix("_keypoints"), re.ASCII)
+        if not numbers or len(numbers[-1]) > 12:
+            raise InputError(f"{path}: has no frame number in its name; expected one file a frame")
+        frame = int(numbers[-1])
+        if frame in files:
+            raise InputError(
+                f"{path}: is frame {frame} as is {files[frame].name}; keep one of them"
+            )
+        files[frame] = path
+    if not files:
+        raise InputError(f"{folder}: holds no JSON files; expected OpenPose output, one a frame")
+    span = max(files) - min(files) + 1
+    if span > min(MAX_FRAMES, 10 * len(files) + 100):
+        raise InputError(
+            f"{folder}: {len(files)} files span the frames {min(files)} to {max(files)}; expected "
+            "frame numbers that count up; remove files of other recordings"
+        )
+    return files
+
+
+def _people(path: Path) -> list[Array]:
+    """The people (J, 3) of one file; ``{}`` and an empty list are nobody."""
+    data = read_json(path, "OpenPose JSON", FRAME_LIMIT)
+    people = data.get("people", []) if isinstance(data, dict) else None
+    if not isinstance(people, list) or len(people) > MAX_PEOPLE:
+        raise InputError(f"{path}: has no list 'people'; expected OpenPose JSON")
+    return [keypoints for person in people if (keypoints := _keypoints(path, person)) is not None]
+
+
+def _keypoints(path: Path, person: Any) -> Array | None:
+    numbers = person.get(KEYPOINTS, []) if isinstance(person, dict) else None
+    if not isinstance(numbers, list):
+        raise InputError(f"{path}: a person has no list '{KEYPOINTS}'; expected OpenPose JSON")
+    return parse_triples(str(path), numbers)
+
+
+def parse_triples(where: str, numbers: Any) -> Array | None:
+    """x, y, confidence of each joint, (J, 3), of a flat list; None of an empty one."""
+    try:
+        flat = np.asarray(numbers, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{where}: keypoints are not numbers; expected x, y, confidence"
+        ) from error
+    if not flat.size:
+        return None
+    if flat.size % 3:
+        raise InputError(
+            f"{where}: a person has {flat.size} numbers, expected x, y, confidence for each joint"
+        )
+    return flat.reshape(-1, 3)
+
+
+def choose_joint_set(where: str, frames: Sequence[Sequence[Array]]) -> JointSet:
+    """The joint set of the people found, by their number of joints.
+
+    BODY_25 and BODY_25B both have 25: in the first, joint 8 is the middle of 9 and 12 (the hips),
+    in the second, joint 17 that of 5 and 6 (the shoulders). Where nobody is, any set will do.
+    """
+    people = [person for candidates in frames for person in candidates]
+    if not people:
+        return COCO17
+    counts = sorted({len(person) for person in people})
+    if len(counts) > 1:
+        raise InputError(
+            f"{where}: people have {counts[0]} and {counts[-1]} joints; expected one set"
+        )
+    joint_set = BY_COUNT.get(counts[0])
+    if joint_set is None:
+        known = ", ".join(f"{n} ({s.name})" for n, s in sorted(BY_COUNT.items()))
+        raise InputError(f"{where}: people have {counts[0]} joints, expected {known}")
+    if joint_set is BODY_25 and _off_middle(people, 17, 5, 6) < _off_middle(people, 8, 9, 12):
+        return BODY_25B
+    return joint_set
+
+
+def _off_middle(people: Sequence[Array], joint: int, left: int, right: int) -> float:
+    """Median distance of a joint from the middle of two others; infinite when never seen."""
+    stacked = np.stack(people)
+    seen = stacked[(stacked[:, (joint, left, right), 2] > 0.05).all(-1)]
+    if not len(seen):
+        return float("inf")
+    middle = (seen[:, left, :2] + seen[:, right, :2]) / 2
+    return float(np.nanmedian(np.linalg.norm(seen[:, joint, :2] - middle, axis=-1)))

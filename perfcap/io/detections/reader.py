@@ -1,0 +1,124 @@
+"""Which detections file is which, and views put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.io.clip import END_SLACK
+from perfcap.io.detections.keypoint_json import read_keypoint_json
+from perfcap.io.detections.npz import read_npz
+from perfcap.io.detections.openpose import read_openpose
+from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
+from perfcap.io.view_names import match_views
+
+EXPECTED = "detections.npz, a folder of OpenPose JSON, or keypoint JSON (AlphaPose, COCO, MMPose)"
+
+
+def read_detections(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    views: Sequence[str] | int = 1,
+    pixel_offset: float = 0.0,
+    frames: int | None = None,
+) -> tuple[Detections, list[str]]:
+    """Read the joints of one person, seen in C views.
+
+    Args:
+        paths: one file or folder a view, or one npz of all views. Files named after views
+            (see ``match_views``) go to these, others are in the order of the cameras.
+        views: the cameras' names or their number C.
+        pixel_offset: added to pixel coordinates: ``CameraRig.pixel_offset``.
+        frames: frames of the video.
+
+    Returns:
+        Detections in float64, F frames of the shortest view (of the video, if shorter), and
+        warnings for the user.
+
+    Raises:
+        InputError: files that cannot be read, or do not fit the views and frames.
+    """
+    several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
+    names = None if isinstance(views, int) else list(views)
+    count = views if isinstance(views, int) else len(views)
+    tracks = [track for path in several for track in _read(path, names, frames)]
+    several, tracks = _by_name(several, tracks, names)
+    if len(tracks) != count:
+        raise InputError(
+            f"--detections: {', '.join(map(str, several))} hold {len(tracks)} views, the cameras "
+            f"are {count}; expected one file a view, or one npz of all"
+        )
+    mapped = [to_landmarks(track, pixel_offset) for track in tracks]
+    if not any((track.confidence > 0).any() for track in mapped):
+        raise InputError(
+            f"--detections: nobody is detected in any frame of {', '.join(map(str, several))}; "
+            "expected a visible person"
+        )
+    shortest, note = _common_length(tracks, frames)
+    warnings = [warning for track in mapped for warning in track.warnings]
+    return _stack(mapped, shortest), warnings + note
+
+
+def _read(path: Path, views: list[str] | None, frames: int | None) -> list[Track]:
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
+    if path.is_dir():
+        return [read_openpose(path)]
+    if path.suffix.lower() == ".npz":
+        return read_npz(path, views)
+    if path.suffix.lower() == ".json":
+        return [read_keypoint_json(path, frames)]
+    raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")
+
+
+def _by_name(
+    paths: list[Path], tracks: list[Track], views: Sequence[str] | None
+) -> tuple[list[Path], list[Track]]:
+    """One file a view in the order of the views, where names of files or their folders tell."""
+    if views is None or not len(paths) == len(tracks) == len(views):
+        return paths, tracks
+    stems = [path.stem for path in paths]
+    names = stems if len(set(stems)) == len(stems) else [path.parent.name for path in paths]
+    order = match_views(names, views)
+    if order is None:
+        return paths, tracks
+    places = [order.index(view) for view in range(len(views))]
+    return [paths[i] for i in places], [tracks[i] for i in places]
+
+
+def _common_length(tracks: Sequence[Track], frames: int | None) -> tuple[int, list[str]]:
+    """The frames all have; a few missing at the end are cut, more are an error."""
+    lengths = {track.where: len(track.joints2d) for track in tracks}
+    if len(set(lengths.values())) == 1:
+        lengths = {"every view": len(tracks[0].joints2d)}
+    if frames is not None:
+        lengths["the video"] = frames
+    shortest, longest = min(lengths.values()), max(lengths.values())
+    if shortest == longest:
+        return shortest, []
+    listing = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+    if longest - shortest > END_SLACK:
+        raise InputError(
+            f"--detections: numbers of frames differ ({listing}); expected one detection a video "
+            "frame and view"
+        )
+    return shortest, [f"numbers of frames differ ({listing}); the first {shortest} are used"]
+
+
+def _stack(tracks: Sequence[LandmarkTrack], frames: int) -> Detections:
+    """Views side by side; a view without 3D is not trusted there."""
+    poses = [track.joints3d for track in tracks]
+    zeros = torch.zeros(frames, tracks[0].joints2d.shape[-2], 3, dtype=torch.float64)
+    joints3d = None
+    if any(pose is not None for pose in poses):
+        joints3d = torch.stack([zeros if pose is None else pose[:frames] for pose in poses], 1)
+    return Detections(
+        torch.stack([track.joints2d[:frames] for track in tracks], 1),
+        torch.stack([track.confidence[:frames] for track in tracks], 1),
+        joints3d,
+        torch.stack([track.trusted3d[:frames] for track in tracks], 1),
+    )
