@@ -103,7 +103,8 @@ def complete(points: Tensor) -> Tensor:
 
 def distances(estimate: Tensor, truth: Tensor) -> Tensor:
     """Distance of each joint, (*b, F, J), mm."""
-    return MILLIMETRES * torch.linalg.vector_norm(estimate - truth, dim=-1)
+    apart: Tensor = torch.linalg.vector_norm(estimate - truth, dim=-1)
+    return MILLIMETRES * apart
 
 
 def frame_mean(values: Tensor, valid: Tensor) -> Tensor:
