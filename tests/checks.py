@@ -148,7 +148,7 @@ def check_gradient(energy: Energy, state: State, *, step: float = 1e-5) -> None:
         )
         after = energy(state.retract(Step(step * direction[0], step * direction[1])))
         before = energy(state.retract(Step(-step * direction[0], -step * direction[1])))
-        numeric = ((after - before) / (2 * step)).sum()
+        numeric = ((after - before) / (2 * step)).sum().detach()
         error = abs(float(slope) - float(numeric))
         assert error <= 1e-5 * (abs(float(numeric)) + float(value.detach().sum())), (
             f"{_name(energy)}: gradient of forward along a random direction is {float(slope):.8g}, "
@@ -197,6 +197,7 @@ def _assert_column(
         f"{_name(energy)}: Jacobian column of {unknown} has shape {tuple(closed.shape)}, "
         f"expected {tuple(numeric.shape)}"
     )
+    closed, numeric = closed.detach(), numeric.detach()
     error = (closed - numeric).abs().nan_to_num(torch.inf)
     if bool((error <= atol + rtol * numeric.abs().max()).all()):
         return
