@@ -70,5 +70,17 @@ def nearest_turn(rotvec: Tensor, reference: Tensor) -> Tensor:
     return rotvec + FULL_TURN * (along / FULL_TURN).round() * axis
 
 
+def unwrapped(rotvecs: Tensor) -> Tensor:
+    """Rotation vectors over time (*b, F, 3) without jumps of full turns, the first one kept.
+
+    Each is the nearest to the one before. A curve that passes close by the identity after a full
+    turn has no continuous rotation vector; there it still jumps.
+    """
+    curve = [rotvecs[..., 0, :]]
+    for rotvec in rotvecs.unbind(-2)[1:]:
+        curve.append(nearest_turn(rotvec, curve[-1]))
+    return torch.stack(curve, -2)
+
+
 def _conjugate(quaternion: Tensor) -> Tensor:
     return torch.cat((quaternion[..., :1], -quaternion[..., 1:]), -1)

@@ -81,9 +81,11 @@ def blend_weights(
         dtype: of the result; torch's default if None.
     """
     _check_cover(windows, frames)
-    fade = _fades(windows, torch.arange(frames))  # N F
-    weights = fade * _later(1 - fade)
-    rows = [weights[n, window.index] for n, window in enumerate(windows)]
+    rows = []
+    for n, window in enumerate(windows):
+        beyond = (m for m in range(n + 1, len(windows)) if windows[m].start >= window.stop)
+        near = windows[max(n - 1, 0) : next(beyond, len(windows))]
+        rows.append(_weights(near, range(window.start, window.stop))[min(n, 1)])
     return torch.stack(rows).to(dtype or torch.get_default_dtype())
 
 
@@ -210,30 +212,23 @@ def _blend_run(
     inside = [values[n][run.start - windows[n].start : run.stop - windows[n].start] for n in cover]
     if len(cover) == 1:
         return inside[0]
-    fade = _fades([windows[n] for n in cover], torch.arange(run.start, run.stop))
-    weights = (fade * _later(1 - fade)).mT.to(inside[0].device)  # F M
+    weights = _weights([windows[n] for n in cover], range(run.start, run.stop))
+    weights = weights.mT.to(inside[0].device)  # F M
     order = weights.argsort(dim=1, descending=True, stable=True)
     stacked = torch.stack(inside, 1)
     rows = torch.arange(len(run), device=stacked.device)[:, None]
     return mean(stacked[rows, order], weights.gather(1, order))
 
 
-def _fades(windows: Sequence[Window], frames: Tensor) -> Tensor:
-    """Fade-in a_k of each window at each frame, (N, F), float64; 0 before it and 1 after.
-
-    Among windows that cover a frame, the first has faded in: its fade is one.
-    """
-    fades = torch.ones(len(windows), len(frames), dtype=torch.float64)
-    for n, (before, window) in enumerate(itertools.pairwise(windows), start=1):
-        steps = (frames - window.start + 1).double()
-        fades[n] = (steps / max(before.stop - window.start + 1, 1)).clamp(0, 1)
-    return fades
-
-
-def _later(remain: Tensor) -> Tensor:
-    """Product of the rows after each row, (N, F)."""
-    after = torch.cat((remain[1:], torch.ones_like(remain[:1])))
-    return after.flip(0).cumprod(0).flip(0)
+def _weights(windows: Sequence[Window], frames: range) -> Tensor:
+    """Weight of each window at each frame, (N, F), float64, if no earlier window reaches them."""
+    steps = torch.arange(frames.start, frames.stop, dtype=torch.float64)
+    weights = [torch.ones_like(steps)]
+    for before, window in itertools.pairwise(windows):
+        ramp = (steps - window.start + 1) / max(before.stop - window.start + 1, 1)
+        fade = ramp.clamp(0, 1)
+        weights = [weight * (1 - fade) for weight in weights] + [fade]
+    return torch.stack(weights)
 
 
 def _check_cover(windows: Sequence[Window], frames: int) -> None:

@@ -201,3 +201,34 @@ def test_refuses_shapes(source, target, weights):
             torch.zeros(target),
             None if weights is None else torch.ones(weights),
         )
+
+
+@pytest.mark.parametrize("values", [(0, 0, 0), (1, 0, 0), (1, 1, -1), (2, 1, -1), (1, 0, -1e-17)])
+def test_derivative_is_finite_where_several_rotations_are_best(values):
+    left, right = rotvec_to_matrix(points(2))
+    matrix = (left * torch.tensor(values, dtype=torch.float64)) @ right
+    matrix.requires_grad_()
+    rotation = nearest_rotation(matrix)
+    assert_rotation(rotation.detach())
+    (gradient,) = torch.autograd.grad((rotation * points(3)).sum(), matrix)
+    assert gradient.isfinite().all()
+    assert gradient.abs().max() < 1e3  # the undetermined part is dropped, not amplified
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:DeprecationWarning")
+def test_forward_mode_equals_reverse():
+    source, target = points(5), points(5)
+
+    def aligned(source):
+        return similarity_align(source, target)
+
+    torch.testing.assert_close(
+        torch.func.jacfwd(aligned)(source), torch.func.jacrev(aligned)(source)
+    )
+
+
+def test_float32_far_from_the_origin():
+    source, truth = points(6, 16) + 5, some_similarity(6)
+    target = truth.apply(source)
+    found = procrustes(source.float(), target.float())
+    torch.testing.assert_close(found.rotation.double(), truth.rotation, rtol=0, atol=3e-6)

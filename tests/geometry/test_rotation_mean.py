@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
-from perfcap.geometry.rotation_mean import nearest_turn, rotation_mean
+from perfcap.geometry.rotation_mean import nearest_turn, rotation_mean, unwrapped
 
 PI = torch.pi
 
@@ -101,3 +101,13 @@ def test_nearest_turn():
     turns = nearest_turn(still, reference).norm(dim=-1) / (2 * PI)
     torch.testing.assert_close(turns, turns.new_tensor([1.0, 1.0, 0.0, 2.0]))
     assert torch.equal(nearest_turn(still, still), still)
+
+
+def test_unwrapped_follows_many_turns():
+    angle = torch.linspace(0.5, 30, 200, dtype=torch.float64)[:, None]
+    curve = angle * torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
+    wrapped = matrix_to_rotvec(rotvec_to_matrix(torch.stack((curve, -curve))))
+    found = unwrapped(wrapped)
+    torch.testing.assert_close(found, torch.stack((curve, -curve)))
+    torch.testing.assert_close(rotvec_to_matrix(found), rotvec_to_matrix(wrapped))
+    assert torch.equal(unwrapped(found), found)
