@@ -1,0 +1,82 @@
+"""Points in the world from their images in several views."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.geometry.camera import NEAR, Camera
+
+# Determinant of the normalised normal matrix below which rays count as parallel: two rays that
+# meet at less than about a sixth of a degree.
+PARALLEL = 1e-5
+
+
+def triangulate(
+    camera: Camera, plane: Tensor, weights: Tensor, rounds: int = 6, scale: float = 0.01
+) -> tuple[Tensor, Tensor]:
+    """Robust weighted linear triangulation (Hartley and Sturm 1997, Sec. 5.1 and 5.2).
+
+    With camera coordinates Y = R X + t, each view gives the equations (R_1 - x R_3) X = x t_3 - t_1
+    and (R_2 - y R_3) X = y t_3 - t_2. Dividing them by the depth found in the round before makes
+    their residual the image error; Cauchy weights on it let a wrong view lose its say.
+
+    Args:
+        camera: C views, (C,) or (F, C).
+        plane: undistorted image coordinates (``camera.to_plane``), (*b, F, C, N, 2).
+        weights: confidence, (*b, F, C, N); 0 where a view does not see the point.
+        rounds: of reweighting; 0 is the plain weighted linear solution.
+        scale: image error, in units of ``plane`` (pixels over focal length), at which a view
+            counts half.
+
+    Returns:
+        points: (*b, F, N, 3), metres.
+        residual: weighted root-mean-square image error, (*b, F, N), in units of ``plane``, with
+            the weights given. Both are NaN where fewer than two views see a point or their rays
+            are parallel.
+    """
+    middle = camera.centre.mean(-2)  # the world's origin may be far away: solve about the cameras
+    offset = camera.translation + (camera.rotation @ middle[..., None, :, None]).squeeze(-1)
+    rotation = camera.rotation.unsqueeze(-3)  # *b C 1 3 3
+    rows = rotation[..., :2, :] - plane.unsqueeze(-1) * rotation[..., 2:, :]  # *b C N 2 3
+    right = plane * offset[..., None, 2:] - offset[..., None, :2]  # *b C N 2
+    seen = (weights > 0).sum(-2) >= 2
+    robust = weights
+    for i in range(rounds + 1):
+        points, well = _solve(rows, right, robust)
+        depth = _depth(camera.rotation, offset, points)
+        error = _squared_error(rows, right, points, depth)
+        if i < rounds:
+            robust = weights / depth.square() / (1 + error / scale**2)
+    total = weights.sum(-2).clamp(min=1e-12)
+    # the floor keeps the derivative of the root finite where all rays meet
+    residual = ((weights * error).sum(-2) / total).clamp(min=1e-24).sqrt()
+    valid = seen & well
+    return (
+        torch.where(valid[..., None], points + middle.unsqueeze(-2), torch.nan),
+        torch.where(valid, residual, torch.nan),
+    )
+
+
+def _solve(rows: Tensor, right: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Weighted least squares a point, (*b, N, 3), and whether its rays cross, (*b, N)."""
+    gram = torch.einsum("...cn,...cnri,...cnrj->...nij", weights, rows, rows)
+    moment = torch.einsum("...cn,...cnri,...cnr->...ni", weights, rows, right)
+    trace = gram.diagonal(dim1=-2, dim2=-1).sum(-1)
+    normal = gram / trace.clamp(min=1e-30)[..., None, None] * 3
+    well = torch.linalg.det(normal) > PARALLEL
+    eye = torch.eye(3).to(gram)
+    safe = torch.where(well[..., None, None], gram, eye)
+    return torch.linalg.solve_ex(safe, moment)[0], well
+
+
+def _depth(rotation: Tensor, offset: Tensor, points: Tensor) -> Tensor:
+    """Depth of points (*b, N, 3) in each view, (*b, C, N), kept in front of the camera."""
+    depth = (points.unsqueeze(-3) @ rotation[..., 2, :, None]).squeeze(-1)
+    return (depth + offset[..., 2:]).clamp(min=NEAR)
+
+
+def _squared_error(rows: Tensor, right: Tensor, points: Tensor, depth: Tensor) -> Tensor:
+    """Squared image error of points in each view, (*b, C, N)."""
+    algebraic = (rows @ points[..., None, :, :, None]).squeeze(-1) - right
+    return algebraic.square().sum(-1) / depth.square()
