@@ -6,12 +6,10 @@ window's size, where torch spends its time between operations.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -21,6 +19,7 @@ from perfcap.geometry._rotation_numba import rotvec_to_matrix
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
+_Row = tuple[float, float, float]
 
 
 class _Tree(NamedTuple):
@@ -59,7 +58,7 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     _frame_jacobian(arrays, poses, frame.numpy().reshape(-1, marks, 3, motion.frame_dim))
     if motion.shape is None:
         return pose.landmarks, frame, None
-    shared = motion.angles.new_zeros(*lead, marks, 3, motion.shared_dim)
+    shared = motion.angles.new_empty(*lead, marks, 3, motion.shared_dim)
     _shape_jacobian(arrays, poses, shared.numpy().reshape(-1, marks, 3, motion.shared_dim))
     return pose.landmarks, frame, shared
 
@@ -67,17 +66,19 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
 def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
     """Poses as tensors, and the same memory as arrays."""
     lead = motion.angles.shape[:-1]
-    points = tree.scaled_bones(motion.shape).expand(*motion.angles.shape[:-2], -1, -1)
-    arrays = _Tree(
-        *(getattr(tree, name).numpy() for name in _Tree._fields[:-1]),
-        bones=points.numpy().reshape(-1, *points.shape[-2:]),
-    )
+    vectors = tree.scaled_bones(motion.shape)
+    vectors = vectors.expand(*lead[:-1], *vectors.shape[-2:]).reshape(-1, *vectors.shape[-2:])
+    constants = {name: getattr(tree, name).numpy() for name in _Tree._fields[:-1]}
+    arrays = _Tree(**constants, bones=vectors.numpy())
     new = motion.angles.new_empty
     rotation, position = new(*lead, tree.joints, 3, 3), new(*lead, *tree.bone_vectors.shape)
     poses = _Poses(
         rotation.numpy().reshape(-1, tree.joints, 3, 3),
         position.numpy().reshape(-1, *tree.bone_vectors.shape),
-        *(np.empty((lead.numel(), len(x), 3), arrays.axes.dtype) for x in (arrays.bones[0], arrays.axes)),
+        *(
+            np.empty((lead.numel(), len(x), 3), arrays.axes.dtype)
+            for x in (arrays.bones[0], arrays.axes)
+        ),
     )
     _place(arrays, *(_rows(x) for x in (motion.translation, motion.rotation, motion.angles)), poses)
     joints, landmarks = position.tensor_split((tree.joints,), -2)
@@ -90,83 +91,103 @@ def _rows(tensor: Tensor) -> Floats:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _place(
-    tree: _Tree, translation: Floats, rotvec: Floats, angles: Floats, poses: _Poses
-) -> None:
+def _place(tree: _Tree, translation: Floats, rotvec: Floats, angles: Floats, poses: _Poses) -> None:
     """Rotations of joints, world axes of hinges, bones and points of N poses."""
-    frames = len(angles) // len(tree.bones)
+    frames = len(angles) // max(1, len(tree.bones))
+    sine, cosine = np.sin(angles), np.cos(angles)
     for n in range(len(angles)):
-        rotation = poses.rotation[n]
+        rotvec_to_matrix(rotvec, n, poses.rotation[n, 0])
         for joint in range(len(tree.parents)):
-            parent = tree.parents[joint]
-            if parent < 0:
-                rotvec_to_matrix(rotvec[n], rotation[joint])
-            else:
-                rotation[joint] = rotation[parent]
-            for angle in tree.slots[joint]:
-                if angle < len(tree.axes):
-                    _turn(rotation[joint], tree.axes[angle], angles[n, angle], poses.axes[n, angle])
-            _multiply(rotation[joint], tree.unrest[joint])
-        _place_points(tree, n, tree.bones[n // frames], translation[n], poses)
+            _turn_joint(tree, joint, n, sine, cosine, poses)
+        _place_points(tree, n, tree.bones[n // frames], translation, poses)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _place_points(
-    tree: _Tree, n: int, vectors: Floats, translation: Floats, poses: _Poses
+def _turn_joint(
+    tree: _Tree, joint: int, n: int, sine: Floats, cosine: Floats, poses: _Poses
 ) -> None:
+    """Rotation of a joint, given its parent's, and the world axes of its hinges.
+
+    Rows of a product depend on the same row of its first factor only: three rows pass through the
+    hinges side by side without touching memory.
+    """
+    parent = max(tree.parents[joint], 0)  # the root finds the root rotation in its own place
+    top, middle, bottom = (
+        _row(poses.rotation, n, parent, 0),
+        _row(poses.rotation, n, parent, 1),
+        _row(poses.rotation, n, parent, 2),
+    )
+    for slot in range(tree.slots.shape[1]):
+        angle = tree.slots[joint, slot]
+        if angle < len(tree.axes):
+            axis = tree.axes[angle, 0], tree.axes[angle, 1], tree.axes[angle, 2]
+            s, c = sine[n, angle], cosine[n, angle]
+            top, poses.axes[n, angle, 0] = _turn(top, axis, s, c)
+            middle, poses.axes[n, angle, 1] = _turn(middle, axis, s, c)
+            bottom, poses.axes[n, angle, 2] = _turn(bottom, axis, s, c)
+    for k in range(3):
+        column = tree.unrest[joint, 0, k], tree.unrest[joint, 1, k], tree.unrest[joint, 2, k]
+        poses.rotation[n, joint, 0, k] = _dot(top, column)
+        poses.rotation[n, joint, 1, k] = _dot(middle, column)
+        poses.rotation[n, joint, 2, k] = _dot(bottom, column)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _row(matrices: Floats, n: int, joint: int, i: int) -> _Row:
+    return matrices[n, joint, i, 0], matrices[n, joint, i, 1], matrices[n, joint, i, 2]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _dot(a: _Row, b: _Row) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _turn(row: _Row, axis: _Row, sine: float, cosine: float) -> tuple[_Row, float]:
+    """``row @ R(axis, angle)`` by Rodrigues' formula, and ``row . axis``."""
+    (x, y, z), (a, b, c) = row, axis
+    along = _dot(row, axis)
+    keep = (1 - cosine) * along
+    turned = (
+        cosine * x + sine * (y * c - z * b) + keep * a,
+        cosine * y + sine * (z * a - x * c) + keep * b,
+        cosine * z + sine * (x * b - y * a) + keep * c,
+    )
+    return turned, along
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _place_points(tree: _Tree, n: int, vectors: Floats, translation: Floats, poses: _Poses) -> None:
     """Bones in the world and the joints and landmarks they lead to; the root's bone is zero."""
-    points, bones = poses.points[n], poses.bones[n]
-    for end in range(len(points)):
+    for end in range(len(vectors)):
         start = tree.bone_start[end]
+        vector = vectors[end, 0], vectors[end, 1], vectors[end, 2]
         for i in range(3):
-            bone = 0 * vectors[end, i]
-            for k in range(3):
-                bone += poses.rotation[n, start, i, k] * vectors[end, k]
-            bones[end, i] = bone
-            points[end, i] = bone + (points[start, i] if end > 0 else translation[i])
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _turn(matrix: Floats, axis: Floats, angle: float, world_axis: Floats) -> None:
-    """``matrix @ R(axis, angle)`` in place, by Rodrigues' formula on rows; and ``matrix @ axis``."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    a, b, c = axis
-    for i in range(3):
-        x, y, z = matrix[i]
-        along = x * a + y * b + z * c
-        world_axis[i] = along
-        keep = (1 - cosine) * along
-        matrix[i, 0] = cosine * x + sine * (y * c - z * b) + keep * a
-        matrix[i, 1] = cosine * y + sine * (z * a - x * c) + keep * b
-        matrix[i, 2] = cosine * z + sine * (x * b - y * a) + keep * c
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _multiply(matrix: Floats, right: Floats) -> None:
-    """``matrix @ right`` in place, (3, 3)."""
-    for i in range(3):
-        x, y, z = matrix[i]
-        for k in range(3):
-            matrix[i, k] = x * right[0, k] + y * right[1, k] + z * right[2, k]
+            bone = _dot(_row(poses.rotation, n, start, i), vector)
+            origin = poses.points[n, start, i] if end > 0 else translation[n, i]
+            poses.bones[n, end, i] = bone
+            poses.points[n, end, i] = bone + origin
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _frame_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
     """Derivative (N, L, 3, 6 + A) in translation, rotation and angles: axis x (point - joint)."""
     joints = len(tree.parents)
+    jacobian[:] = 0
     for n in range(len(jacobian)):
         points, axes = poses.points[n], poses.axes[n]
         for mark in range(len(tree.moves)):
-            rows = jacobian[n, mark]
-            rows[:] = 0
-            x, y, z = points[joints + mark] - points[0]
-            rows[0, 0] = rows[1, 1] = rows[2, 2] = 1
-            rows[0, 4], rows[0, 5], rows[1, 5] = z, -y, x
-            rows[1, 3], rows[2, 3], rows[2, 4] = -z, y, -x
+            rows, here = jacobian[n, mark], points[joints + mark]
+            for i in range(3):
+                rows[i, i] = 1
+                j, k = (i + 1) % 3, (i + 2) % 3
+                rows[i, 3 + j] = here[k] - points[0, k]
+                rows[i, 3 + k] = points[0, j] - here[j]
             for angle in range(len(axes)):
                 if tree.moves[mark, angle] != 0:
-                    x, y, z = points[joints + mark] - points[tree.hinge_joint[angle]]
-                    a, b, c = axes[angle]
+                    centre = points[tree.hinge_joint[angle]]
+                    x, y, z = here[0] - centre[0], here[1] - centre[1], here[2] - centre[2]
+                    a, b, c = axes[angle, 0], axes[angle, 1], axes[angle, 2]
                     rows[0, 6 + angle] = b * z - c * y
                     rows[1, 6 + angle] = c * x - a * z
                     rows[2, 6 + angle] = a * y - b * x
@@ -174,11 +195,12 @@ def _frame_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _shape_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
-    """Derivative (N, L, 3, S) in the log bone lengths, added: bones on the way, by group."""
-    joints = len(tree.parents)
+    """Derivative (N, L, 3, S) in the log bone lengths: the bones on the way, by group."""
+    jacobian[:] = 0
     for n in range(len(jacobian)):
         for mark in range(len(tree.moves)):
-            bone = joints + mark
+            bone = len(tree.parents) + mark
             while bone > 0:
-                jacobian[n, mark, :, tree.bone_group[bone]] += poses.bones[n, bone]
+                for i in range(3):
+                    jacobian[n, mark, i, tree.bone_group[bone]] += poses.bones[n, bone, i]
                 bone = tree.bone_start[bone]

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from perfcap.actor.anatomy import JOINTS, human_rig
 from perfcap.actor.motion import Motion
-from perfcap.actor.skeleton import Rig, Skeleton
+from perfcap.actor.rig import Rig
+from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
@@ -30,6 +31,7 @@ class Actor(nn.Module):
     vertices: Tensor
     weights: Tensor
     weight_bones: Tensor
+    weight_joints: Tensor
 
     def __init__(self, template: Template, rig: Rig | None = None) -> None:
         super().__init__()

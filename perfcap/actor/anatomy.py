@@ -20,7 +20,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from perfcap.actor.skeleton import Hinge, Rig
+from perfcap.actor.rig import Hinge, Rig
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from perfcap.actor.skeleton import Rig, Skeleton
+from perfcap.actor.rig import Rig
+from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.template import Template
 
 # The bone that gives a joint's part of the mesh its direction, and the bone across it.

@@ -8,11 +8,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from perfcap.geometry.rotation import (
-    quaternion_multiply,
-    quaternion_to_rotvec,
-    rotvec_to_quaternion,
-)
+from perfcap.geometry.rotation import compose_rotvec
 from perfcap.solve.energy import Step
 
 
@@ -61,26 +57,20 @@ class Motion:
 
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector."""
-        translation, rotation, angles = step.frame.split((3, 3, self.angles.shape[-1]), -1)
-        turned = quaternion_multiply(
-            rotvec_to_quaternion(rotation), rotvec_to_quaternion(self.rotation)
-        )
+        translation, rotation, angles = step.frame.tensor_split((3, 6), -1)
         return replace(
             self,
             translation=self.translation + translation,
-            rotation=quaternion_to_rotvec(turned),
+            rotation=compose_rotvec(rotation, self.rotation),
             angles=self.angles + angles,
             shape=None if self.shape is None else self.shape + step.shared,
         )
 
     def local(self, other: Self) -> Step:
         """Tangent vector from here to another motion of the same shape."""
-        here = rotvec_to_quaternion(self.rotation)
-        inverse = torch.cat((here[..., :1], -here[..., 1:]), -1)
-        turn = quaternion_multiply(rotvec_to_quaternion(other.rotation), inverse)
         parts = (
             other.translation - self.translation,
-            quaternion_to_rotvec(turn),
+            compose_rotvec(other.rotation, -self.rotation),
             other.angles - self.angles,
         )
         if self.shape is None or other.shape is None:

@@ -11,6 +11,8 @@ import kornia.geometry.conversions as kornia_conversions
 import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
+
 
 def rotvec_to_quaternion(rotvec: Tensor) -> Tensor:
     """Unit quaternion (*b, 4) of a rotation vector (*b, 3)."""
@@ -44,6 +46,16 @@ def quaternion_multiply(left: Tensor, right: Tensor) -> Tensor:
     return torch.cat((real, a * v + b * u + torch.linalg.cross(u, v)), -1)
 
 
+def compose_rotvec(left: Tensor, right: Tensor) -> Tensor:
+    """Rotation vector (*b, 3), angle in [0, pi], of rotating by ``right``, then by ``left``."""
+    if is_plain(left, right):
+        from perfcap.geometry._rotation_numba import compose
+
+        return compose(left, right)
+    product = quaternion_multiply(rotvec_to_quaternion(left), rotvec_to_quaternion(right))
+    return quaternion_to_rotvec(product)
+
+
 def quaternion_to_matrix(quaternion: Tensor) -> Tensor:
     """Rotation matrix (*b, 3, 3) of a unit quaternion (*b, 4)."""
     w, x, y, z = (2**0.5 * quaternion).unbind(-1)
@@ -52,7 +64,7 @@ def quaternion_to_matrix(quaternion: Tensor) -> Tensor:
         x * y + w * z, 1 - x * x - z * z, y * z - w * x,
         x * z - w * y, y * z + w * x, 1 - x * x - y * y,
     )  # fmt: skip
-    return torch.stack(rows, -1).unflatten(-1, (3, 3))
+    return torch.stack(rows, -1).reshape(*w.shape, 3, 3)
 
 
 def matrix_to_quaternion(matrix: Tensor) -> Tensor:
@@ -76,7 +88,7 @@ def skew(vector: Tensor) -> Tensor:
     """Matrix [v] (*b, 3, 3) with [v] u = v x u."""
     x, y, z = vector.unbind(-1)
     zero = torch.zeros_like(x)
-    return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).unflatten(-1, (3, 3))
+    return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).reshape(*x.shape, 3, 3)
 
 
 def aligned(quaternions: Tensor) -> Tensor:
