@@ -10,6 +10,7 @@ from perfcap.errors import InputError
 from perfcap.solve.energy import Coupling, Energy, Linearization, Objective, State, WindowEnergy
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
+from perfcap.solve.products import apply_transposed
 
 
 def assemble(objective: Objective, state: State) -> NormalEquations:
@@ -107,19 +108,18 @@ class _Blocks:
 
     def add(self, energy: Energy, linear: Linearization, layout: Layout) -> None:
         """Add ``w J' diag(confidence * slope) (J, r)`` of one energy (reweighted least squares)."""
-        slope = _row_weight(energy, linear, layout)  # B F G 1
         rows = layout.per_element(linear.frame).flatten(2, 3)  # B F Gd D
         residual = layout.per_element(linear.residual.value)  # B F G d
-        pull = (slope * residual).flatten(2).unsqueeze(-1)  # B F Gd 1
-        weighted = (slope.unsqueeze(-1) * layout.per_element(linear.frame)).flatten(2, 3)
+        weight = _row_weight(energy, linear, layout).expand_as(residual).flatten(2)  # B F Gd
+        pull = weight * residual.flatten(2)
+        weighted = weight.unsqueeze(-1) * rows
         self.curvature += weighted.mT @ rows
-        self.gradient += (rows.mT @ pull).squeeze(-1)
+        self.gradient += apply_transposed(rows, pull)
         if linear.shared is not None and layout.shared_dim:
             shared = layout.per_element(linear.shared).flatten(2, 3)  # B F Gd S
             self.border += weighted.mT @ shared
-            both = slope.expand_as(residual).flatten(2).unsqueeze(-1)
-            self.shared_curvature += ((both * shared).mT @ shared).sum(1)
-            self.shared_gradient += (shared.mT @ pull).squeeze(-1).sum(1)
+            self.shared_curvature += (shared.mT @ (weight.unsqueeze(-1) * shared)).sum(1)
+            self.shared_gradient += apply_transposed(shared, pull).sum(1)
 
 
 def _row_weight(energy: Energy, linear: Linearization, layout: Layout) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -68,12 +69,12 @@ class StepBox:
     lower: Tensor
     upper: Tensor
 
-    @property
+    @cached_property
     def lowest(self) -> Tensor:
         """Least step."""
         return self.lower - self.at
 
-    @property
+    @cached_property
     def highest(self) -> Tensor:
         """Largest step."""
         return self.upper - self.at

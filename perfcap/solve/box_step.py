@@ -5,8 +5,8 @@
 Projecting the unconstrained step instead would break what H couples tightly: a nearly hard
 smoothness prior ties the frames of one angle together. With multipliers m on the violated bounds
 the step is ``d0 - H^-1 m``, and the multipliers solve a nonnegative program in the small matrix
-``E' H^-1 E``. Its solution may push other coordinates over their bounds; they join, and the dual
-objective rises each time, so this ends at the exact solution.
+``E' H^-1 E``. Its solution may leave or push other coordinates over their bounds; the worst of
+them join, and the dual objective rises each time, so this ends at the exact solution.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from torch import Tensor
 
 from perfcap.solve.bounds import StepBox
 from perfcap.solve.factorization import Factorization
-from perfcap.solve.nonnegative import NonnegativeProgram
+from perfcap.solve.layout import Layout
+from perfcap.solve.nonnegative import NonnegativeProgram, pack
 from perfcap.solve.normal_equations import NormalEquations
 
-_ROUNDS = 30  # of joining bounds; three are usual
-_PIVOTS = 300  # of the nonnegative program; ten are usual
+_ROUNDS = 60  # of joining bounds; one to eight are usual
+_PIVOTS = 300  # of the nonnegative program; one to five are usual
 
 
 @dataclass(frozen=True)
@@ -50,23 +51,22 @@ def box_step(
         box: bounds on the step.
         warm: multipliers of a similar problem, (B, N); only their signs are used.
     """
-    newton = factorization.newton_step(equations)
-    held = torch.zeros_like(newton) if warm is None else _bounded_sides(warm, box)
+    newton = step = factorization.newton_step(equations)
+    multipliers = torch.zeros_like(newton)
+    held = multipliers if warm is None else _bounded_sides(warm, box)
+    joining = held != 0
+    solved = torch.ones_like(joining[:, 0])
     tolerance = _tolerance(newton, box)
-    held = torch.where(_violation(newton, box) > tolerance, _side(newton, box), held)
-    if not bool(held.any()):
-        return BoxStep(box.clamp(newton), held)
-    support = held != 0 if warm is None else (held != 0) & (warm != 0)
-    step, multipliers, solved = newton, torch.zeros_like(newton), held.new_zeros(len(held)).bool()
     for _ in range(_ROUNDS):
-        multipliers, solved = _multipliers(factorization, newton, box, held, support, tolerance)
-        step = newton - factorization.solve(multipliers)
-        joining = _violation(step, box) > tolerance
-        joining = joining & (_side(step, box) != held)
+        if bool(joining.any()):
+            support = joining | (multipliers != 0)
+            multipliers, solved = _multipliers(factorization, newton, box, held, support, tolerance)
+            step = newton - factorization.solve(multipliers)
+        side = _side(step, box)
+        joining = _peaks(_violation(step, box), tolerance, equations.layout) & (side != held)
         if not bool(joining.any()):
             break
-        held = torch.where(joining, _side(step, box), held)
-        support = multipliers != 0
+        held = torch.where(joining, side, held)
     solved = solved & ~joining.any(-1)
     step = box.clamp(step)
     if not bool(solved.all()):
@@ -93,6 +93,18 @@ def _side(step: Tensor, box: StepBox) -> Tensor:
     return side
 
 
+def _peaks(violation: Tensor, tolerance: Tensor, layout: Layout) -> Tensor:
+    """Violated bounds that are the worst among their neighbours in time, (B, N).
+
+    Frames of one angle move together: holding the worst one releases most of the others.
+    """
+    frame, _ = layout.split(violation)
+    padded = torch.nn.functional.pad(frame, (0, 0, 1, 1), value=-torch.inf)
+    peak = (frame >= padded[:, :-2]) & (frame >= padded[:, 2:])
+    shared = torch.ones_like(violation[:, layout.frame_unknowns :], dtype=torch.bool)
+    return torch.cat((peak.flatten(1), shared), -1) & (violation > tolerance)
+
+
 def _tolerance(newton: Tensor, box: StepBox) -> Tensor:
     """Violations that are rounding: relative to the largest one, and to the bounded coordinates."""
     precision = torch.finfo(newton.dtype).eps
@@ -111,22 +123,15 @@ def _multipliers(
     tolerance: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Multipliers (B, N) that keep the ``held`` bounds, and whether they are exact (B,)."""
-    index, usable = _pack(held != 0)
+    index, usable = pack(held != 0)
     side = held.gather(1, index)
     bound = torch.where(side > 0, box.highest.gather(1, index), box.lowest.gather(1, index))
     excess = torch.where(usable, side * (newton.gather(1, index) - bound), 0)
     matrix = factorization.inverse_block(index) * (side.unsqueeze(-1) * side.unsqueeze(-2))
-    program = NonnegativeProgram(matrix, excess, usable, factorization.group(index), tolerance)
+    program = NonnegativeProgram(matrix, excess, usable, tolerance)
     values, solved = program.solve(support.gather(1, index), _PIVOTS)
     values = torch.where(usable, side * values, 0)
     return torch.zeros_like(newton).scatter_add(1, index, values), solved
-
-
-def _pack(mask: Tensor) -> tuple[Tensor, Tensor]:
-    """Indices of the set entries of rows (B, N), padded to the longest, and which are real."""
-    length = int(mask.sum(-1).max())
-    usable, index = mask.to(torch.uint8).sort(dim=-1, descending=True, stable=True)
-    return index[:, :length], usable[:, :length].bool()
 
 
 def _feasible_descent(

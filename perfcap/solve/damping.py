@@ -22,10 +22,16 @@ def damping_scale(equations: NormalEquations) -> Tensor:
     diagonal = equations.join(*equations.data_diagonal())
     floor = _FLOOR * diagonal.mean(-1, keepdim=True)
     if equations.windows:
-        prior = sum(window.jacobian.square().mean((-3, -2, -1)) for window in equations.windows)
-        precision = torch.finfo(diagonal.dtype).eps
-        floor = floor + precision * torch.as_tensor(prior).unsqueeze(-1)
+        stacked = torch.stack([_mean_square(window.jacobian) for window in equations.windows])
+        floor = floor + torch.finfo(diagonal.dtype).eps * stacked.sum(0).unsqueeze(-1)
     return diagonal + floor.clamp(min=torch.finfo(diagonal.dtype).tiny)
+
+
+def _mean_square(jacobian: Tensor) -> Tensor:
+    """Mean square of the entries (B, F, E, D) of each batch element, (B,)."""
+    norm = torch.linalg.vector_norm(jacobian, dim=(-3, -2, -1))
+    mean: Tensor = norm.square() / jacobian[0].numel()
+    return mean
 
 
 @dataclass(frozen=True)

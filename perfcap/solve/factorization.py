@@ -31,6 +31,7 @@ from torch import Tensor
 
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
+from perfcap.solve.products import apply, apply_transposed
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Factorization:
     def solve(self, rows: Tensor) -> Tensor:
         """H^-1 times rows (B, N)."""
         frame, shared = self.layout.split(rows)
-        solved = _solve_frames(self.cholesky, self.window, frame.unsqueeze(-1))
+        solved = _solve_frames(self.cholesky, self.window, frame)
         return self._eliminate(solved, shared)
 
     def newton_step(self, equations: NormalEquations) -> Tensor:
@@ -63,14 +64,13 @@ class Factorization:
             return -self.solve(equations.gradient())
         data = equations.frame_gradient
         pulls = torch.cat([window.pull() for window in equations.windows], -1)  # B F E
-        prior = (pulls.unsqueeze(-2) @ self.window.jacobian).squeeze(-2)  # B F D
+        prior = apply_transposed(self.window.jacobian, pulls)  # B F D
         solved = torch.cholesky_solve(torch.stack((data, prior), -1), self.cholesky)
         # U' M^-1 of the prior's gradient is taken as B y' - G y', exactly zero where B y' is
-        features = self.window.jacobian @ solved[..., :1]
-        features = features - self.window.defect @ pulls.unsqueeze(-1)
+        features = apply(self.window.jacobian, solved[..., 0]) - apply(self.window.defect, pulls)
         in_basis = [window.pull_in_basis().flatten(1) for window in equations.windows]
-        right = self.window.to_basis(features) + torch.cat(in_basis, -1).unsqueeze(-1)
-        solved = solved.sum(-1, keepdim=True) + self.window.correction(right)
+        right = self.window.to_basis(features) + torch.cat(in_basis, -1)
+        solved = solved.sum(-1) + self.window.correction(right)
         return -self._eliminate(solved, equations.shared_gradient)
 
     def inverse_block(self, index: Tensor) -> Tensor:
@@ -91,12 +91,6 @@ class Factorization:
             block = block + half.mT @ half
         return block
 
-    def group(self, index: Tensor) -> Tensor:
-        """Group of each unknown (B, m): its place in the frame; every shared one is its own."""
-        unknowns = self.layout.frame_unknowns
-        inner = index % max(self.layout.frame_dim, 1)
-        return torch.where(index < unknowns, inner, index - unknowns + self.layout.frame_dim)
-
     @cached_property
     def _inverse_root(self) -> Tensor:
         """Transposed inverse of the Cholesky factors: row d holds column d, (B, F, D, D)."""
@@ -106,13 +100,13 @@ class Factorization:
         return root.mT.contiguous()
 
     def _eliminate(self, solved: Tensor, shared: Tensor) -> Tensor:
-        """Rows (B, N) from frames solved without their border (B, F, D, 1)."""
+        """Rows (B, N) from frames solved without their border (B, F, D)."""
         if self.shared is None:
             return solved.flatten(1)
-        remaining = shared - (self.shared.border.mT @ solved).sum(1).squeeze(-1)
-        own = torch.cholesky_solve(remaining.unsqueeze(-1), self.shared.cholesky)
-        solved = solved - self.shared.solved_border @ own.unsqueeze(1)
-        return torch.cat((solved.flatten(1), own.squeeze(-1)), -1)
+        remaining = shared - apply_transposed(self.shared.border, solved).sum(1)
+        own = _cholesky_solve(remaining, self.shared.cholesky)
+        solved = solved - apply(self.shared.solved_border, own.unsqueeze(1))
+        return torch.cat((solved.flatten(1), own), -1)
 
 
 @dataclass(frozen=True)
@@ -136,24 +130,24 @@ class WindowPart:
     cholesky: Tensor
 
     def to_basis(self, features: Tensor) -> Tensor:
-        """Stacked features (B, F, E, 1) against the bases, (B, sum K E, 1)."""
-        parts = torch.split(features.squeeze(-1), self.sizes, -1)
+        """Stacked features (B, F, E) against the bases, (B, sum K E)."""
+        parts = torch.split(features, self.sizes, -1)
         seen = [(b @ part).flatten(1) for b, part in zip(self.bases, parts, strict=True)]
-        return torch.cat(seen, -1).unsqueeze(-1)
+        return torch.cat(seen, -1)
 
     def from_basis(self, components: Tensor) -> Tensor:
-        """The transpose of ``to_basis``, (B, F, E, 1)."""
+        """The transpose of ``to_basis``, (B, F, E)."""
         sizes = [len(b) * size for b, size in zip(self.bases, self.sizes, strict=True)]
-        parts = torch.split(components.squeeze(-1), sizes, -1)
+        parts = torch.split(components, sizes, -1)
         features = [
             b.mT @ part.reshape(-1, len(b), size)
             for b, size, part in zip(self.bases, self.sizes, parts, strict=True)
         ]
-        return torch.cat(features, -1).unsqueeze(-1)
+        return torch.cat(features, -1)
 
     def correction(self, right: Tensor) -> Tensor:
-        """``M^-1 U S^-1`` times a vector (B, sum K E, 1), as frames (B, F, D, 1)."""
-        return self.solved @ self.from_basis(torch.cholesky_solve(right, self.cholesky))
+        """``M^-1 U S^-1`` times vectors (B, sum K E), as frames (B, F, D)."""
+        return apply(self.solved, self.from_basis(_cholesky_solve(right, self.cholesky)))
 
     def half_rows(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
         """``L^-1 U' M^-1 e`` for unit vectors e, with S = L L': (B, sum K E, m)."""
@@ -198,21 +192,20 @@ def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:
     identity so that they stay finite.
     """
     frame_damping, shared_damping = equations.layout.split(damping)
-    curvature = equations.curvature.clone()
+    stacked = torch.cat(
+        [window.jacobian for window in equations.windows] + [equations.curvature], -2
+    )
+    features = stacked.shape[-2] - equations.layout.frame_dim
+    jacobian, curvature = stacked[..., :features, :], stacked[..., features:, :]
     curvature.diagonal(dim1=-2, dim2=-1).add_(frame_damping)
-    if equations.windows:
-        jacobian = torch.cat([window.jacobian for window in equations.windows], -2)
-        total = curvature + jacobian.mT @ jacobian
-    else:
-        total = curvature
+    total = curvature + jacobian.mT @ jacobian if equations.windows else curvature
     cholesky, info = torch.linalg.cholesky_ex(total)
     valid = (info == 0).all(-1)
     cholesky = _identity_where(~valid, cholesky)
-    window = None
+    window = shared = None
     if equations.windows:
-        window, positive = _window_part(equations, cholesky, curvature, jacobian)
+        window, positive = _window_part(equations, cholesky, stacked)
         valid = valid & positive
-    shared = None
     if equations.layout.shared_dim:
         shared, positive = _shared_part(equations, cholesky, window, shared_damping)
         valid = valid & positive
@@ -220,17 +213,18 @@ def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:
 
 
 def _window_part(
-    equations: NormalEquations, cholesky: Tensor, curvature: Tensor, jacobian: Tensor
+    equations: NormalEquations, cholesky: Tensor, stacked: Tensor
 ) -> tuple[WindowPart, Tensor]:
-    features = jacobian.shape[-2]
+    """Low-rank part from J above the damped curvature, (B, F, E + D, D), and where it is valid."""
+    sizes = [window.jacobian.shape[-2] for window in equations.windows]
+    jacobian = stacked[..., : sum(sizes), :]
     solved = torch.cholesky_solve(jacobian.mT, cholesky)  # B F D E
-    # one product for J Y and A Y, one for G^2 + Y' A Y: small matrices prefer few, larger products
-    product = torch.cat((jacobian, curvature), -2) @ solved
-    product[..., :features, :].neg_().diagonal(dim1=-2, dim2=-1).add_(1)
-    left = torch.cat((product[..., :features, :], solved), -2)
+    # one product for J Y and A Y, one for G^2 + Y' A Y: fewer, larger products run faster
+    product = stacked @ solved
+    product[..., : sum(sizes), :].neg_().diagonal(dim1=-2, dim2=-1).add_(1)
+    left = torch.cat((product[..., : sum(sizes), :], solved), -2)
     defect = left.mT @ product
     bases = tuple(window.basis for window in equations.windows)
-    sizes = [window.jacobian.shape[-2] for window in equations.windows]
     capacitance = _capacitance(bases, sizes, defect)
     seen = [
         window.complement.repeat_interleave(size)
@@ -262,10 +256,8 @@ def _shared_part(
     equations: NormalEquations, cholesky: Tensor, window: WindowPart | None, damping: Tensor
 ) -> tuple[SharedPart, Tensor]:
     border = equations.border
-    columns = [
-        _solve_frames(cholesky, window, column.unsqueeze(-1)) for column in border.unbind(-1)
-    ]
-    solved = torch.cat(columns, -1)  # B F D S
+    columns = [_solve_frames(cholesky, window, column) for column in border.unbind(-1)]
+    solved = torch.stack(columns, -1)  # B F D S
     schur = equations.shared_curvature - (border.mT @ solved).sum(1)
     schur.diagonal(dim1=-2, dim2=-1).add_(damping)
     root, info = torch.linalg.cholesky_ex(schur)
@@ -274,15 +266,22 @@ def _shared_part(
 
 
 def _solve_frames(cholesky: Tensor, window: WindowPart | None, right: Tensor) -> Tensor:
-    """The frames' part of H^-1 on frames (B, F, D, 1)."""
-    solved = torch.cholesky_solve(right, cholesky)
+    """The frames' part of H^-1 on frames (B, F, D)."""
+    solved = _cholesky_solve(right, cholesky)
     if window is None:
         return solved
-    return solved + window.correction(window.to_basis(window.jacobian @ solved))
+    return solved + window.correction(window.to_basis(apply(window.jacobian, solved)))
+
+
+def _cholesky_solve(right: Tensor, cholesky: Tensor) -> Tensor:
+    """Solve for vectors (..., n) with lower factors (..., n, n)."""
+    return torch.cholesky_solve(right.unsqueeze(-1), cholesky).squeeze(-1)
 
 
 def _identity_where(mask: Tensor, matrices: Tensor) -> Tensor:
     """Replace the matrices (B, ..., n, n) of masked batch elements by the identity."""
+    if not bool(mask.any()):
+        return matrices
     identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
     mask = mask.reshape(-1, *[1] * (matrices.ndim - 1))
     return torch.where(mask, identity, matrices)

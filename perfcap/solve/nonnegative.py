@@ -3,10 +3,10 @@
     minimize  1/2 x' K x - c' x   subject to  x >= 0,   K symmetric positive definite.
 
 Active-set method of Lawson and Hanson (1974, chapter 23), with two changes: it starts from any
-guess of the support, and several entries may enter at a time, one from each group.
-Entries that enter and do not want to be positive leave at once, and at least one always stays
-(the gradient along the step is the sum of theirs); the objective then falls strictly, so no
-support returns and the method ends.
+guess of the support, and every entry whose slope asks for it enters at once. Entries that enter
+and do not want to be positive leave again, and at least one always stays (the slope along the
+step is the sum of theirs); the objective then falls strictly, so no support returns and the
+method ends.
 """
 
 from __future__ import annotations
@@ -25,15 +25,12 @@ class NonnegativeProgram:
         matrix: K, (B, m, m).
         target: c, (B, m).
         usable: entries that exist; the others are padding and stay zero, (B, m).
-        group: nonnegative group number of each entry; weakly coupled entries belong to different
-            groups, (B, m).
         tolerance: gradients up to this count as zero, (B, 1).
     """
 
     matrix: Tensor
     target: Tensor
     usable: Tensor
-    group: Tensor
     tolerance: Tensor
 
     def solve(self, support: Tensor, rounds: int) -> tuple[Tensor, Tensor]:
@@ -51,24 +48,32 @@ class NonnegativeProgram:
             done = whole.squeeze(-1) & ~entering.any(-1)
             if bool(done.all()):
                 break
-            support = support | self._steepest(entering, slope)
+            support = support | entering
         return value, done
 
     def _minimum_on(self, support: Tensor) -> Tensor:
         """Minimum of the quadratic over the entries of the support, zero elsewhere."""
-        identity = torch.eye(support.shape[-1], dtype=torch.bool, device=support.device)
-        both = support.unsqueeze(-1) & support.unsqueeze(-2)
-        matrix = torch.where(both, self.matrix, identity.to(self.matrix.dtype))
+        index, real = pack(support)
+        batch = torch.arange(len(index), device=index.device)[:, None]
+        matrix = self.matrix[batch.unsqueeze(-1), index.unsqueeze(-1), index.unsqueeze(-2)]
+        right = self.target[batch, index]
+        if len(index) > 1:  # padding: a row of the identity with nothing on the right
+            identity = torch.eye(index.shape[-1], dtype=matrix.dtype, device=matrix.device)
+            matrix = torch.where(real.unsqueeze(-1) & real.unsqueeze(-2), matrix, identity)
+            right = torch.where(real, right, 0)
         root, _ = torch.linalg.cholesky_ex(matrix)
-        right = torch.where(support, self.target, 0).unsqueeze(-1)
-        return torch.cholesky_solve(right, root).squeeze(-1)
+        values = torch.cholesky_solve(right.unsqueeze(-1), root).squeeze(-1)
+        return torch.zeros_like(self.target).scatter_add(1, index, values)
 
-    def _steepest(self, entering: Tensor, slope: Tensor) -> Tensor:
-        """Of the entering entries, the steepest of each group."""
-        slope = torch.where(entering, slope, 0)
-        groups = slope.new_zeros(len(slope), int(self.group.max()) + 1)
-        steepest = groups.scatter_reduce(1, self.group, slope, "amax")
-        return entering & (slope >= steepest.gather(1, self.group))
+
+def pack(mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Indices of the set entries of rows (B, n), padded to the longest row, and which are real."""
+    length = int(mask.sum(-1).max())
+    if len(mask) == 1:
+        index = mask.nonzero()[:, 1].unsqueeze(0)
+        return index, torch.ones_like(index, dtype=torch.bool)
+    real, index = mask.to(torch.uint8).topk(length, dim=-1)
+    return index, real.bool()
 
 
 def _step_towards(

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.layout import Layout
+from perfcap.solve.products import apply, apply_transposed
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class NormalEquations:
         """Half the gradient of the energy, (B, N)."""
         frame = self.frame_gradient
         for window in self.windows:
-            frame = frame + _transpose_apply(window.jacobian, window.pull())
+            frame = frame + apply_transposed(window.jacobian, window.pull())
         return self.join(frame, self.shared_gradient)
 
     def join(self, frame: Tensor, shared: Tensor) -> Tensor:
@@ -110,31 +111,31 @@ class NormalEquations:
         large numbers J'J and J'B'BJ never appears.
         """
         frame, shared = self.layout.split(step)
-        gradient, curved = self.frame_gradient, _apply(self.curvature, frame)
+        gradient, curved = self.frame_gradient, apply(self.curvature, frame)
         if self.layout.shared_dim:
-            curved = curved + 2 * _apply(self.border, shared.unsqueeze(1))
+            curved = curved + 2 * apply(self.border, shared.unsqueeze(1))
         change = (frame * (2 * gradient + curved)).sum((-2, -1))
         for window in self.windows:
-            moved = window.filter(_apply(window.jacobian, frame))
+            moved = window.filter(apply(window.jacobian, frame))
             residual = window.filter(window.features)
             change = change + (moved * (2 * residual + moved)).sum((-2, -1))
         if self.layout.shared_dim:
-            curved = _apply(self.shared_curvature, shared)
+            curved = apply(self.shared_curvature, shared)
             change = change + (shared * (2 * self.shared_gradient + curved)).sum(-1)
         return -change
 
     def apply(self, step: Tensor) -> Tensor:
         """H times rows (B, N)."""
         frame, shared = self.layout.split(step)
-        result = _apply(self.curvature, frame)
+        result = apply(self.curvature, frame)
         for window in self.windows:
-            twice = window.filter(window.filter(_apply(window.jacobian, frame)))
-            result = result + _transpose_apply(window.jacobian, twice)
+            twice = window.filter(window.filter(apply(window.jacobian, frame)))
+            result = result + apply_transposed(window.jacobian, twice)
         if not self.layout.shared_dim:
             return result.flatten(1)
-        result = result + _apply(self.border, shared.unsqueeze(1))
-        border = _transpose_apply(self.border, frame).sum(1)
-        return self.join(result, border + _apply(self.shared_curvature, shared))
+        result = result + apply(self.border, shared.unsqueeze(1))
+        border = apply_transposed(self.border, frame).sum(1)
+        return self.join(result, border + apply(self.shared_curvature, shared))
 
     def data_diagonal(self) -> tuple[Tensor, Tensor]:
         """Diagonal of the curvature that FRAME energies give, (B, F, D) and (B, S)."""
@@ -172,13 +173,3 @@ class NormalEquations:
                 for window in self.windows
             ),
         )
-
-
-def _apply(matrices: Tensor, vectors: Tensor) -> Tensor:
-    """Matrices (..., m, n) times vectors (..., n)."""
-    return (matrices @ vectors.unsqueeze(-1)).squeeze(-1)
-
-
-def _transpose_apply(matrices: Tensor, vectors: Tensor) -> Tensor:
-    """Transposed matrices (..., m, n) times vectors (..., m)."""
-    return (matrices.mT @ vectors.unsqueeze(-1)).squeeze(-1)

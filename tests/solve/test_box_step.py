@@ -126,9 +126,8 @@ def test_nonnegative_programs_of_any_support(condition):
     matrix = condition * factor @ factor.mT + torch.eye(size, dtype=torch.float64)
     target = condition**0.5 * torch.randn(batch, size, generator=random, dtype=torch.float64)
     usable = torch.rand(batch, size, generator=random) < 0.9
-    group = torch.arange(size).expand(batch, -1) % 4
     tolerance = torch.full((batch, 1), 1e-9, dtype=torch.float64)
-    program = NonnegativeProgram(matrix, target, usable, group, tolerance)
+    program = NonnegativeProgram(matrix, target, usable, tolerance)
     for support in (torch.zeros_like(usable), usable):
         value, done = program.solve(support, 300)
         slope = (matrix @ value.unsqueeze(-1)).squeeze(-1) - target
