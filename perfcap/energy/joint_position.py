@@ -38,6 +38,7 @@ class JointPosition(Energy):
     sees_shared = True
     target: Tensor
     scale: Tensor
+    share: Tensor
     confidence: Tensor
 
     def __init__(
@@ -57,10 +58,11 @@ class JointPosition(Energy):
         count = points.shape[-2]
         scale = (1 / torch.as_tensor(unit).to(points)).expand(count)
         self.register_buffer("scale", scale)
+        self.register_buffer("share", scale.square() / scale.square().sum())
         world = points @ cameras.rotation  # R^T d for every row vector d
-        self.target = self._centre(world)
+        self.register_buffer("target", self._centre(world))
         trusted = detections.trusted3d.to(points)
-        self.confidence = trusted[..., None].expand(points.shape[:-1]).flatten(-2)
+        self.register_buffer("confidence", trusted[..., None].expand(points.shape[:-1]).flatten(-2))
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, C * 16, 3)."""
@@ -78,17 +80,14 @@ class JointPosition(Energy):
 
     def _residual(self, joints: Tensor) -> Residual:
         error = self._centre(joints).unsqueeze(-3) - self.target  # *b F C J 3
-        return Residual((error * self.scale[:, None]).flatten(-3, -2), self.confidence)
+        return Residual(error.flatten(-3, -2), self.confidence)
 
     def _centre(self, points: Tensor) -> Tensor:
-        """Points (..., J, 3) minus their weighted mean."""
-        weights = self.scale.square() / self.scale.square().sum()
-        return points - (weights[:, None] * points).sum(-2, keepdim=True)
+        """Points or derivatives (..., J, n) minus their weighted mean, in ``unit``."""
+        return (points - (self.share @ points).unsqueeze(-2)) * self.scale[:, None]
 
     def _repeat(self, jacobian: Tensor, views: int) -> Tensor:
         """Centre a Jacobian (*b, F, J, 3, D) over joints and repeat it for the views."""
-        weights = self.scale.square() / self.scale.square().sum()
-        mean = (weights[:, None, None] * jacobian).sum(-3, keepdim=True)
-        scaled = (jacobian - mean) * self.scale[:, None, None]
-        expanded = scaled.unsqueeze(-4).expand(*scaled.shape[:-3], views, *scaled.shape[-3:])
+        centred = self._centre(jacobian.flatten(-2)).reshape(jacobian.shape)
+        expanded = centred.unsqueeze(-4).expand(*centred.shape[:-3], views, *centred.shape[-3:])
         return expanded.flatten(-4, -3)

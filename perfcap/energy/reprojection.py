@@ -9,6 +9,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.product import multiply_views
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -55,8 +56,8 @@ class Reprojection(Energy):
         joints, frame, shared = self.actor.skeleton.linearize(motion)
         pixels, camera = self.cameras.linearize(joints)  # *b F C J 2 3
         camera = camera * self.scale[..., None, None, None]
-        of_frame = (camera @ frame.unsqueeze(-4)).flatten(-4, -3)
-        of_shared = None if shared is None else (camera @ shared.unsqueeze(-4)).flatten(-4, -3)
+        of_frame = multiply_views(camera, frame).flatten(-4, -3)
+        of_shared = None if shared is None else multiply_views(camera, shared).flatten(-4, -3)
         return Linearization(self._residual(pixels), of_frame, of_shared)
 
     def _residual(self, pixels: Tensor) -> Residual:

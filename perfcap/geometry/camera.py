@@ -8,6 +8,8 @@ from typing import Self
 import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
+
 # A point nearer than this is projected as if it were this far: finite, and still pulled forward.
 NEAR = 0.05  # m
 
@@ -74,6 +76,10 @@ class Camera:
 
     def linearize(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Pixels (*b, F, C, N, 2) and their derivative in the world points (*b, F, C, N, 2, 3)."""
+        if self._compiled_for(points):
+            from perfcap.geometry import _projection_numba
+
+            return _projection_numba.linearize(self, points)
         local = self.to_camera(points)
         depth = local[..., 2].clamp(min=NEAR)
         plane = local[..., :2] / depth[..., None]
@@ -87,6 +93,13 @@ class Camera:
             jacobian = self._distort_jacobian(plane) @ jacobian
         pixels = self._to_pixels(self._distort(plane))
         return pixels, self.intrinsics[..., None, :2, :2] @ jacobian
+
+    def _compiled_for(self, points: Tensor) -> bool:
+        """Whether only numbers are asked for, of cameras and points with matching frames."""
+        lead, frames = self.intrinsics.shape[:-3], points.shape[:-2]
+        return lead == frames[len(frames) - len(lead) :] and is_plain(
+            points, self.intrinsics, self.rotation, self.translation, self.distortion
+        )
 
     def to_plane(self, pixels: Tensor) -> Tensor:
         """Undistorted coordinates (x/z, y/z), (..., C, N, 2), of pixels (..., C, N, 2)."""
@@ -109,7 +122,7 @@ class Camera:
         k1, k2, p1, p2, k3 = (c.unsqueeze(-1) for c in self.distortion.unbind(-1))
         x, y = plane.unbind(-1)
         # the polynomial folds back far outside the image: it is held constant out there
-        r2 = (x * x + y * y).minimum(self._radius_limit())
+        r2 = (x * x + y * y).minimum(self.radius_limit())
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         scale = r2 / (x * x + y * y).clamp(min=1e-12)
         dx = 2 * p1 * x * y * scale + p2 * (r2 + 2 * x * x * scale)
@@ -119,12 +132,14 @@ class Camera:
     def _distort_jacobian(self, plane: Tensor) -> Tensor:
         """Derivative (..., 2, 2) of ``_distort``, by two forward-mode tangents."""
         columns = [
-            torch.func.jvp(self._distort, (plane,), (torch.eye(2).to(plane)[i].expand_as(plane),))[1]
+            torch.func.jvp(self._distort, (plane,), (torch.eye(2).to(plane)[i].expand_as(plane),))[
+                1
+            ]
             for i in range(2)
         ]
         return torch.stack(columns, -1)
 
-    def _radius_limit(self) -> Tensor:
+    def radius_limit(self) -> Tensor:
         """Squared radius on the plane z = 1 beyond which distortion is held constant, (*b, 1)."""
         focal = self.intrinsics[..., (0, 1), (0, 1)]
         centre = self.intrinsics[..., :2, 2]
