@@ -1,0 +1,161 @@
+"""Whether calibrated views agree on the person, and which one is to blame if not."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.evidence import (
+    Scene,
+    disagreement,
+    left_out_error,
+    person_height,
+)
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses
+
+# Shares of the person's height in the image. Good calibrations with real detectors disagree by
+# 0.01 to 0.02.
+FINE = 0.005  # below this nothing is looked for
+BAD = 0.04
+CULPRIT = 0.03
+HOPELESS = 0.08
+SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
+OUTLIER = 1.8  # an error this many times the other views' is not noise
+BETTER = 0.65  # a mistake explains the disagreement if undoing it leaves at most this share
+PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
+LEG = (0.4, 1.3)  # m, hip to ankle
+_LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
+
+
+def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
+    """Triangulate the person and explain what does not fit.
+
+    One mistake after the other is undone as long as that reduces the disagreement markedly: a
+    wrong convention, exchanged or delayed views, swapped sides, another image size, a bad camera
+    (found by leaving each out).
+
+    Args:
+        rig: C views; nothing can be said of one.
+        detections: (F, C).
+    """
+    if detections.views != len(rig.names) or detections.views < 2:
+        return []
+    scene, names = Scene(rig.cameras, detections), list(rig.names)
+    height = person_height(scene.sampled())
+    findings: list[Finding] = []
+    for _ in rig.names:
+        found = _explain(scene, names, height)
+        if found is None:
+            break
+        finding, scene, names = found
+        findings.append(finding)
+    sampled = scene.sampled()
+    rest = disagreement(sampled) / height
+    behind = _behind(sampled, names)
+    if rest > BAD and not behind:
+        what = f"disagree on the person by {rest * height:.0f} px, {rest:.0%} of their height"
+        remedy = "check that calibration, videos and detections belong together; calibrate again"
+        findings.append(Finding(Severity.ERROR, "cameras", what, remedy))
+        return findings
+    return findings + (behind or _scale(sampled))
+
+
+def _explain(
+    scene: Scene, names: list[str], height: float
+) -> tuple[Finding, Scene, list[str]] | None:
+    """The mistake that explains most, and the scene without it; None when all is well."""
+    now = disagreement(scene.sampled())
+    if not FINE * height < now:
+        return None
+    best, left = _best_mistake(scene, names)
+    outcast = _outcast(scene.sampled(), now, height)
+    without = math.inf if outcast is None else outcast.rest
+    if left < min(BETTER * now, PREFERRED * without):
+        what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
+        finding = Finding(Severity.ERROR, best.subject, what, best.remedy)
+        return finding, best.undo(scene), names
+    if outcast is None:
+        return None
+    rest = [view for view in range(len(names)) if view != outcast.view]
+    finding = _accuse(outcast, names[outcast.view], height)
+    return finding, scene.select(rest), [names[view] for view in rest]
+
+
+def _best_mistake(scene: Scene, names: list[str]) -> tuple[Hypothesis, float]:
+    candidates = list(hypotheses(names, range(len(names))))
+    left = [disagreement(candidate.undo(scene).sampled()) for candidate in candidates]
+    lowest = min(range(len(left)), key=left.__getitem__)
+    return candidates[lowest], left[lowest]
+
+
+@dataclass(frozen=True)
+class _Outcast:
+    """A view that does not fit: its error and what remains without it, pixels."""
+
+    view: int
+    error: float
+    rest: float
+
+
+def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
+    """The view to blame: without it the rest agree, or they all see the person elsewhere.
+
+    The first sign is sharp when a view is far off, the second when many views dilute its error.
+    """
+    views = range(scene.detections.views)
+    if len(views) < 3:
+        return None
+    rest = [disagreement(scene.select([v for v in views if v != out])) for out in views]
+    errors = [left_out_error(scene, view) for view in views]
+    enough = CULPRIT * height * (1 if len(views) > 3 else SLACK_OF_TWO)
+    suspect = min(views, key=rest.__getitem__)
+    if rest[suspect] < BETTER * now and errors[suspect] > enough:
+        return _Outcast(suspect, errors[suspect], rest[suspect])
+    suspect = max(views, key=errors.__getitem__)
+    others = statistics.median(errors[view] for view in views if view != suspect)
+    if len(views) > 3 and errors[suspect] > max(enough, OUTLIER * others):
+        return _Outcast(suspect, errors[suspect], rest[suspect])
+    return None
+
+
+def _accuse(outcast: _Outcast, name: str, height: float) -> Finding:
+    share = outcast.error / height
+    what = (
+        f"sees the person {outcast.error:.0f} px ({share:.0%} of their height) from where the "
+        f"other views see them, which agree within {outcast.rest:.0f} px"
+    )
+    remedy = "calibrate this view again or leave it out; check that its video is of this take"
+    return Finding(Severity.ERROR if share > HOPELESS else Severity.WARNING, name, what, remedy)
+
+
+def _behind(scene: Scene, names: list[str]) -> list[Finding]:
+    points, residual = scene.triangulated(rounds=0)
+    depth = scene.cameras.to_camera(points)[..., 2]  # F C J
+    known = ~residual.isnan()
+    findings = []
+    for view, name in enumerate(names):
+        inside = depth[:, view][known]
+        if len(inside) and float((inside < 0).double().mean()) > 0.5:
+            what = f"the person is {-inside.median():.2g} m behind this camera"
+            remedy = "its z axis must point at the scene: check R and t"
+            findings.append(Finding(Severity.ERROR, name, what, remedy))
+    return findings
+
+
+def _scale(scene: Scene) -> list[Finding]:
+    """Length of the legs: calibrations can agree perfectly in the wrong unit."""
+    points, _ = scene.triangulated(rounds=6)
+    legs = points[:, _LEGS]  # F 2 3 3
+    length = legs.diff(dim=2).norm(dim=-1).sum(-1)
+    length = length[~length.isnan()]
+    if not len(length) or LEG[0] < float(length.median()) < LEG[1]:
+        return []
+    leg = float(length.median())
+    guess = "millimetres" if leg > 100 else "centimetres" if leg > 20 else "another unit"
+    what = f"the person's legs measure {leg:.3g} m, which looks like {guess}"
+    return [Finding(Severity.ERROR, "cameras", what, "convert translations to metres")]

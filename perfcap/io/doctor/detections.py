@@ -1,0 +1,121 @@
+"""Checks of detections on their own and against their images."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.finding import Finding, Severity, ranges
+
+CONFIDENT = 0.3
+EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
+ROOT_TOLERANCE = 0.05  # m
+_HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
+
+
+def examine_detections(rig: CameraRig, detections: Detections) -> list[Finding]:
+    """Coverage, image size, and units and axes of 3D poses.
+
+    Args:
+        rig: C views.
+        detections: (F, C).
+    """
+    if detections.views != len(rig.names):
+        what = f"{detections.views} views for {len(rig.names)} cameras"
+        return [Finding(Severity.ERROR, "detections", what, "give one a camera")]
+    findings = []
+    for view, name in enumerate(rig.names):
+        findings += _coverage(name, detections.confidence2d[:, view])
+        confident = detections.confidence2d[:, view] > CONFIDENT
+        pixels = detections.joints2d[:, view][confident]
+        findings += _image_size(name, pixels, rig.cameras.size[view])
+        trusted = detections.trusted3d[:, view]
+        if detections.joints3d is not None and trusted.any():
+            pose = detections.joints3d[:, view][trusted]
+            findings += _pose3d(name, pose)
+            image = detections.joints2d[:, view][trusted]
+            findings += _axes3d(name, pose, image, confident[trusted])
+    return findings
+
+
+def _coverage(name: str, confidence: Tensor) -> list[Finding]:
+    """Frames without any joint."""
+    empty = (confidence <= 0).all(-1)
+    if not empty.any():
+        return []
+    frames = empty.nonzero()[:, 0].tolist()
+    share = f"{len(frames)} of {len(confidence)} frames"
+    if empty.all():
+        remedy = "check the file, or leave the view out"
+        return [Finding(Severity.WARNING, name, "nothing is detected in any frame", remedy)]
+    what = f"nothing is detected in {share}: {ranges(frames)}"
+    severity = Severity.WARNING if len(frames) > len(confidence) / 10 else Severity.INFO
+    return [Finding(severity, name, what, "such frames are bridged from their neighbours")]
+
+
+def _image_size(name: str, pixels: Tensor, size: tuple[int, int]) -> list[Finding]:
+    """Joints against the image they should lie in."""
+    if not len(pixels):
+        return []
+    height, width = size
+    low, high = pixels.amin(0), pixels.amax(0)
+    extent = f"x {low[0]:.4g} to {high[0]:.4g}, y {low[1]:.4g} to {high[1]:.4g}"
+    image = f"the image of {width}x{height}"
+    if float(pixels.abs().max()) <= 2:
+        what = f"joints look normalised ({extent}), expected pixels"
+        return [Finding(Severity.ERROR, name, what, "multiply by the image size")]
+    limits = pixels.new_tensor([width, height])
+    outside = ((pixels < -0.5) | (pixels > limits - 0.5)).any(-1).double().mean()
+    remedy = "check that detections, calibration and video have the same size and orientation"
+    if outside > 0.5:
+        what = f"most joints ({extent}) lie outside {image}"
+        return [Finding(Severity.ERROR, name, what, remedy)]
+    if outside > 0.1:
+        what = f"{outside:.0%} of the joints ({extent}) lie outside {image}"
+        return [Finding(Severity.WARNING, name, what, remedy)]
+    if bool((high < limits / 2).all()):
+        what = f"all joints ({extent}) lie in the top left quarter of {image}"
+        remedy = "check that they were not detected in a video of half the size"
+        return [Finding(Severity.WARNING, name, what, remedy)]
+    return []
+
+
+def _pose3d(name: str, pose: Tensor) -> list[Finding]:
+    """Size and origin of 3D poses (F, 16, 3)."""
+    findings = []
+    size = (pose.amax(1) - pose.amin(1)).norm(dim=-1).median()
+    if not EXTENT[0] < float(size) < EXTENT[1]:
+        what = f"3D poses span {size:.3g} m, expected {EXTENT[0]} to {EXTENT[1]}"
+        remedy = "joints3d must be metres (joints3d_mm in files millimetres)"
+        findings.append(Finding(Severity.ERROR, name, what, remedy))
+    offset = pose[:, _HIPS].mean(1).norm(dim=-1).median()
+    if float(offset) > ROOT_TOLERANCE * max(1.0, float(size)):
+        what = f"3D poses have the middle of the hips {offset:.3g} m from the origin"
+        remedy = "subtract it: 3D joints are relative to it"
+        findings.append(Finding(Severity.WARNING, name, what, remedy))
+    return findings
+
+
+def _axes3d(name: str, pose: Tensor, pixels: Tensor, confident: Tensor) -> list[Finding]:
+    """Whether x and y of 3D poses run as in the image: correlation over joints and frames."""
+    findings = []
+    for axis, word, expected in ((0, "x", "to the right"), (1, "y", "down")):
+        correlation = _correlation(pose[..., axis], pixels[..., axis], confident)
+        if correlation < -0.5:
+            what = f"3D {word} runs against the image's {word} (correlation {correlation:.2f})"
+            remedy = f"3D joints are in camera axes, {word} {expected}; check flipped axes or sides"
+            findings.append(Finding(Severity.ERROR, name, what, remedy))
+    return findings
+
+
+def _correlation(first: Tensor, second: Tensor, mask: Tensor) -> float:
+    """Correlation (F, J) of deviations from each frame's mean over the joints in the mask."""
+    weights = mask.to(first)
+    total = weights.sum(-1, keepdim=True).clamp(min=1)
+    a = weights * (first - (weights * first).sum(-1, keepdim=True) / total)
+    b = weights * (second - (weights * second).sum(-1, keepdim=True) / total)
+    scale = torch.sqrt(a.square().sum() * b.square().sum())
+    return float((a * b).sum() / scale) if float(scale) > 0 else 0.0
