@@ -233,9 +233,12 @@ def test_a_person_behind_the_cameras() -> None:
     assert findings and all(finding.severity is Severity.ERROR for finding in findings)
 
 
-def test_nobody_seen_says_nothing() -> None:
-    empty = replace(detections(), confidence2d=torch.zeros(FRAMES, VIEWS, 16).double())
-    assert examine_agreement(rig(), empty) == []
+def test_views_that_never_see_the_same() -> None:
+    confidence = torch.zeros(FRAMES, VIEWS, 16).double()
+    for share in (0.0, 0.9):
+        confidence[:, 0] = share
+        finding = one(examine_agreement(rig(), replace(detections(), confidence2d=confidence)))
+        assert "cannot be checked" in finding.what
 
 
 # --- cameras ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from perfcap.detect.detections import Detections
@@ -45,8 +46,12 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
     """
     if detections.views != len(rig.names) or detections.views < 2:
         return []
-    scene, names = Scene(rig.cameras, detections), list(rig.names)
-    height = person_height(scene.sampled())
+    given = Scene(rig.cameras, detections).straightened()
+    scene, names = given, list(rig.names)
+    height, now = person_height(scene.sampled()), disagreement(scene.sampled())
+    if not (math.isfinite(height) and math.isfinite(now)):
+        what = "hardly any joint is seen by two views at once; agreement cannot be checked"
+        return [Finding(Severity.WARNING, "cameras", what)]
     findings: list[Finding] = []
     for _ in rig.names:
         found = _explain(scene, names, height)
@@ -55,14 +60,15 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
         finding, scene, names = found
         findings.append(finding)
     sampled = scene.sampled()
-    rest = disagreement(sampled) / height
-    behind = _behind(sampled, names)
-    if rest > BAD and not behind:
-        what = f"disagree on the person by {rest * height:.0f} px, {rest:.0%} of their height"
-        remedy = "check that calibration, videos and detections belong together; calibrate again"
-        findings.append(Finding(Severity.ERROR, "cameras", what, remedy))
-        return findings
-    return findings + (behind or _scale(sampled))
+    if disagreement(sampled) < BAD * height:
+        return findings + _scale(sampled)
+    # what was undone on the way explains nothing, since the views still disagree
+    what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
+    remedy = "check that calibration, videos and detections belong together; calibrate again"
+    return [
+        *_behind(given.sampled(), rig.names),
+        Finding(Severity.ERROR, "cameras", what, remedy),
+    ]
 
 
 def _explain(
@@ -133,7 +139,8 @@ def _accuse(outcast: _Outcast, name: str, height: float) -> Finding:
     return Finding(Severity.ERROR if share > HOPELESS else Severity.WARNING, name, what, remedy)
 
 
-def _behind(scene: Scene, names: list[str]) -> list[Finding]:
+def _behind(scene: Scene, names: Sequence[str]) -> list[Finding]:
+    """Views with most of the person at their back."""
     points, residual = scene.triangulated(rounds=0)
     depth = scene.cameras.to_camera(points)[..., 2]  # F C J
     known = ~residual.isnan()

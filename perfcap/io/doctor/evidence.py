@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -13,7 +13,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.triangulation import triangulate
 from perfcap.io.doctor.detections import CONFIDENT
 
-FRAMES = 40  # looked at, evenly spread
+FRAMES = 24  # looked at, evenly spread
 MIN_DEPTH = 0.1  # m; nobody is filmed from nearer
 MIN_JOINTS = 30  # seen by two views, in all frames looked at, to say anything
 
@@ -28,6 +28,13 @@ class Scene:
     def select(self, views: list[int]) -> Scene:
         """Some views, in the order given."""
         return Scene(self.cameras.select(views), self.detections.select(views))
+
+    def straightened(self) -> Scene:
+        """The same seen through lenses without distortion, which many trials then cost less."""
+        ideal = replace(self.cameras, distortion=None)
+        plane = self.cameras.to_plane(self.detections.joints2d)
+        local = torch.cat((plane, torch.ones_like(plane[..., :1])), -1)
+        return Scene(ideal, replace(self.detections, joints2d=ideal.project_camera(local)))
 
     def sampled(self) -> Scene:
         """A few frames, evenly spread, of joints seen with confidence."""
