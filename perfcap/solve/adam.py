@@ -41,11 +41,12 @@ class Adam:
         self, objective: Objective, initial: StateType, bounds: Bounds | None
     ) -> Solution[StateType]:
         """Minimise from an initial state within the bounds; see ``solve``."""
-        run = _Run.start(objective, initial)
-        for count in range(1, self.max_steps + 1):
-            if not bool(run.running.any()):
-                break
-            run = _advance(run, self, count, objective, bounds)
+        with torch.no_grad():
+            run = _Run.start(objective, initial)
+            for count in range(1, self.max_steps + 1):
+                if not bool(run.running.any()):
+                    break
+                run = _advance(run, self, count, objective, bounds)
         return run.solution()
 
 
@@ -75,13 +76,8 @@ class _Run(Generic[StateType]):
         )
 
     def solution(self) -> Solution[StateType]:
-        batch = self.layout.batch
-        return Solution(
-            state=self.state,
-            energy=_total(self.terms).reshape(batch),
-            terms={name: value.reshape(batch) for name, value in self.terms.items()},
-            steps=self.steps.reshape(batch),
-            status=self.status.reshape(batch),
+        return Solution.over_batch(
+            self.layout.batch, self.state, self.terms, self.steps, self.status
         )
 
 

@@ -32,8 +32,10 @@ class Bounds:
         free = lower.new_tensor(torch.inf)
         return cls(Step(lower, -free), Step(upper, free))
 
-    def rows(self, layout: Layout) -> tuple[Tensor, Tensor]:
-        """Lower and upper bounds as rows (B, N).
+    def rows(self, layout: Layout, like: Tensor) -> tuple[Tensor, Tensor]:
+        """Lower and upper bounds as rows (B, N) in the precision of coordinates ``like``.
+
+        Rounding to a lower precision goes inwards.
 
         Raises:
             InputError: bounds do not fit the state, hold a NaN, or cross.
@@ -52,7 +54,14 @@ class Bounds:
                 "bounds: a lower bound is above its upper bound, or one is NaN; expected "
                 "lower <= upper with infinities where a coordinate is free"
             )
-        return lower, upper
+        return _rounded(lower, like, torch.inf), _rounded(upper, like, -torch.inf)
+
+
+def _rounded(bound: Tensor, like: Tensor, inwards: float) -> Tensor:
+    """A bound in another precision, never further out."""
+    rounded = bound.to(like)
+    outside = (bound < rounded) if inwards < 0 else (bound > rounded)
+    return torch.where(outside, torch.nextafter(rounded, rounded.new_tensor(inwards)), rounded)
 
 
 @dataclass(frozen=True)
@@ -97,8 +106,8 @@ def step_box(bounds: Bounds | None, state: State, layout: Layout) -> StepBox | N
     """The box of steps at a state; None if nothing is bounded."""
     if bounds is None:
         return None
-    lower, upper = bounds.rows(layout)
-    return StepBox(layout.flatten(state.coordinates()), lower, upper)
+    at = layout.flatten(state.coordinates())
+    return StepBox(at, *bounds.rows(layout, at))
 
 
 def project(state: StateType, bounds: Bounds | None) -> StateType:
@@ -107,8 +116,7 @@ def project(state: StateType, bounds: Bounds | None) -> StateType:
         return state
     layout = Layout.of(state)
     at = layout.flatten(state.coordinates())
-    lower, upper = bounds.rows(layout)
-    step = at.clamp(lower, upper) - at
+    step = at.clamp(*bounds.rows(layout, at)) - at
     if not bool((step != 0).any()):
         return state
     return state.retract(layout.unflatten(step))

@@ -12,7 +12,6 @@ them join, and the dual objective rises each time, so this ends at the exact sol
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -27,31 +26,28 @@ _ROUNDS = 60  # of joining bounds; one to eight are usual
 _PIVOTS = 300  # of the nonnegative program; one to five are usual
 
 
-@dataclass(frozen=True)
-class BoxStep:
-    """A step, and the multipliers of the bounds that hold it (positive: upper), rows (B, N)."""
-
-    step: Tensor
-    multipliers: Tensor
-
-
 def box_step(
     equations: NormalEquations,
     factorization: Factorization,
     damping: Tensor,
+    newton: Tensor,
     box: StepBox,
     warm: Tensor | None = None,
-) -> BoxStep:
+) -> tuple[Tensor, Tensor]:
     """Minimise the damped model over the box.
 
     Args:
         equations: the model.
         factorization: of ``equations`` with ``damping``.
         damping: what was added to the diagonal, (B, N).
+        newton: the unconstrained minimiser, (B, N). Elements where it is zero are left alone.
         box: bounds on the step.
         warm: multipliers of a similar problem, (B, N); only their signs are used.
+
+    Returns:
+        The step, and the multipliers of the bounds that hold it (positive: upper), both (B, N).
     """
-    newton = step = factorization.newton_step(equations)
+    step = newton
     multipliers = torch.zeros_like(newton)
     held = multipliers if warm is None else _bounded_sides(warm, box)
     joining = held != 0
@@ -68,11 +64,13 @@ def box_step(
             break
         held = torch.where(joining, side, held)
     solved = solved & ~joining.any(-1)
-    step = box.clamp(step)
+    # what a multiplier holds is on its bound but for rounding; put it there
+    step = torch.where(multipliers > 0, box.highest, step)
+    step = box.clamp(torch.where(multipliers < 0, box.lowest, step))
     if not bool(solved.all()):
         descent = _feasible_descent(equations, damping, box, step)
         step = torch.where(solved.unsqueeze(-1), step, descent)
-    return BoxStep(step, multipliers)
+    return step, multipliers
 
 
 def _bounded_sides(multipliers: Tensor, box: StepBox) -> Tensor:

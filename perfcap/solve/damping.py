@@ -51,12 +51,13 @@ class Damping:
         """The same damping for every element of ``like`` (B,)."""
         return cls(torch.full_like(like, value), torch.full_like(like, 2.0))
 
-    def update(self, accepted: Tensor, gain: Tensor) -> Damping:
-        """Damping after steps that were accepted or not, with their gain ratios, (B,)."""
+    def update(self, tried: Tensor, accepted: Tensor, gain: Tensor) -> Damping:
+        """Damping after steps that were tried and accepted or not, with gain ratios, (B,)."""
         fall = (1 - (2 * gain - 1) ** 3).clamp(min=0.1, max=2.0)
+        value = torch.where(
+            accepted, (self.value * fall).clamp(min=1e-12), self.value * self.growth
+        )
+        growth = torch.where(accepted, 2.0, 2 * self.growth)
         return Damping(
-            value=torch.where(
-                accepted, (self.value * fall).clamp(min=1e-12), self.value * self.growth
-            ),
-            growth=torch.where(accepted, 2.0, 2 * self.growth),
+            torch.where(tried, value, self.value), torch.where(tried, growth, self.growth)
         )

@@ -24,7 +24,6 @@ Shared unknowns border H and are eliminated by their Schur complement.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -76,28 +75,27 @@ class Factorization:
     def inverse_block(self, index: Tensor) -> Tensor:
         """Rows and columns ``index`` (B, m) of H^-1, (B, m, m), as a sum of squares."""
         batch = torch.arange(len(index), device=index.device)[:, None]
-        in_frame = index < self.layout.frame_unknowns
+        in_frame = (index < self.layout.frame_unknowns).unsqueeze(-1)  # B m 1
         frame_index = index.clamp(max=self.layout.frame_unknowns - 1)
         frame = frame_index.div(self.layout.frame_dim, rounding_mode="floor")
         inner = frame_index - frame * self.layout.frame_dim
-        columns = self._inverse_root[batch, frame, inner] * in_frame.unsqueeze(-1)
-        block = columns @ columns.mT
-        block = block * (frame.unsqueeze(-1) == frame.unsqueeze(-2))
+        halves = []
         if self.window is not None:
-            half = self.window.half_rows(batch, frame, inner) * in_frame.unsqueeze(-2)
-            block = block + half.mT @ half
+            halves.append(self.window.half_rows(batch, frame, inner) * in_frame.mT)
         if self.shared is not None:
-            half = self.shared.half_rows(index)
+            halves.append(self.shared.half_rows(index))
+        own = self._frame_half(batch, frame, inner) * in_frame
+        block = (own @ own.mT) * (frame.unsqueeze(-1) == frame.unsqueeze(-2))
+        for half in halves:
             block = block + half.mT @ half
         return block
 
-    @cached_property
-    def _inverse_root(self) -> Tensor:
-        """Transposed inverse of the Cholesky factors: row d holds column d, (B, F, D, D)."""
-        identity = torch.eye(self.layout.frame_dim, dtype=self.cholesky.dtype)
-        identity = identity.to(self.cholesky.device).expand_as(self.cholesky)
-        root: Tensor = torch.linalg.solve_triangular(self.cholesky, identity, upper=False)
-        return root.mT.contiguous()
+    def _frame_half(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
+        """``L_f^-1 e`` for unit vectors e of the frames, M_f = L_f L_f': (B, m, D)."""
+        factors = self.cholesky[batch, frame]  # B m D D
+        unit = torch.nn.functional.one_hot(inner, self.layout.frame_dim).to(factors)
+        half: Tensor = torch.linalg.solve_triangular(factors, unit.unsqueeze(-1), upper=False)
+        return half.squeeze(-1)
 
     def _eliminate(self, solved: Tensor, shared: Tensor) -> Tensor:
         """Rows (B, N) from frames solved without their border (B, F, D)."""

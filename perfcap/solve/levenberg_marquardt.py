@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.assembly import assemble
-from perfcap.solve.bounds import Bounds, StepBox, step_box
-from perfcap.solve.box_step import BoxStep, box_step
+from perfcap.solve.bounds import Bounds, step_box
+from perfcap.solve.box_step import box_step
 from perfcap.solve.damping import Damping, damping_scale
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.factorization import factorize
@@ -24,6 +24,9 @@ _LARGEST_DAMPING = 1e20
 @dataclass(frozen=True)
 class LevenbergMarquardt:
     """Settings of the damped Gauss-Newton method (Levenberg 1944, Marquardt 1963).
+
+    Robust kernels are reweighted: their slope at the last linearization scales the rows, and
+    steps are judged by the true robust energy.
 
     Args:
         max_steps: most steps tried, accepted or not.
@@ -44,7 +47,7 @@ class LevenbergMarquardt:
     ) -> Solution[StateType]:
         """Minimise from an initial state within the bounds; see ``solve``."""
         with torch.no_grad():
-            run = _Run.start(self, objective, initial)
+            run = _start(self, objective, initial)
             for _ in range(self.max_steps):
                 if not bool(run.running.any()):
                     break
@@ -56,130 +59,149 @@ class LevenbergMarquardt:
 class _Run(Generic[StateType]):
     """Where every batch element is; tensors are (B,) unless said otherwise.
 
-    ``equations`` are those of ``state``, but for elements that no longer run. ``terms`` belong to
-    ``state``. ``multipliers`` (B, N) warm-start the bounds.
+    ``terms`` and ``energy`` belong to ``state``. ``equations`` do too while an element runs, and
+    are finite in any case. ``multipliers`` (B, N) warm-start the bounds.
     """
 
     state: StateType
     layout: Layout
-    start_energy: Tensor
     equations: NormalEquations
     terms: dict[str, Tensor]
+    energy: Tensor
+    start_energy: Tensor
     damping: Damping
+    multipliers: Tensor
     steps: Tensor
     status: Tensor
     running: Tensor
-    multipliers: Tensor | None = None
-
-    @classmethod
-    def start(
-        cls, settings: LevenbergMarquardt, objective: Objective, state: StateType
-    ) -> _Run[StateType]:
-        equations = assemble(objective, state)
-        finite = equations.finite()
-        energy = equations.energy
-        status = torch.full_like(energy, Status.MAX_STEPS, dtype=torch.long)
-        return cls(
-            state=state,
-            layout=equations.layout,
-            start_energy=energy,
-            equations=equations.where_finite(finite),
-            terms=equations.terms,
-            damping=Damping.start(settings.damping, energy),
-            steps=torch.zeros_like(status),
-            status=torch.where(finite, status, Status.NOT_FINITE),
-            running=finite,
-        )
-
-    @property
-    def energy(self) -> Tensor:
-        return torch.stack(list(self.terms.values())).sum(0)
 
     def solution(self) -> Solution[StateType]:
-        def batched(values: Tensor) -> Tensor:
-            return values.reshape(self.layout.batch)
-
-        terms = {name: batched(value) for name, value in self.terms.items()}
-        return Solution(
-            self.state, batched(self.energy), terms, batched(self.steps), batched(self.status)
+        return Solution.over_batch(
+            self.layout.batch, self.state, self.terms, self.steps, self.status
         )
+
+
+@dataclass(frozen=True)
+class _Trial(Generic[StateType]):
+    """A tried step (B, N), where it leads, and what came of it, (B,).
+
+    ``valid`` says whether a step was found at all; the others are zero, as are those of elements
+    that no longer run.
+    """
+
+    step: Tensor
+    multipliers: Tensor
+    valid: Tensor
+    state: StateType
+    terms: dict[str, Tensor]
+    energy: Tensor
+    promised: Tensor
+    gained: Tensor
+    accepted: Tensor
+
+
+def _start(settings: LevenbergMarquardt, objective: Objective, state: StateType) -> _Run[StateType]:
+    equations = assemble(objective, state)
+    finite, energy = equations.finite(), equations.energy
+    status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
+    return _Run(
+        state=state,
+        layout=equations.layout,
+        equations=equations.where_finite(finite),
+        terms=equations.terms,
+        energy=energy,
+        start_energy=energy,
+        damping=Damping.start(settings.damping, energy),
+        multipliers=torch.zeros_like(equations.gradient()),
+        steps=torch.zeros_like(status),
+        status=status,
+        running=finite,
+    )
 
 
 def _advance(
     run: _Run[StateType], settings: LevenbergMarquardt, objective: Objective, bounds: Bounds | None
 ) -> _Run[StateType]:
-    """Try one step of every running element."""
-    layout = run.layout
-    box = step_box(bounds, run.state, layout)
-    found, valid = _damped_step(run, box)
-    step = torch.where(run.running.unsqueeze(-1) & valid.unsqueeze(-1), found.step, 0)
-    trial = run.state.retract(layout.unflatten(step))
-    terms = {name: layout.per_element(v) for name, v in objective.report(trial).items()}
-    energy = torch.stack(list(terms.values())).sum(0)
-    promised = run.equations.decrease(step)
-    gained = run.energy - energy
-    accepted = run.running & valid & (gained > 0) & (promised > 0)
-    status = _judge(run, settings, step, valid, promised, gained, accepted, energy)
-    running = run.running & (status == Status.MAX_STEPS)
+    """Try one step of every running element, and linearize anew if any was accepted."""
+    trial = _try(run, objective, bounds)
+    status = _judge(run, trial, settings)
     moved = replace(
         run,
+        damping=run.damping.update(run.running, trial.accepted, trial.gained / trial.promised),
+        multipliers=trial.multipliers,
         steps=run.steps + run.running,
         status=status,
-        running=running,
-        damping=run.damping.update(accepted, gained / promised),
-        multipliers=found.multipliers,
+        running=run.running & (status == Status.MAX_STEPS),
     )
-    if not bool(accepted.any()):
+    if not bool(trial.accepted.any()):
         return moved
-    if not bool(accepted[run.running].all()) or not bool(run.running.all()):
-        trial = run.state.retract(layout.unflatten(torch.where(accepted.unsqueeze(-1), step, 0)))
-    terms = {name: torch.where(accepted, terms[name], run.terms[name]) for name in terms}
-    moved = replace(moved, state=trial, terms=terms)
-    return _linearize(moved, objective) if bool(running.any()) else moved
+    moved = _move(moved, trial, rejected=run.running & ~trial.accepted)
+    return _linearize(moved, objective) if bool(moved.running.any()) else moved
 
 
-def _damped_step(run: _Run[StateType], box: StepBox | None) -> tuple[BoxStep, Tensor]:
-    """The step of the damped model within the box, and whether it is usable (B,)."""
+def _try(run: _Run[StateType], objective: Objective, bounds: Bounds | None) -> _Trial[StateType]:
+    """Solve the damped model within the bounds and evaluate the energy at its minimum."""
+    layout = run.layout
     damping = run.damping.value.unsqueeze(-1) * damping_scale(run.equations)
     factorization = factorize(run.equations, damping)
-    if box is None:
-        step = factorization.newton_step(run.equations)
-        found = BoxStep(step, torch.zeros_like(step))
-    else:
-        found = box_step(run.equations, factorization, damping, box, run.multipliers)
-    return found, factorization.valid & found.step.isfinite().all(-1)
+    newton = factorization.newton_step(run.equations)
+    valid = run.running & factorization.valid & newton.isfinite().all(-1)
+    newton = torch.where(valid.unsqueeze(-1), newton, 0)
+    step, multipliers = newton, run.multipliers
+    box = step_box(bounds, run.state, layout)
+    if box is not None:
+        warm = torch.where(valid.unsqueeze(-1), multipliers, 0)
+        step, multipliers = box_step(run.equations, factorization, damping, newton, box, warm)
+        valid = valid & step.isfinite().all(-1)
+        step = torch.where(valid.unsqueeze(-1), step, 0)
+    state = run.state.retract(layout.unflatten(step))
+    terms = {name: layout.per_element(value) for name, value in objective.report(state).items()}
+    energy = torch.stack(list(terms.values())).sum(0)
+    promised, gained = run.equations.decrease(step), run.energy - energy
+    accepted = valid & (gained > 0) & (promised > 0)
+    return _Trial(step, multipliers, valid, state, terms, energy, promised, gained, accepted)
 
 
-def _judge(
-    run: _Run[StateType],
-    settings: LevenbergMarquardt,
-    step: Tensor,
-    valid: Tensor,
-    promised: Tensor,
-    gained: Tensor,
-    accepted: Tensor,
-    energy: Tensor,
-) -> Tensor:
+def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: LevenbergMarquardt) -> Tensor:
     """New status of every element.
 
     A short step under heavy damping is no sign of convergence, so promises and steps are scaled
     up to what the undamped model could give: at most (1 + damping) times as much. A rejected step
     counts only where the promise is below what the precision of the energy can show.
     """
-    resolution = 32 * torch.finfo(step.dtype).eps
+    resolution = 32 * torch.finfo(trial.step.dtype).eps
     undamped = 1 + run.damping.value
-    promise = promised * undamped
-    tolerance = max(settings.tolerance, resolution)
-    size = step.abs().amax(-1) * undamped
-    at = run.layout.flatten(run.state.coordinates()).abs().amax(-1)
-    converged = accepted & (promise <= tolerance * run.energy) & (gained <= tolerance * run.energy)
-    converged = converged | (valid & (promise <= resolution * run.energy))
-    converged = converged | (accepted & (energy <= resolution**2 * run.start_energy))
-    converged = converged | (valid & (size <= settings.step_tolerance * (1 + at)))
-    stuck = ~accepted & (run.damping.value > _LARGEST_DAMPING)
-    end = torch.where(energy.isfinite(), Status.STALLED, Status.NOT_FINITE)
-    status = torch.where(run.running & stuck, end, run.status)
-    return torch.where(run.running & converged, Status.CONVERGED, status)
+    promise = trial.promised * undamped
+    enough = max(settings.tolerance, resolution) * run.energy
+    size = trial.step.abs().amax(-1) * undamped
+    reach = 1 + run.layout.flatten(run.state.coordinates()).abs().amax(-1)
+    converged = trial.valid & (
+        (trial.accepted & (promise <= enough) & (trial.gained <= enough))
+        | (trial.accepted & (trial.energy <= resolution**2 * run.start_energy))
+        | (promise <= resolution * run.energy)
+        | (size <= settings.step_tolerance * reach)
+    )
+    stuck = run.running & ~trial.accepted & (run.damping.value > _LARGEST_DAMPING)
+    dead_end = torch.where(trial.energy.isfinite(), Status.STALLED, Status.NOT_FINITE)
+    status = torch.where(stuck, dead_end, run.status)
+    return torch.where(converged, Status.CONVERGED, status)
+
+
+def _move(run: _Run[StateType], trial: _Trial[StateType], rejected: Tensor) -> _Run[StateType]:
+    """Go to the trial state where it was accepted."""
+    state = trial.state
+    if bool(rejected.any()):
+        step = torch.where(rejected.unsqueeze(-1), 0, trial.step)
+        state = run.state.retract(run.layout.unflatten(step))
+    accepted = trial.accepted
+    return replace(
+        run,
+        state=state,
+        terms={
+            name: torch.where(accepted, trial.terms[name], run.terms[name]) for name in run.terms
+        },
+        energy=torch.where(accepted, trial.energy, run.energy),
+    )
 
 
 def _linearize(run: _Run[StateType], objective: Objective) -> _Run[StateType]:

@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import Generic
 
+import torch
 from torch import Tensor
 
 from perfcap.solve.energy import StateType
@@ -53,6 +54,20 @@ class Solution(Generic[StateType]):
     terms: dict[str, Tensor]
     steps: Tensor
     status: Tensor
+
+    @classmethod
+    def over_batch(
+        cls,
+        batch: torch.Size,
+        state: StateType,
+        terms: dict[str, Tensor],
+        steps: Tensor,
+        status: Tensor,
+    ) -> Solution[StateType]:
+        """A solution from tensors (B,) over the flattened batch."""
+        terms = {name: value.reshape(batch) for name, value in terms.items()}
+        energy = torch.stack(list(terms.values())).sum(0)
+        return cls(state, energy, terms, steps.reshape(batch), status.reshape(batch))
 
     def describe(self) -> list[str]:
         """A sentence for each batch element, in the order of the flattened batch."""

@@ -72,6 +72,16 @@ class Observation(Energy):
         return Residual(value, self.confidence)
 
 
+class SharedPrior(Energy):
+    """Pulls the shared unknowns to zero; frames do not matter."""
+
+    sees_shared = True
+
+    def residual(self, state: State) -> Residual:
+        shape = (*state.frame.shape[:-1], 1, state.shared_dim)
+        return Residual(state.shared[..., None, None, :].expand(shape))
+
+
 class Smoothness(WindowEnergy):
     """Frames as features, the first two unknowns wrapped on a circle so that E = D + 1."""
 
@@ -125,6 +135,8 @@ def toy(
             shared=shared > 0,
         )
     }
+    if shared > 0:
+        energies["prior"] = SharedPrior(weight=0.2)
     if windows > 0:
         basis = cosine_basis(3, frames)
         keep = torch.ones(3, dtype=torch.float64)
