@@ -1,0 +1,1 @@
+"""The commands: files in, files out, one line for every mistake."""

@@ -1,0 +1,32 @@
+"""``perfcap demo``: the shipped clip, captured and compared with its truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from perfcap.app.capture import CaptureRequest, run_capture
+from perfcap.app.evaluate import error_table, evaluate
+from perfcap.io.actor import models_folder
+
+ACTOR = "sam"
+
+
+def run_demo(out: Path) -> int:
+    """Capture the demo clip and print its errors; returns the exit code."""
+    source = models_folder() / "demo"
+    code = run_capture(
+        CaptureRequest(
+            videos=(source / "video.mp4",),
+            actor=ACTOR,
+            cameras=source / "camera.json",
+            detections=(source / "detections.npz",),
+            out=out,
+            bones="template",
+        )
+    )
+    console = Console()
+    console.print(error_table(evaluate(out / "motion.npz", source / "truth.npz")))
+    console.print(f"look at {out / 'overlay.mp4'}; open {out / 'capture.glb'} in Blender")
+    return code

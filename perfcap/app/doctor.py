@@ -1,0 +1,30 @@
+"""``perfcap doctor``: what is wrong with the installation or the inputs, before any solve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from perfcap.io.doctor import Severity, examine_inputs, examine_installation
+
+_COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFO: "default"}
+
+
+def run_doctor(
+    cameras: Path | None,
+    detections: Sequence[Path],
+    videos: Sequence[Path],
+    video_map: Path | None,
+) -> int:
+    """Print findings; returns 2 when one of them will spoil a capture."""
+    findings = list(examine_installation())
+    if cameras is not None:
+        findings += examine_inputs(cameras, list(detections), list(videos), video_map)
+    console = Console(highlight=False)
+    for finding in findings:
+        console.print(str(finding), style=_COLOURS[finding.severity], soft_wrap=True, markup=False)
+    errors = sum(finding.severity is Severity.ERROR for finding in findings)
+    console.print(f"{errors} errors, {len(findings) - errors} other findings")
+    return 2 if errors else 0

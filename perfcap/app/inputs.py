@@ -1,0 +1,120 @@
+"""Everything a capture needs, read and checked against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.io.calibration import (
+    CameraRig,
+    PixelMap,
+    match_image,
+    read_cameras,
+    read_pixel_map,
+)
+from perfcap.io.clip import Clip
+from perfcap.io.detections import read_detections
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """A clip, its cameras and its detections, frame for frame.
+
+    Attributes:
+        clip: the frames that are captured.
+        rig: one camera a view, in the order of the clip's views.
+        detections: in pixels of the calibration, (F, C, 16).
+        pixel_map: from the clip's pixels to the calibration's.
+        warnings: what a user should know.
+    """
+
+    clip: Clip
+    rig: CameraRig
+    detections: Detections
+    pixel_map: PixelMap
+    warnings: tuple[str, ...]
+
+
+def read_inputs(
+    videos: Sequence[Path],
+    cameras: Path,
+    detections: Sequence[Path],
+    *,
+    frames: str | None = None,
+    video_map: Path | None = None,
+    detections_in_video: bool = False,
+) -> Inputs:
+    """Read a clip with its cameras and detections.
+
+    Args:
+        videos: a video or a folder of images a view.
+        cameras: the calibration.
+        detections: one file or folder a view, or one npz of all.
+        frames: ``A:B``, the part of the clip to use.
+        video_map: maps from video to calibration pixels, where they differ.
+        detections_in_video: whether detections are in pixels of the videos rather than of the
+            calibration.
+
+    Raises:
+        InputError: anything that cannot be used, in one line.
+    """
+    part = parse_frames(frames)
+    clip = Clip.open(list(videos), frames=part)
+    rig = read_cameras(cameras, clip.sizes)
+    rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
+    pixel_map = match_image(rig, clip.sizes, read_pixel_map(video_map) if video_map else None)
+    whole = clip.start + len(clip) if part.stop is not None else None
+    found, notes = read_detections(
+        list(detections), views=rig.names, pixel_offset=rig.pixel_offset, frames=whole
+    )
+    chosen = found.frames(slice(clip.start, clip.start + len(clip)))
+    if chosen.frame_count == 0:
+        raise InputError(
+            f"--detections: hold {found.frame_count} frames, none of frames {clip.start} and later"
+        )
+    if chosen.frame_count < len(clip):
+        notes = [*notes, f"detections end after {chosen.frame_count} of {len(clip)} frames"]
+    if detections_in_video:
+        chosen = _to_calibration(chosen, pixel_map)
+    rig = _camera_frames(rig, clip, chosen.frame_count)
+    return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes))
+
+
+def parse_frames(text: str | None) -> slice:
+    """``A:B`` with either side open, as a slice.
+
+    Raises:
+        InputError: another form.
+    """
+    if text is None:
+        return slice(0, None)
+    parts = text.split(":")
+    if len(parts) != 2 or not all(p.isdigit() or not p for p in parts):
+        raise InputError(f"--frames {text}: expected A:B, such as 0:100, with A before B")
+    start, stop = (int(p) if p else None for p in parts)
+    return slice(start or 0, stop)
+
+
+def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:
+    return Detections(
+        pixel_map.to_calibration(detections.joints2d),
+        detections.confidence2d,
+        detections.joints3d,
+        detections.trusted3d,
+    )
+
+
+def _camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
+    """The cameras of the clip's part; fixed ones are the same for every frame."""
+    if not rig.cameras.moving:
+        return rig
+    count = rig.cameras.intrinsics.shape[0]
+    if count < clip.start + frames:
+        raise InputError(
+            f"--cameras: has {count} frames, the clip needs {clip.start + frames}; give a camera "
+            "for every frame"
+        )
+    return replace(rig, cameras=rig.cameras.frames(slice(clip.start, clip.start + frames)))

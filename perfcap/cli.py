@@ -1,0 +1,132 @@
+"""The command line. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from perfcap.errors import InputError
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Capture the shipped clip with the shipped actor and print the errors against its truth."""
+
+    out: Path = Path("demo")
+    """Folder for the results."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.demo import run_demo
+
+        return run_demo(self.out)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Capture the motion of one person from one or several calibrated videos."""
+
+    videos: tyro.conf.Positional[tuple[Path, ...]]
+    """A video or a folder of images; one for each view."""
+    actor: str
+    """Name of a shipped actor, a skinned .glb/.gltf, or a folder with actor.glb."""
+    cameras: Path
+    """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder."""
+    detections: tuple[Path, ...]
+    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view."""
+    out: Path
+    """Folder for the results."""
+    until: Literal["initialize", "track_motion"] = "track_motion"
+    """The last stage to run."""
+    frames: str | None = None
+    """Part of the clip, A:B (B exclusive)."""
+    preset: Literal["default", "monoperfcap"] = "default"
+    """Measured defaults, or the constants published by Xu et al. 2018."""
+    bones: Literal["auto", "solve", "template"] = "auto"
+    """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
+    video_map: Path | None = None
+    """JSON of affine maps from video to calibration pixels, where the two differ."""
+    detections_in: Literal["calibration", "video"] = "calibration"
+    """Which pixels detections are in, where the two differ."""
+    device: str = "auto"
+    """Where to compute: auto, cpu, cuda, ..."""
+    overlay: bool = True
+    """Write overlay.mp4."""
+    resume: bool = False
+    """Do nothing if the folder already holds the complete result of this very call."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.capture import CaptureRequest, run_capture
+
+        return run_capture(CaptureRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Errors of a result against its truth, as a table and metrics.json."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    truth: Path
+    """An npz with joints3d [F,16,3] in metres, or a folder that holds truth.npz or gt.npz."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.evaluate import run_evaluate
+
+        return run_evaluate(self.folder, self.truth)
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Check the installation and, before any solve, the inputs."""
+
+    videos: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """The videos, to compare their size with the calibration's."""
+    cameras: Path | None = None
+    """Calibration to check."""
+    detections: tuple[Path, ...] = ()
+    """Detections to check against the cameras."""
+    video_map: Path | None = None
+    """JSON of affine maps from video to calibration pixels."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.doctor import run_doctor
+
+        return run_doctor(self.cameras, self.detections, self.videos, self.video_map)
+
+
+Command = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Capture, tyro.conf.subcommand("capture")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
+    logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
+    command: Demo | Capture | Evaluate | Doctor = tyro.cli(
+        Command,  # type: ignore[arg-type]
+        prog="perfcap",
+        args=arguments,
+        description="Human performance capture: skeleton motion from video.",
+    )
+    try:
+        code = command.run()
+    except InputError as error:
+        sys.stderr.write(f"perfcap: {error}\n")
+        code = 2
+    except KeyboardInterrupt:
+        sys.stderr.write("perfcap: interrupted\n")
+        code = 130
+    sys.exit(code)

@@ -1,0 +1,193 @@
+"""The result of a capture, and its files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.atomic import writing
+from perfcap.io.bvh import bvh_motion, save_bvh
+from perfcap.io.gltf import save_animation
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.track_motion import WindowReport
+
+_FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """Seconds a stage took."""
+
+    name: str
+    wall: float
+    cpu: float
+
+
+@dataclass(frozen=True)
+class Performance:
+    """Captured motion of one person, with what it was captured from.
+
+    Attributes:
+        actor: the person, with the bone lengths the motion was solved for.
+        cameras: C views.
+        detections: as given, (F, C, 16).
+        motion: (F,).
+        rate: frames a second.
+        config: settings of the capture.
+        gaps: half-open frame ranges in which nobody was detected; they are interpolated.
+        windows: how the solve of each window went.
+        stages: time of each stage.
+        bone_scales: log factors of the actor's bone groups, (S,), when they were solved.
+        warnings: what a user should know.
+    """
+
+    actor: Actor
+    cameras: Camera
+    detections: Detections
+    motion: Motion
+    rate: float
+    config: PoseConfig
+    gaps: tuple[tuple[int, int], ...] = ()
+    windows: tuple[WindowReport, ...] = ()
+    stages: tuple[StageReport, ...] = ()
+    bone_scales: Tensor | None = None
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.motion.angles.shape[-2]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame was captured from detections by a solve that went well."""
+        return not self.gaps and not any("could not be solved" in w for w in self.warnings)
+
+    def joints(self) -> Tensor:
+        """Landmarks in the world, (F, 16, 3), metres."""
+        with torch.no_grad():
+            return self.actor.joints(self.motion)
+
+    def bone_transforms(self) -> np.ndarray:
+        """Rest-to-posed transforms of the template's bones, (F, B, 4, 4)."""
+        with torch.no_grad():
+            parts = [
+                self.actor.bone_transforms(self.motion[start : start + _FRAME_BATCH]).cpu()
+                for start in range(0, self.frames, _FRAME_BATCH)
+            ]
+        stacked: np.ndarray = torch.cat(parts).double().numpy()
+        return stacked
+
+    def save(self, folder: str | Path, first_frame: int = 0, run: Mapping[str, Any] | None = None) -> None:
+        """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
+
+        Every file appears complete or not at all.
+
+        Args:
+            folder: made if it does not exist.
+            first_frame: number of the motion's first frame in the video.
+            run: what the caller knows about the run (versions, inputs), added to run.json.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        folder = make_folder(folder)
+        self._save_motion(folder / "motion.npz", first_frame)
+        transforms = self.bone_transforms()
+        template = self.actor.template
+        save_bvh(folder / "motion.bvh", bvh_motion(template, transforms, self.rate))
+        save_animation(folder / "capture.glb", template, transforms, self.rate)
+        with writing(folder / "config.yaml") as file:
+            file.write(yaml.safe_dump(plain(asdict(self.config)), sort_keys=False).encode())
+        with writing(folder / "run.json") as file:
+            file.write(json.dumps(plain({**(run or {}), **self.report(first_frame)}), indent=1).encode())
+
+    def _save_motion(self, path: Path, first_frame: int) -> None:
+        skeleton = self.actor.skeleton
+
+        def array(values: Tensor) -> np.ndarray:
+            numbers: np.ndarray = values.detach().cpu().double().numpy()
+            return numbers
+
+        with writing(path) as file:
+            np.savez_compressed(
+                file,
+                joints3d=array(self.joints()),
+                joint_names=np.array(skeleton.rig.landmarks),
+                root_translation=array(self.motion.translation),
+                root_rotation=array(self.motion.rotation),
+                angles=array(self.motion.angles),
+                angle_names=np.array(skeleton.angle_names),
+                angle_lower=array(skeleton.lower),
+                angle_upper=array(skeleton.upper),
+                frames=np.arange(first_frame, first_frame + self.frames),
+                fps=np.array(self.rate),
+            )
+
+    def report(self, first_frame: int = 0) -> dict[str, Any]:
+        """What happened, as plain values: gaps, windows, times, bone lengths, warnings."""
+        scales = self.bone_scales
+        names = self.actor.skeleton.group_names
+        return {
+            "frames": self.frames,
+            "fps": self.rate,
+            "not_captured": [[a + first_frame, b + first_frame] for a, b in self.gaps],
+            "windows": [
+                {
+                    "frames": [w.window.start + first_frame, w.window.stop + first_frame],
+                    "status": w.status.name.lower(),
+                    "steps": w.steps,
+                    "energy": w.energy,
+                    "terms": w.terms,
+                }
+                for w in self.windows
+            ],
+            "stages": {s.name: {"wall_s": s.wall, "cpu_s": s.cpu} for s in self.stages},
+            "bone_scales": None
+            if scales is None
+            else {n: float(v) for n, v in zip(names, scales.exp(), strict=True)},
+            "warnings": list(self.warnings),
+        }
+
+
+def make_folder(folder: str | Path) -> Path:
+    """A folder that can be written.
+
+    Raises:
+        InputError: it cannot be made or written.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"--out {path}: cannot make the folder ({error.strerror}); choose another place"
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise InputError(f"--out {path}: the folder is not writable; choose another place")
+    return path
+
+
+def plain(value: Any) -> Any:
+    """Nested dicts, lists and plain numbers, as YAML and JSON know them."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
