@@ -67,9 +67,10 @@ def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
     """Poses as tensors, and the same memory as arrays."""
     lead = motion.angles.shape[:-1]
     vectors = tree.scaled_bones(motion.shape)
-    vectors = vectors.expand(*lead[:-1], *vectors.shape[-2:]).reshape(-1, *vectors.shape[-2:])
+    if motion.shape is not None:
+        vectors = vectors.expand(*lead[:-1], *vectors.shape[-2:])
     constants = {name: getattr(tree, name).numpy() for name in _Tree._fields[:-1]}
-    arrays = _Tree(**constants, bones=vectors.numpy())
+    arrays = _Tree(**constants, bones=_rows(vectors, *vectors.shape[-2:]))
     new = motion.angles.new_empty
     rotation, position = new(*lead, tree.joints, 3, 3), new(*lead, *tree.bone_vectors.shape)
     poses = _Poses(
@@ -80,14 +81,15 @@ def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
             for x in (arrays.bones[0], arrays.axes)
         ),
     )
-    _place(arrays, *(_rows(x) for x in (motion.translation, motion.rotation, motion.angles)), poses)
+    unknowns = (motion.translation, motion.rotation, motion.angles)
+    _place(arrays, *(_rows(x, x.shape[-1]) for x in unknowns), poses)
     joints, landmarks = position.tensor_split((tree.joints,), -2)
     return Pose(rotation, joints, landmarks), arrays, poses
 
 
-def _rows(tensor: Tensor) -> Floats:
-    rows: Floats = tensor.detach().numpy().reshape(-1, tensor.shape[-1])
-    return rows
+def _rows(tensor: Tensor, *shape: int) -> Floats:
+    """Contiguous, as another memory layout would compile the kernels once more."""
+    return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -33,7 +33,7 @@ class Trajectory(WindowEnergy):
             the sharp one; overrides ``rank``.
     """
 
-    scale: Tensor
+    angles: Tensor
 
     def __init__(
         self,
@@ -79,4 +79,4 @@ def _quaternion_derivative(quaternion: Tensor) -> Tensor:
     """Derivative (*b, 4, 3) of 2 q in a left rotation: columns (0, e_k) q, times the scale of q."""
     w, x, y, z = (0.5 * quaternion).unbind(-1)
     rows = (-x, -y, -z, w, z, -y, -z, w, x, y, -x, w)
-    return torch.stack(rows, -1).unflatten(-1, (4, 3))
+    return torch.stack(rows, -1).reshape(*w.shape, 4, 3)

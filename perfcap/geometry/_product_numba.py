@@ -17,8 +17,8 @@ def multiply_views(left: Tensor, right: Tensor) -> Tensor:
     *lead, views, count, rows, _ = left.shape
     product = left.new_empty(*lead, views, count, rows, right.shape[-1])
     _multiply(
-        left.detach().numpy().reshape(-1, views, count, rows, 3),
-        right.detach().numpy().reshape(-1, count, 3, right.shape[-1]),
+        np.ascontiguousarray(left.detach().numpy()).reshape(-1, views, count, rows, 3),
+        np.ascontiguousarray(right.detach().numpy()).reshape(-1, count, 3, right.shape[-1]),
         product.numpy().reshape(-1, views, count, rows, right.shape[-1]),
     )
     return product

@@ -30,20 +30,21 @@ class Views(NamedTuple):
 def linearize(camera: Camera, points: Tensor) -> tuple[Tensor, Tensor]:
     """Pixels (*b, F, C, N, 2) and derivative (*b, F, C, N, 2, 3); see ``Camera.linearize``."""
     *lead, count, _ = points.shape
-    views, none = camera.views, np.empty((0, 0, 0))
-    bends = camera.distortion is not None
+    views, lens = camera.views, camera.distortion
+    place = _rows(points, count, 3)
+    none = place[:0]  # of the same type
     arrays = Views(
         _rows(camera.intrinsics, views, 3, 3),
         _rows(camera.rotation, views, 3, 3),
         _rows(camera.translation, views, 3),
-        _rows(camera.distortion, views, 5) if bends else none,
-        _rows(camera.radius_limit(), views, 1) if bends else none,
+        none if lens is None else _rows(lens, views, 5),
+        none if lens is None else _rows(camera.radius_limit(), views, 1),
     )
     pixels = points.new_empty(*lead, views, count, 2)
     jacobian = points.new_empty(*lead, views, count, 2, 3)
     _linearize(
         arrays,
-        _rows(points, count, 3),
+        place,
         NEAR,
         pixels.numpy().reshape(-1, views, count, 2),
         jacobian.numpy().reshape(-1, views, count, 2, 3),
@@ -52,8 +53,8 @@ def linearize(camera: Camera, points: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _rows(tensor: Tensor, *shape: int) -> Floats:
-    rows: Floats = tensor.detach().numpy().reshape(-1, *shape)
-    return rows
+    """Contiguous, as another memory layout would compile the kernel once more."""
+    return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -104,12 +105,13 @@ def _project(
 def _local(views: Views, m: int, view: int, points: Floats, frame: int, n: int, axis: int) -> float:
     """A camera coordinate of a point."""
     r = views.rotation
-    return (
+    coordinate: float = (
         r[m, view, axis, 0] * points[frame, n, 0]
         + r[m, view, axis, 1] * points[frame, n, 1]
         + r[m, view, axis, 2] * points[frame, n, 2]
         + views.translation[m, view, axis]
     )
+    return coordinate
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

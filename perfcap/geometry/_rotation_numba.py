@@ -44,9 +44,11 @@ def rotvec_to_matrix(rotvecs: Floats, n: int, matrix: Floats) -> None:
 
 def compose(left: Tensor, right: Tensor) -> Tensor:
     """See ``rotation.compose_rotvec``."""
-    product = torch.empty_like(left + right)
+    product = torch.empty_like(left + right, memory_format=torch.contiguous_format)
     left, right = left.detach().expand_as(product), right.detach().expand_as(product)
-    _compose(*(tensor.numpy().reshape(-1, 3) for tensor in (left, right, product)))
+    # contiguous, as another memory layout would compile the kernel once more
+    rows = (np.ascontiguousarray(x.numpy()).reshape(-1, 3) for x in (left, right))
+    _compose(*rows, product.numpy().reshape(-1, 3))
     return product
 
 

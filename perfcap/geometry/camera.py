@@ -105,7 +105,7 @@ class Camera:
         """Undistorted coordinates (x/z, y/z), (..., C, N, 2), of pixels (..., C, N, 2)."""
         offset = pixels - self.intrinsics[..., None, :2, 2]
         bent = torch.linalg.solve(self.intrinsics[..., :2, :2], offset.mT).mT
-        plane = bent
+        plane: Tensor = bent
         if self.distortion is not None:
             for _ in range(10):  # fixed point: contracts by the size of the distortion
                 plane = plane - (self._distort(plane) - bent)
