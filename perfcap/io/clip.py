@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.image_folder import ImageFolder
-from perfcap.io.video import UNKNOWN_FPS, VideoFile
+from perfcap.io.video import VideoFile
+from perfcap.io.video_index import UNKNOWN_FPS
 
 Frames = NDArray[np.uint8]
 

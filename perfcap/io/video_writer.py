@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -11,6 +13,8 @@ from typing import Any, Self
 import av
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.errors import InputError
 
 
 class VideoWriter:
@@ -77,29 +81,41 @@ class VideoWriter:
         # yuv420p has half the chroma pixels: odd sides get one more row or column
         even = np.pad(frame, ((0, size[0] % 2), (0, size[1] % 2), (0, 0)), mode="edge")
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
-        self._container.mux(self._stream.encode(picture))
+        with self._reporting():
+            self._container.mux(self._stream.encode(picture))
 
     def close(self) -> None:
         """Finish the file and give it its name.
 
         Raises:
             ValueError: no frame was written.
+            InputError: the place cannot be written.
         """
         if self._container is None:
             raise ValueError(f"{self.path}: no frames were written")
-        try:
+        with self._reporting():
             self._container.mux(self._stream.encode())
             self._container.close()
-        except BaseException:
+            self._container = None
+            os.replace(self._partial, self.path)
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Remove what was written and say why when the disk or folder refuses."""
+        try:
+            yield
+        except OSError as error:
             self.discard()
-            raise
-        self._container = None
-        os.replace(self._partial, self.path)
+            raise InputError(
+                f"{self.path}: cannot be written ({error.strerror}); free space or choose another "
+                "folder"
+            ) from error
 
     def discard(self) -> None:
         """Give up and remove what was written."""
         if self._container is not None:
-            self._container.close()
+            with suppress(OSError):  # closing writes the rest, which may be what failed
+                self._container.close()
             self._container = None
         self._partial.unlink(missing_ok=True)
 

@@ -302,6 +302,7 @@ def test_moving_views_of_unequal_length(tmp_path: Path) -> None:
         ("intri.yml", b"!!python/object/apply:os.getcwd []\n", "not OpenCV YAML"),
         ("intri.yml", b"K_a: !!opencv-matrix\n  rows: 3\n  cols: 3\n  data: [1, 2]\n", "2 numbers"),
         ("intri.yml", b"just text", "holds no entries"),
+        ("intri.yml", b"a: &a [1, 1]\nb: [*a, *a]\n", "no aliases"),
         ("cameras.txt", b"1 FISHEYE 640 480 1 2 3\n", "camera model FISHEYE"),
         ("cameras.txt", b"1 PINHOLE 640 480 1 2 3\n", "expected 6 finite numbers"),
         ("cameras.txt", b"1 PINHOLE 640 480 1 2 3 x\n", "could not convert"),

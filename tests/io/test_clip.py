@@ -329,6 +329,33 @@ def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
     assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
 
 
+def test_images_are_turned_as_their_camera_was(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="needs pillow to write EXIF")
+    (tmp_path / "frames").mkdir()
+    exif = image.Exif()
+    exif[0x0112] = 6  # stored as is, to be shown turned clockwise
+    image.fromarray(picture(5)).save(tmp_path / "frames/1.jpg", exif=exif, quality=95)
+    clip = Clip.open(tmp_path / "frames")
+    assert clip.sizes == ((64, 48),)
+    turned = np.rot90(clip.read(0, 1)[0, 0])
+    assert number(turned) == 5
+
+
+def test_damage_inside_never_raises_anything_else(tmp_path: Path, video: Path) -> None:
+    generator = np.random.default_rng(0)
+    for _ in range(12):
+        data = bytearray(video.read_bytes())
+        for at in generator.integers(0, len(data), 20):
+            data[at] = generator.integers(256)
+        path = tmp_path / "damaged.mp4"
+        path.write_bytes(data)
+        try:
+            clip = Clip.open(path)
+            clip.read(0, min(len(clip), 40))
+        except InputError as error:
+            assert "damaged.mp4" in str(error)
+
+
 def test_bad_folders(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="holds no images"):
@@ -360,6 +387,11 @@ def test_nothing_half_written_under_the_final_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no frames"), VideoWriter(path, 30):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_writer_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        make_video(tmp_path / "nowhere" / "a.mp4", 2)
 
 
 def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:

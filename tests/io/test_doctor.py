@@ -233,6 +233,25 @@ def test_a_person_behind_the_cameras() -> None:
     assert findings and all(finding.severity is Severity.ERROR for finding in findings)
 
 
+def test_moving_cameras() -> None:
+    camera = rig().cameras
+    rise = torch.arange(FRAMES)[:, None, None] * torch.tensor([0.0, 0.02, 0]).double()
+    moving = Camera(
+        camera.intrinsics.expand(FRAMES, VIEWS, 3, 3),
+        camera.rotation.expand(FRAMES, VIEWS, 3, 3),
+        camera.translation + rise,
+        None,
+        camera.size,
+    )
+    moved = replace(rig(), cameras=moving)
+    assert examine_cameras(moved) == []
+    assert examine_agreement(moved, detections(moved)) == []
+    assert one(examine_agreement(moved, detections(moved).select([0, 3, 2, 1])))
+    short = detections(moved).frames(slice(0, 20))
+    assert examine_agreement(moved, short) == []
+    assert "24 camera poses for 20 frames" in one(examine_detections(moved, short)).what
+
+
 def test_views_that_never_see_the_same() -> None:
     confidence = torch.zeros(FRAMES, VIEWS, 16).double()
     for share in (0.0, 0.9):

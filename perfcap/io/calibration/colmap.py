@@ -11,7 +11,7 @@ import numpy as np
 from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import Array, View, make_view
-from perfcap.io.files import natural_key, read_text
+from perfcap.io.files import JSON_LIMIT, natural_key, read_text
 
 CAMERAS, IMAGES = "cameras.txt", "images.txt"
 PIXEL_CENTRE = 0.5  # COLMAP's origin is the corner of the image
@@ -132,7 +132,8 @@ def _read_images(path: Path) -> list[_Image]:
 
 
 def _lines(path: Path) -> list[tuple[int, str]]:
-    text = read_text(path, f"COLMAP's {CAMERAS} and {IMAGES} beside each other").splitlines()
+    what = f"COLMAP's {CAMERAS} and {IMAGES} beside each other"
+    text = read_text(path, what, JSON_LIMIT).splitlines()  # images.txt lists every point
     lines = [(i, line) for i, line in enumerate(text, 1) if not line.startswith("#")]
     while lines and not lines[0][1].strip():
         del lines[0]

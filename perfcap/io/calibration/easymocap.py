@@ -12,9 +12,10 @@ from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.toml_file import rotation_matrix
 from perfcap.io.calibration.view import Array, View, make_view, to_numbers
-from perfcap.io.files import read_text
+from perfcap.io.files import MEBIBYTE, read_text
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+LIMIT = 4 * MEBIBYTE  # thousands of cameras
 
 
 def read_easymocap(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None) -> CameraRig:
@@ -53,7 +54,16 @@ def _vector(where: str, value: Any) -> Array:
 
 
 class _OpenCVLoader(yaml.SafeLoader):  # type: ignore[misc]
-    """Plain YAML values and ``!!opencv-matrix``, nothing that could build an object."""
+    """Plain YAML values and ``!!opencv-matrix``, nothing that could build an object.
+
+    Aliases, which OpenCV never writes, are refused: nested ones unfold to any size.
+    """
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """The next node of the document."""
+        if self.check_event(yaml.events.AliasEvent):
+            raise yaml.composer.ComposerError(None, None, "OpenCV YAML has no aliases")
+        return super().compose_node(parent, index)
 
 
 def _matrix(loader: _OpenCVLoader, node: yaml.Node) -> Array:
@@ -74,7 +84,8 @@ _OpenCVLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 def _read_opencv_yaml(path: Path) -> Mapping[str, Any]:
     # OpenCV's first line, %YAML:1.0, is not YAML
-    text = read_text(path, f"EasyMocap's {INTRINSICS} and {EXTRINSICS} beside each other")
+    what = f"EasyMocap's {INTRINSICS} and {EXTRINSICS} beside each other"
+    text = read_text(path, what, LIMIT)
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
     try:
         data = yaml.load(body, Loader=_OpenCVLoader)

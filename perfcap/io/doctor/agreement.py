@@ -46,6 +46,8 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
     """
     if detections.views != len(rig.names) or detections.views < 2:
         return []
+    if rig.cameras.moving and len(rig.cameras.rotation) != detections.frame_count:
+        return []
     given = Scene(rig.cameras, detections).straightened()
     scene, names = given, list(rig.names)
     height, now = person_height(scene.sampled()), disagreement(scene.sampled())

@@ -26,7 +26,7 @@ def examine_detections(rig: CameraRig, detections: Detections) -> list[Finding]:
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
         return [Finding(Severity.ERROR, "detections", what, "give one a camera")]
-    findings = []
+    findings = _moving(rig, detections)
     for view, name in enumerate(rig.names):
         findings += _coverage(name, detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
@@ -39,6 +39,16 @@ def examine_detections(rig: CameraRig, detections: Detections) -> list[Finding]:
             image = detections.joints2d[:, view][trusted]
             findings += _axes3d(name, pose, image, confident[trusted])
     return findings
+
+
+def _moving(rig: CameraRig, detections: Detections) -> list[Finding]:
+    """Frames of moving cameras against those of the detections."""
+    poses = len(rig.cameras.rotation) if rig.cameras.moving else detections.frame_count
+    if poses == detections.frame_count:
+        return []
+    what = f"{poses} camera poses for {detections.frame_count} frames of detections"
+    remedy = "give one pose a frame, or a single one for a camera at rest"
+    return [Finding(Severity.ERROR, "cameras", what, remedy)]
 
 
 def _coverage(name: str, confidence: Tensor) -> list[Finding]:

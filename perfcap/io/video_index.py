@@ -1,0 +1,168 @@
+"""What is in a video file: its frames, their times, and its faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+
+PIXEL_LIMIT = 2**27  # pixels a frame
+UNKNOWN_FPS = 30.0
+# A file could be a playlist that makes the demuxer open other files or addresses.
+OPEN_OPTIONS = {"protocol_whitelist": "file"}
+PLAYLISTS = frozenset({"hls", "concat", "dash", "image2", "tty"})
+
+
+@dataclass(frozen=True)
+class VideoIndex:
+    """What one pass over a video found.
+
+    Attributes:
+        pts: presentation time stamp of each frame in ticks, None where the file has none.
+        tick: seconds a tick.
+        rate: frames a second according to the file, or None.
+        size: (height, width) as shown, after rotation.
+        turns: quarter turns counter-clockwise from stored to shown.
+        warnings: what a user should know about the file.
+    """
+
+    pts: tuple[int | None, ...]
+    tick: float
+    rate: float | None
+    size: tuple[int, int]
+    turns: int
+    warnings: tuple[str, ...]
+
+    @property
+    def addressable(self) -> bool:
+        """Whether time stamps tell frames apart, so that one may seek by them."""
+        return None not in self.pts and len(set(self.pts)) == len(self.pts)
+
+
+def open_container(path: Path) -> Any:
+    """Open a video with a decoder that uses several threads.
+
+    Raises:
+        InputError: not a video, or a playlist of other files.
+    """
+    try:
+        container = av.open(str(path.resolve()), options=OPEN_OPTIONS)
+    except (av.error.FFmpegError, ValueError) as error:
+        raise InputError(
+            f"{path}: is not a video that can be opened ({_reason(error)}); expected MP4, MOV, "
+            "MKV, WebM or AVI; a recording that was cut off may need repair or copying again"
+        ) from error
+    if PLAYLISTS & set(container.format.name.split(",")) or not container.streams.video:
+        kind = container.format.name
+        container.close()
+        raise InputError(f"{path}: holds no video ({kind}); expected MP4, MOV, MKV, WebM or AVI")
+    container.streams.video[0].thread_type = "AUTO"
+    return container
+
+
+def index_video(path: Path, stop: int | None = None) -> VideoIndex:
+    """Decode a video once and note what is in it."""
+    with open_container(path) as container:
+        stream = container.streams.video[0]
+        pts, shape, damage = _decode_all(path, container, stream, stop)
+        if shape is None:
+            raise InputError(
+                f"{path}: yields no frame ({damage or 'no pictures inside'}); expected a video, "
+                "copy or record it again"
+            )
+        stored, turns = shape
+        warnings = _notes(stream, len(pts), damage, stop)
+        return VideoIndex(
+            tuple(pts),
+            float(stream.time_base or 1),
+            float(stream.average_rate) if stream.average_rate else None,
+            stored if turns % 2 == 0 else stored[::-1],
+            turns,
+            warnings,
+        )
+
+
+def _decode_all(
+    path: Path, container: Any, stream: Any, stop: int | None
+) -> tuple[list[int | None], tuple[tuple[int, int], int] | None, str]:
+    """Time stamps, (stored size, quarter turns) and, if decoding broke off, why."""
+    pts: list[int | None] = []
+    shape: tuple[tuple[int, int], int] | None = None
+    try:
+        for frame in container.decode(stream):
+            size = (frame.height, frame.width)
+            if shape is None:
+                _check_pixels(path, size)
+                shape = size, round(frame.rotation / 90) % 4
+            elif size != shape[0]:
+                raise InputError(
+                    f"{path}: frame {len(pts)} is {size[1]}x{size[0]}, the first is "
+                    f"{shape[0][1]}x{shape[0][0]}; expected one size, convert the video"
+                )
+            pts.append(frame.pts)
+            if stop is not None and len(pts) >= stop:
+                break
+    except av.error.FFmpegError as error:
+        return pts, shape, _reason(error)
+    return pts, shape, ""
+
+
+def _check_pixels(path: Path, size: tuple[int, int]) -> None:
+    if size[0] * size[1] > PIXEL_LIMIT:
+        raise InputError(
+            f"{path}: frames of {size[1]}x{size[0]}, expected at most {PIXEL_LIMIT // 2**20} "
+            "megapixels; scale the video down"
+        )
+
+
+def _notes(stream: Any, found: int, damage: str, stop: int | None) -> tuple[str, ...]:
+    notes = []
+    promised = stream.frames
+    if damage:
+        notes.append(f"decoding broke off ({damage}); the {found} frames before that are used")
+    elif stop is None and promised > found:
+        notes.append(f"is cut short: it promises {promised} frames, the {found} there are are used")
+    ratio = stream.sample_aspect_ratio
+    if ratio and ratio != 1:
+        notes.append(f"pixels are not square ({ratio}); frames are used as stored, not stretched")
+    return tuple(notes)
+
+
+def seconds(index: VideoIndex) -> NDArray[np.float64]:
+    """Times of the frames from the first, (F,), seconds."""
+    if None in index.pts:
+        return np.arange(len(index.pts)) / (index.rate or UNKNOWN_FPS)
+    ticks = np.asarray(index.pts, np.float64)
+    times: NDArray[np.float64] = (ticks - ticks[:1]) * index.tick
+    return times
+
+
+def frame_rate(times: NDArray[np.float64], index: VideoIndex) -> tuple[float, list[str]]:
+    """Frames a second, and a note when the rate varies.
+
+    Time stamps are rounded to ticks (a millisecond in MKV), so a constant rate is the average
+    one; a rate varies when a frame is half a frame away from its place.
+    """
+    if len(times) < 2 or times[-1] <= 0:
+        return index.rate or UNKNOWN_FPS, []
+    average = (len(times) - 1) / float(times[-1])
+    if np.abs(times - np.arange(len(times)) / average).max() < 0.5 / average + index.tick:
+        close = index.rate is not None and abs(average / index.rate - 1) < 5e-3
+        return (index.rate or average) if close else average, []
+    median = 1 / float(np.median(np.diff(times)))
+    steps = np.diff(times)
+    note = (
+        f"has a variable frame rate (steps of {steps.min() * 1e3:.1f} to {steps.max() * 1e3:.1f} "
+        f"ms); frames are used as stored, at the median rate of {median:.2f} a second"
+    )
+    return median, [note]
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
