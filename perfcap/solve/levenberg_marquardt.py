@@ -60,7 +60,8 @@ class _Run(Generic[StateType]):
     """Where every batch element is; tensors are (B,) unless said otherwise.
 
     ``terms`` and ``energy`` belong to ``state``. ``equations`` do too while an element runs, and
-    are finite in any case. ``multipliers`` (B, N) warm-start the bounds.
+    are finite in any case. ``multipliers`` (B, N) warm-start the bounds. ``smooth`` says that no
+    step of the last round was rejected.
     """
 
     state: StateType
@@ -74,6 +75,7 @@ class _Run(Generic[StateType]):
     steps: Tensor
     status: Tensor
     running: Tensor
+    smooth: bool
 
     def solution(self) -> Solution[StateType]:
         return Solution.over_batch(
@@ -86,13 +88,14 @@ class _Trial(Generic[StateType]):
     """A tried step (B, N), where it leads, and what came of it, (B,).
 
     ``valid`` says whether a step was found at all; the others are zero, as are those of elements
-    that no longer run.
+    that no longer run. ``equations`` are those of ``state`` if it was linearized.
     """
 
     step: Tensor
     multipliers: Tensor
     valid: Tensor
     state: StateType
+    equations: NormalEquations | None
     terms: dict[str, Tensor]
     energy: Tensor
     promised: Tensor
@@ -107,7 +110,7 @@ def _start(settings: LevenbergMarquardt, objective: Objective, state: StateType)
     return _Run(
         state=state,
         layout=equations.layout,
-        equations=equations.where_finite(finite),
+        equations=equations.where(finite, equations.zeros()),
         terms=equations.terms,
         energy=energy,
         start_energy=energy,
@@ -116,15 +119,17 @@ def _start(settings: LevenbergMarquardt, objective: Objective, state: StateType)
         steps=torch.zeros_like(status),
         status=status,
         running=finite,
+        smooth=True,
     )
 
 
 def _advance(
     run: _Run[StateType], settings: LevenbergMarquardt, objective: Objective, bounds: Bounds | None
 ) -> _Run[StateType]:
-    """Try one step of every running element, and linearize anew if any was accepted."""
+    """Try one step of every running element."""
     trial = _try(run, objective, bounds)
     status = _judge(run, trial, settings)
+    rejected = run.running & ~trial.accepted
     moved = replace(
         run,
         damping=run.damping.update(run.running, trial.accepted, trial.gained / trial.promised),
@@ -132,15 +137,17 @@ def _advance(
         steps=run.steps + run.running,
         status=status,
         running=run.running & (status == Status.MAX_STEPS),
+        smooth=not bool(rejected.any()),
     )
-    if not bool(trial.accepted.any()):
-        return moved
-    moved = _move(moved, trial, rejected=run.running & ~trial.accepted)
-    return _linearize(moved, objective) if bool(moved.running.any()) else moved
+    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
 
 
 def _try(run: _Run[StateType], objective: Objective, bounds: Bounds | None) -> _Trial[StateType]:
-    """Solve the damped model within the bounds and evaluate the energy at its minimum."""
+    """Solve the damped model within the bounds and evaluate the energy at its minimum.
+
+    While steps succeed the trial is linearized at once, which gives its energy too; after a
+    rejected one it is only evaluated, until a step succeeds again.
+    """
     layout = run.layout
     damping = run.damping.value.unsqueeze(-1) * damping_scale(run.equations)
     factorization = factorize(run.equations, damping)
@@ -155,11 +162,28 @@ def _try(run: _Run[StateType], objective: Objective, bounds: Bounds | None) -> _
         valid = valid & step.isfinite().all(-1)
         step = torch.where(valid.unsqueeze(-1), step, 0)
     state = run.state.retract(layout.unflatten(step))
-    terms = {name: layout.per_element(value) for name, value in objective.report(state).items()}
+    equations = assemble(objective, state) if run.smooth else None
+    terms = equations.terms if equations is not None else _evaluate(objective, state, layout)
     energy = torch.stack(list(terms.values())).sum(0)
     promised, gained = run.equations.decrease(step), run.energy - energy
     accepted = valid & (gained > 0) & (promised > 0)
-    return _Trial(step, multipliers, valid, state, terms, energy, promised, gained, accepted)
+    return _Trial(
+        step=step,
+        multipliers=multipliers,
+        valid=valid,
+        state=state,
+        equations=equations,
+        terms=terms,
+        energy=energy,
+        promised=promised,
+        gained=gained,
+        accepted=accepted,
+    )
+
+
+def _evaluate(objective: Objective, state: StateType, layout: Layout) -> dict[str, Tensor]:
+    """Energies by name, (B,)."""
+    return {name: layout.per_element(value) for name, value in objective.report(state).items()}
 
 
 def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: LevenbergMarquardt) -> Tensor:
@@ -187,31 +211,26 @@ def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: LevenbergMa
     return torch.where(converged, Status.CONVERGED, status)
 
 
-def _move(run: _Run[StateType], trial: _Trial[StateType], rejected: Tensor) -> _Run[StateType]:
-    """Go to the trial state where it was accepted."""
-    state = trial.state
-    if bool(rejected.any()):
-        step = torch.where(rejected.unsqueeze(-1), 0, trial.step)
+def _move(run: _Run[StateType], trial: _Trial[StateType], objective: Objective) -> _Run[StateType]:
+    """Go to the trial state where it was accepted, and have its equations."""
+    accepted, state = trial.accepted, trial.state
+    if not run.smooth:
+        step = torch.where(accepted.unsqueeze(-1), trial.step, 0)
         state = run.state.retract(run.layout.unflatten(step))
-    accepted = trial.accepted
-    return replace(
+    run = replace(
         run,
         state=state,
-        terms={
-            name: torch.where(accepted, trial.terms[name], run.terms[name]) for name in run.terms
-        },
+        terms={n: torch.where(accepted, trial.terms[n], run.terms[n]) for n in run.terms},
         energy=torch.where(accepted, trial.energy, run.energy),
     )
-
-
-def _linearize(run: _Run[StateType], objective: Objective) -> _Run[StateType]:
-    """Equations at the new state; elements whose derivatives are not finite end there."""
-    equations = assemble(objective, run.state)
+    if not bool(run.running.any()):
+        return run
+    equations = trial.equations or assemble(objective, state)
     finite = equations.finite()
-    status = torch.where(run.running & ~finite, Status.NOT_FINITE, run.status)
+    lost = run.running & accepted & ~finite
     return replace(
         run,
-        equations=equations.where_finite(finite),
-        status=status,
-        running=run.running & finite,
+        equations=equations.where(accepted & finite, run.equations),
+        status=torch.where(lost, Status.NOT_FINITE, run.status),
+        running=run.running & ~lost,
     )

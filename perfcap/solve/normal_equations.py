@@ -12,6 +12,7 @@ All derivatives leave out the factor 2 of a sum of squares: near the state the e
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -152,24 +153,45 @@ class NormalEquations:
             total = total + self.shared_gradient.sum(-1)
         return total.isfinite()
 
-    def where_finite(self, finite: Tensor) -> NormalEquations:
-        """The same with masked-out elements (B,) set to zero, so that no NaN is factorized."""
-        if bool(finite.all()):
+    def where(self, mask: Tensor, other: NormalEquations) -> NormalEquations:
+        """These for the batch elements of a mask (B,), the other ones' for the rest."""
+        if bool(mask.all()):
             return self
 
-        def masked(values: Tensor) -> Tensor:
-            return torch.where(finite.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
+        def pick(own: Tensor, others: Tensor) -> Tensor:
+            return torch.where(mask.reshape(-1, *[1] * (own.ndim - 1)), own, others)
+
+        return self._map(pick, other)
+
+    def zeros(self) -> NormalEquations:
+        """Equations of the same shape that know nothing: a stand-in for what is not finite."""
+        return self._map(torch.zeros_like)
+
+    def _map(self, function: Callable[..., Tensor], *others: NormalEquations) -> NormalEquations:
+        """A function of every batched tensor, and of its fellows in other equations."""
+
+        def mapped(name: str) -> Tensor:
+            return function(*(getattr(each, name) for each in (self, *others)))
 
         return replace(
             self,
-            terms={name: masked(value) for name, value in self.terms.items()},
-            curvature=masked(self.curvature),
-            frame_gradient=masked(self.frame_gradient),
-            border=masked(self.border),
-            shared_curvature=masked(self.shared_curvature),
-            shared_gradient=masked(self.shared_gradient),
+            terms={
+                name: function(value, *(other.terms[name] for other in others))
+                for name, value in self.terms.items()
+            },
             windows=tuple(
-                replace(window, features=masked(window.features), jacobian=masked(window.jacobian))
-                for window in self.windows
+                replace(
+                    own,
+                    features=function(own.features, *(window.features for window in rest)),
+                    jacobian=function(own.jacobian, *(window.jacobian for window in rest)),
+                )
+                for own, *rest in zip(
+                    self.windows, *(other.windows for other in others), strict=True
+                )
             ),
+            curvature=mapped("curvature"),
+            frame_gradient=mapped("frame_gradient"),
+            border=mapped("border"),
+            shared_curvature=mapped("shared_curvature"),
+            shared_gradient=mapped("shared_gradient"),
         )

@@ -217,3 +217,35 @@ def test_result_is_detached_even_without_a_step():
 def test_nothing_to_solve_is_named():
     with pytest.raises(InputError, match="0 unknowns"):
         solve(toy()[0], Frames(torch.zeros(7, 0), torch.zeros(0)))
+
+
+def test_each_state_is_linearized_once_and_rejected_ones_are_only_evaluated():
+    class Counted(Observation):
+        linearized = evaluated = 0
+
+        def linearize(self, state):
+            self.linearized += 1
+            return super().linearize(state)
+
+        def forward(self, state):
+            self.evaluated += 1
+            return super().forward(state)
+
+    objective, state = toy(windows=1)
+    data = objective.energies["data"]
+    counted = Counted(data.matrix, data.target, data.confidence)
+    solution = solve(Objective(data=counted, smooth=objective.energies["smooth"]), state)
+    assert solution.status == Status.CONVERGED
+    assert counted.linearized <= solution.steps + 1
+    assert counted.evaluated == 0
+
+    class Deceived(Counted):
+        def linearize(self, state):
+            linear = super().linearize(state)
+            return type(linear)(linear.residual, -linear.frame)
+
+    deceived = Deceived(data.matrix, data.target, data.confidence)
+    solution = solve(Objective(data=deceived), state)
+    assert solution.status == Status.STALLED
+    assert deceived.linearized == 2
+    assert deceived.evaluated == solution.steps - 1

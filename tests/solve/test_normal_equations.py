@@ -7,7 +7,7 @@ import torch
 from toy import Frames, Smoothness, cosine_basis, dense_derivatives, toy
 
 from perfcap.errors import InputError
-from perfcap.solve import Coupling, Energy, GemanMcClure, Objective, Residual
+from perfcap.solve import Coupling, Energy, GemanMcClure, Objective, Residual, WindowEnergy
 from perfcap.solve.assembly import assemble
 from perfcap.solve.factorization import factorize
 
@@ -137,3 +137,40 @@ def _pick(data, place):
         data.weight,
         shared=data.sees_shared,
     )
+
+
+class Linear(WindowEnergy):
+    """Features that a float32 holds exactly."""
+
+    def __init__(self, basis, matrix):
+        super().__init__(basis, torch.ones(len(basis), dtype=basis.dtype))
+        self.register_buffer("matrix", matrix)
+
+    def features(self, state):
+        return state.frame @ self.matrix.mT
+
+
+@pytest.mark.parametrize(
+    ("ratio", "features", "tolerance"),
+    [(1e-2, 6, 1e-5), (1e-4, 6, 1e-5), (1e-6, 6, 1e-5), (1e-8, 6, 1e-5), (1e-2, 7, 1e-4)],
+)
+def test_weak_data_keep_their_digits_in_float32(ratio, features, tolerance):
+    # forming I - J M^-1 J' by subtraction is off by 1e-4 at a ratio of 1e-2, 1e-2 at 1e-4, and
+    # indefinite at 1e-6
+    data = toy(frames=20, dim=6, groups=4, windows=0, data=ratio)[0].energies["data"]
+    state = toy(frames=20, dim=6, windows=0)[1]
+    scale = torch.tensor([0.5, 1, 2, 1, 4, 1, 0.5], dtype=torch.float64)
+    matrix = (
+        torch.cat((torch.eye(6), torch.eye(6)[:1])).double()[:features] * scale[:features, None]
+    )
+    objective = Objective(data=data, linear=Linear(cosine_basis(4, 20), matrix))
+
+    def newton(state):
+        equations = assemble(objective, state)
+        damping = torch.full_like(equations.gradient(), 1e-3 * ratio)
+        return factorize(equations, damping).newton_step(equations).double()
+
+    exact = newton(state)
+    objective.float()
+    single = newton(state.to(torch.float32))
+    assert (single - exact).norm() < tolerance * exact.norm()
