@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 # Deviation of predicted 3D joints from the truth, relative to the root, in metres, in the order
 # of the landmarks: networks predict hips best and the ends of limbs worst.
 _DEVIATION_3D = (
-    0.06, 0.04, 0.05, 0.06, 0.09, 0.05, 0.06, 0.09,
-    0.02, 0.05, 0.07, 0.09, 0.02, 0.05, 0.07, 0.09,
+    0.05, 0.03, 0.04, 0.05, 0.07, 0.04, 0.05, 0.07,
+    0.016, 0.04, 0.055, 0.07, 0.016, 0.04, 0.055, 0.07,
 )  # fmt: skip
 
 
@@ -32,7 +32,7 @@ class PositionConfig:
 
     weight: float = 1.0
     deviation: tuple[float, ...] = _DEVIATION_3D  # m
-    scale: float | None = 2.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+    scale: float | None = 4.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
     gate: float = 0.4  # PCK error, in head lengths, from which a frame's 3D pose is not used
 
 
@@ -41,12 +41,12 @@ class TrajectoryConfig:
     """Temporal prior over a window (Xu et al. 2018, Eq. 7)."""
 
     weight: float = 1.0
-    rank: int = 16  # DCT vectors of a 50-frame window at 30 Hz below full penalty
-    edge: float = 2.5  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
-    step: float = 1.0  # penalty just below rank, as a share of the full penalty above it
-    translation: float = 50.0  # per m
-    rotation: float = 50.0  # per rad
-    angles: float = 50.0  # per rad
+    rank: int = 16  # DCT vectors of a 50-frame window at 30 Hz below the full penalty
+    edge: float = 2.0  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
+    step: float = 0.3  # root penalty just below rank, as a share of the root penalty above it
+    translation: float = 500.0  # per m
+    rotation: float = 200.0  # per rad
+    angles: float = 100.0  # per rad
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from perfcap.solve import LevenbergMarquardt, solve
 _TRUNK = [LANDMARKS.index(n) for n in ("neck", "r_shoulder", "l_shoulder", "r_hip", "l_hip")]
 _YAWS = 8  # headings tried where one view and no 3D joints leave the heading open
 _MIN_VIEWS = 2
+_FIT_POINTS = 3  # joints that fix a pose in space
 
 
 def initialize(
@@ -48,21 +49,21 @@ def initialize(
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
 
     Returns:
-        motion: (F,); frames without detections are filled from their neighbours.
-        seen: frames that were solved, (F,), bool.
+        motion: (F,); frames that cannot be solved alone are filled from their neighbours.
+        seen: frames in which somebody is detected, (F,), bool.
     """
     detections = prepared.detections
     points, weights = joint_places(cameras, prepared)
-    known = (weights[..., _TRUNK] > 0).sum(-1) >= 3
-    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= 3
+    known = (weights[..., _TRUNK] > 0).sum(-1) >= _FIT_POINTS
+    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
     if bool(known.any()):
         start = _trunk_start(actor, points, weights)
         motion, _ = _solve_frames(actor, cameras, detections, config, pixel_unit, start)
-        seen = seen & known
     else:
+        known = seen
         motion = _best_heading(actor, cameras, detections, config, pixel_unit)
     finite = torch.isfinite(motion.coordinates().frame).all(-1)
-    return fill_gaps(motion, seen & finite), seen & finite
+    return fill_gaps(motion, seen & known & finite), seen
 
 
 def joint_places(cameras: Camera, prepared: Prepared) -> tuple[Tensor, Tensor]:
