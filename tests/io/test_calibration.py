@@ -181,6 +181,9 @@ def test_easymocap_without_sizes_takes_those_of_the_videos_and_says_so(tmp_path:
     folder = write_easymocap(tmp_path, sizes=False)
     with pytest.raises(InputError, match="does not say the image size of cam01, cam02"):
         read_cameras(folder)
+    with pytest.raises(InputError, match="does not say the image size"):
+        read_cameras(folder, [(480, 640), (480, 640), (1, 1)])
+    check_views(read_cameras(folder, [(480, 640)]))
     rig = read_cameras(folder, [(480, 640)] * 2)
     check_views(rig)
     assert "size of the video" in rig.warnings[0]

@@ -27,8 +27,8 @@ def read_cameras(
     Args:
         path: ``camera.json`` or ``cameras.json`` (ours), ``Calib*.toml`` (Pose2Sim), EasyMocap's
             ``intri.yml`` / ``extri.yml``, or COLMAP's text model.
-        default_sizes: (height, width) a view, for files that do not state image sizes: those of
-            the videos.
+        default_sizes: (height, width) a view, or one that all share, for files that do not state
+            image sizes: those of the videos.
 
     Raises:
         InputError: a file that is missing, of unknown kind, or cannot be a camera.

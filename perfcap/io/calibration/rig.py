@@ -119,6 +119,8 @@ def _stack(arrays: Sequence[Array]) -> torch.Tensor:
 def _sizes(
     where: str, views: Sequence[View], defaults: Sequence[tuple[int, int]] | None
 ) -> tuple[tuple[tuple[int, int], ...], list[str]]:
+    if defaults is not None and len(set(defaults)) == 1:
+        defaults = list(defaults[:1]) * len(views)  # fewer videos than cameras, all of one size
     unknown = [view.name for view in views if view.size is None]
     if unknown and (defaults is None or len(defaults) != len(views)):
         raise InputError(
