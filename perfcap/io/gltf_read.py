@@ -152,7 +152,7 @@ def _assemble(
         for skin in skins[::-1]
         for node, matrix in zip(skin.joints, skin.rest, strict=True)
     }
-    bones = [node for node in tree.order if node in rest]
+    bones = _bone_order(tree, skins)
     index = np.zeros(len(tree.world), dtype=np.int64)
     index[bones] = np.arange(len(bones))
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -170,6 +170,19 @@ def _assemble(
         texture=texture,
         name=document.path.stem,
     )
+
+
+def _bone_order(tree: NodeTree, skins: list[Skin]) -> list[int]:
+    """Joints as the skins list them if parents come first there, else from the roots down."""
+    listed = list(dict.fromkeys(node for skin in skins for node in skin.joints))
+    rank = {node: place for place, node in enumerate(listed)}
+    for node in listed:
+        ancestor = int(tree.parents[node])
+        while ancestor >= 0:
+            if rank.get(ancestor, -1) > rank[node]:
+                return [joint for joint in tree.order if joint in rank]
+            ancestor = int(tree.parents[ancestor])
+    return listed
 
 
 def _stack_weights(parts: list[_Part]) -> tuple[Integers, Floats]:
