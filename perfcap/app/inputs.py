@@ -66,7 +66,7 @@ def read_inputs(
     rig = read_cameras(cameras, clip.sizes)
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     pixel_map = match_image(rig, clip.sizes, read_pixel_map(video_map) if video_map else None)
-    whole = clip.start + len(clip) if part.stop is not None else None
+    whole = clip.start + len(clip) if part.stop is None else None  # a part may end anywhere
     found, notes = read_detections(
         list(detections), views=rig.names, pixel_offset=rig.pixel_offset, frames=whole
     )
