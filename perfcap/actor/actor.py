@@ -11,6 +11,7 @@ from perfcap.actor.anatomy import JOINTS, human_rig
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
+from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
@@ -29,9 +30,6 @@ class Actor(nn.Module):
     """
 
     vertices: Tensor
-    weights: Tensor
-    weight_bones: Tensor
-    weight_joints: Tensor
 
     def __init__(self, template: Template, rig: Rig | None = None) -> None:
         super().__init__()
@@ -40,11 +38,9 @@ class Actor(nn.Module):
         self.bone_joints = _bone_joints(template, self.skeleton.rig.joints)
         like = self.skeleton.rest_positions
         self.register_buffer("vertices", torch.tensor(template.vertices).to(like))
-        self.register_buffer("weights", torch.tensor(template.weights).to(like))
-        self.register_buffer("weight_bones", torch.tensor(template.weight_bones))
         # skinning weights of joints rather than bones: bones of one joint move as one
-        joints = torch.tensor(self.bone_joints)[self.weight_bones]
-        self.register_buffer("weight_joints", joints)
+        joints = torch.tensor(self.bone_joints)[torch.tensor(template.weight_bones)]
+        self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints)
 
     def joints(self, motion: Motion) -> Tensor:
         """Landmarks in the world, (*b, F, 16, 3), metres."""
@@ -54,9 +50,7 @@ class Actor(nn.Module):
     def surface(self, motion: Motion) -> Tensor:
         """Vertices in the world, (*b, F, V, 3), metres, by dual quaternion skinning (MPC-4)."""
         rotation, translation = self.joint_transforms(motion)
-        return dual_quaternion_blend(
-            self.vertices, self.weights, rotation, translation, weight_index=self.weight_joints
-        )
+        return dual_quaternion_blend(self.vertices, self.skin, rotation, translation)
 
     def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""

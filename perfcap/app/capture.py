@@ -15,11 +15,11 @@ from typing import Any
 import torch
 
 from perfcap import __version__
+from perfcap.actor.actor import Actor
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor
-from perfcap.actor.actor import Actor
 from perfcap.io.gltf import load_template
 from perfcap.pipeline.config import PRESETS
 from perfcap.pipeline.jobs import capture

@@ -9,13 +9,13 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
 from perfcap.energy.prior import BoneLengthPrior
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import angle_bounds, pose_objective
 from perfcap.pipeline.prepare import prepare
-from perfcap.detect.detections import Detections
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 
 _SEEN = 0.2  # confidence from which a joint counts as seen

@@ -74,6 +74,7 @@ class PoseConfig:
     window: int = 50  # frames (MPC-8)
     overlap: int = 10  # frames
     batch: int = 8  # windows solved at once: bounds the memory of long clips
+    initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
     initial_steps: int = 20
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)

@@ -52,18 +52,36 @@ def initialize(
         motion: (F,); frames that cannot be solved alone are filled from their neighbours.
         seen: frames in which somebody is detected, (F,), bool.
     """
-    detections = prepared.detections
+    frames = prepared.detections.frame_count
+    motions, solved, seen = [], [], []
+    for start in range(0, frames, config.initial_batch):
+        part = slice(start, start + config.initial_batch)
+        some = prepared.frames(part)
+        motion, known = _initialize_part(actor, cameras.frames(part), some, config, pixel_unit)
+        motions.append(motion)
+        solved.append(known & torch.isfinite(motion.coordinates().frame).all(-1))
+        seen.append((some.detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS)
+    whole = Motion(*(torch.cat(parts) for parts in zip(*map(_parts, motions), strict=True)))
+    detected = torch.cat(seen)
+    return fill_gaps(whole, torch.cat(solved) & detected), detected
+
+
+def _parts(motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
+    return motion.translation, motion.rotation, motion.angles
+
+
+def _initialize_part(
+    actor: Actor, cameras: Camera, prepared: Prepared, config: PoseConfig, pixel_unit: Tensor
+) -> tuple[Motion, Tensor]:
+    """Motion (F,) of some frames, and which of them could be solved, (F,)."""
     points, weights = joint_places(cameras, prepared)
     known = (weights[..., _TRUNK] > 0).sum(-1) >= _FIT_POINTS
-    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
-    if bool(known.any()):
-        start = _trunk_start(actor, points, weights)
-        motion, _ = _solve_frames(actor, cameras, detections, config, pixel_unit, start)
-    else:
-        known = seen
+    detections = prepared.detections
+    if not bool(known.any()) and detections.views == 1 and detections.joints3d is None:
         motion = _best_heading(actor, cameras, detections, config, pixel_unit)
-    finite = torch.isfinite(motion.coordinates().frame).all(-1)
-    return fill_gaps(motion, seen & known & finite), seen
+        return motion, torch.ones_like(known)
+    start = _trunk_start(actor, points, weights)
+    return _solve_frames(actor, cameras, detections, config, pixel_unit, start)[0], known
 
 
 def joint_places(cameras: Camera, prepared: Prepared) -> tuple[Tensor, Tensor]:
@@ -94,7 +112,9 @@ def _trunk_start(actor: Actor, points: Tensor, weights: Tensor) -> Motion:
     skeleton = actor.skeleton
     rest = skeleton.rest_landmarks[_TRUNK]
     target, share = points[:, _TRUNK], weights[:, _TRUNK]
-    fit = procrustes(rest.expand_as(target), torch.where(share[..., None] > 0, target, 0.0), share, scale=False)
+    fit = procrustes(
+        rest.expand_as(target), torch.where(share[..., None] > 0, target, 0.0), share, scale=False
+    )
     root = (fit.rotation @ skeleton.rest_positions[0]) + fit.translation
     angles = neutral_angles(actor).expand(len(points), -1)
     return Motion(root, matrix_to_rotvec(fit.rotation), angles)
@@ -151,9 +171,7 @@ def _best_heading(
     return best[0]
 
 
-def _standing_start(
-    actor: Actor, cameras: Camera, detections: Detections, yaw: float
-) -> Motion:
+def _standing_start(actor: Actor, cameras: Camera, detections: Detections, yaw: float) -> Motion:
     """A person standing upright in the world axes of the first view, at a heading."""
     frames = detections.joints2d.shape[0]
     rotation = cameras.rotation[..., 0, :, :].expand(frames, 3, 3)

@@ -114,7 +114,5 @@ class _Clock:
         self.tell(name, 0, 1)
         wall, cpu = time.perf_counter(), time.process_time()
         yield
-        self.stages.append(
-            StageReport(name, time.perf_counter() - wall, time.process_time() - cpu)
-        )
+        self.stages.append(StageReport(name, time.perf_counter() - wall, time.process_time() - cpu))
         self.tell(name, 1, 1)

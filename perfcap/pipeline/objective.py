@@ -13,8 +13,8 @@ from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
-from perfcap.solve.energy import Energy, Objective, Step
 from perfcap.solve.bounds import Bounds
+from perfcap.solve.energy import Energy, Objective, Step
 from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
 
 _REFERENCE_FRAMES, _REFERENCE_RATE = 50, 30.0  # what a rank is stated for
@@ -68,7 +68,11 @@ def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Traj
     rank = max(1, min(rank, frames))
     order = torch.arange(rank, dtype=torch.float64)
     # penalty (1 - keep)^2 = (k / K)^(2 edge); a sharp edge keeps everything below K
-    keep = 1 - config.step * (order / rank) ** config.edge if config.edge != float("inf") else order * 0 + 1
+    keep = (
+        1 - config.step * (order / rank) ** config.edge
+        if config.edge != float("inf")
+        else order * 0 + 1
+    )
     return Trajectory(
         frames,
         weight=config.weight,

@@ -67,7 +67,9 @@ def _draw(
         points = cameras.project(actor.joints(motion)).transpose(0, 1)  # C F 16 2
         seen = performance.detections.frames(span)
         detected = seen.joints2d.transpose(0, 1)
-        points, detected = (pixel_map.to_video(p.flatten(1, 2)).unflatten(1, (-1, 16)) for p in (points, detected))
+        points, detected = (
+            pixel_map.to_video(p.flatten(1, 2)).unflatten(1, (-1, 16)) for p in (points, detected)
+        )
     faces = torch.as_tensor(actor.template.faces.copy())
     rows: list[list[Image]] = [[] for _ in range(motion.angles.shape[0])]
     for view, frames in enumerate(views):
@@ -108,7 +110,9 @@ def _side_by_side(pictures: list[Image]) -> Image:
         return pictures[0]
     height = min(picture.shape[0] for picture in pictures)
     scaled = [
-        cv2.resize(p, (round(p.shape[1] * height / p.shape[0]), height), interpolation=cv2.INTER_AREA)
+        cv2.resize(
+            p, (round(p.shape[1] * height / p.shape[0]), height), interpolation=cv2.INTER_AREA
+        )
         for p in pictures
     ]
     joined: Image = np.concatenate(scaled, 1)

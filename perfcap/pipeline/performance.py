@@ -92,7 +92,9 @@ class Performance:
         stacked: np.ndarray = torch.cat(parts).double().numpy()
         return stacked
 
-    def save(self, folder: str | Path, first_frame: int = 0, run: Mapping[str, Any] | None = None) -> None:
+    def save(
+        self, folder: str | Path, first_frame: int = 0, run: Mapping[str, Any] | None = None
+    ) -> None:
         """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
 
         Every file appears complete or not at all.
@@ -114,7 +116,9 @@ class Performance:
         with writing(folder / "config.yaml") as file:
             file.write(yaml.safe_dump(plain(asdict(self.config)), sort_keys=False).encode())
         with writing(folder / "run.json") as file:
-            file.write(json.dumps(plain({**(run or {}), **self.report(first_frame)}), indent=1).encode())
+            file.write(
+                json.dumps(plain({**(run or {}), **self.report(first_frame)}), indent=1).encode()
+            )
 
     def _save_motion(self, path: Path, first_frame: int) -> None:
         skeleton = self.actor.skeleton

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -32,10 +33,17 @@ class Prepared:
     lifted: Tensor | None
     error3d: Tensor | None
 
+    def frames(self, index: slice) -> Self:
+        """The same for some frames."""
+        return replace(
+            self,
+            detections=self.detections.frames(index),
+            lifted=None if self.lifted is None else self.lifted[index],
+            error3d=None if self.error3d is None else self.error3d[index],
+        )
 
-def prepare(
-    actor: Actor, cameras: Camera, detections: Detections, gate: float = 0.4
-) -> Prepared:
+
+def prepare(actor: Actor, cameras: Camera, detections: Detections, gate: float = 0.4) -> Prepared:
     """Retarget 3D detections to the actor and gate them by agreement with the 2D detections.
 
     The PCK error of a frame and view (Xu et al. 2018, Eq. 6, left undefined there) is: retarget

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.solve import LevenbergMarquardt, Status, solve
-from perfcap.temporal.window import Window, blend_rotations, blend_vectors, partition
+from perfcap.temporal.window import Blender, Window, mean_rotations, mean_vectors, partition
 
 Progress = Callable[[int, int], None]
 
@@ -43,8 +43,8 @@ def track_motion(
 ) -> tuple[Motion, list[WindowReport]]:
     """Minimise E_pose over windows (Xu et al. 2018, Eq. 2 and 3) and blend them (MPC-9).
 
-    Windows are independent and a batch dimension: ``config.batch`` of them are solved at once, so
-    memory does not grow with the clip beyond detections and result.
+    Windows are independent and a batch dimension: ``config.batch`` of them are solved at once and
+    blended right away, so memory does not grow with the clip beyond detections and result.
 
     Args:
         actor: gives the joints and the limits.
@@ -61,17 +61,20 @@ def track_motion(
     """
     frames = detections.frame_count
     windows = partition(frames, config.window, config.overlap)
-    pieces: list[Motion] = []
+    blend = _Blend()
     reports: list[WindowReport] = []
     for group in _batches(windows, config.batch):
-        motion, report = _solve_group(
+        solved, report = _solve_group(
             actor, cameras, detections, initial, config, pixel_unit, rate, group
         )
-        pieces.append(motion)
+        blend.push(group, solved)
         reports += report
         if progress is not None:
             progress(group[-1].stop, frames)
-    return _blend(actor, windows, pieces), reports
+    motion = blend.finish()
+    # a mean of bounded angles is bounded; only its rounding can be a bit outside
+    angles = motion.angles.clamp(actor.skeleton.lower, actor.skeleton.upper)
+    return replace(motion, angles=angles), reports
 
 
 def _solve_group(
@@ -121,14 +124,29 @@ def _gather(detections: Detections, index: Tensor) -> Detections:
     )
 
 
-def _blend(actor: Actor, windows: list[Window], pieces: list[Motion]) -> Motion:
-    """One motion of overlapping windows; linear in the overlaps, on SO(3) for the root."""
-    translation = blend_vectors(windows, torch.cat([p.translation for p in pieces]))
-    rotation = blend_rotations(windows, torch.cat([p.rotation for p in pieces]))
-    angles = blend_vectors(windows, torch.cat([p.angles for p in pieces]))
-    # a mean of bounded angles is bounded; only its rounding can be a bit outside
-    skeleton = actor.skeleton
-    return Motion(translation, rotation, angles.clamp(skeleton.lower, skeleton.upper))
+class _Blend:
+    """One motion of overlapping windows: linear in the overlaps, on SO(3) for the root.
+
+    Holds the windows that the next one may overlap, and the finished frames.
+    """
+
+    def __init__(self) -> None:
+        means = (mean_vectors, mean_rotations, mean_vectors)
+        self._blenders = [Blender(mean) for mean in means]
+        self._done: list[list[Tensor]] = [[], [], []]
+
+    def push(self, group: list[Window], solved: Motion) -> None:
+        """Take the solved windows (N, W) of a group."""
+        for i, window in enumerate(group):
+            values = (solved.translation[i], solved.rotation[i], solved.angles[i])
+            for blender, done, value in zip(self._blenders, self._done, values, strict=True):
+                done.append(blender.push(window, value))
+
+    def finish(self) -> Motion:
+        """The whole motion, (F,)."""
+        for blender, done in zip(self._blenders, self._done, strict=True):
+            done.append(blender.finish())
+        return Motion(*(torch.cat(done) for done in self._done))
 
 
 def _batches(windows: list[Window], size: int) -> Iterator[list[Window]]:
