@@ -15,6 +15,7 @@ from typing import Protocol, Self, TypeVar
 import torch
 from torch import Tensor, nn
 
+from perfcap.errors import InputError
 from perfcap.solve.kernels import Kernel, Quadratic
 
 
@@ -104,7 +105,7 @@ class Energy(nn.Module, ABC):
         elif isinstance(weight, Tensor):
             self.register_buffer("weight", weight)
         else:
-            # what a Python float is; without dimensions it never promotes a float32 residual
+            # what a Python float is; the cost casts it to the residual's precision
             self.register_buffer("weight", torch.tensor(float(weight), dtype=torch.float64))
         self.kernel = kernel if kernel is not None else Quadratic()
 
@@ -118,7 +119,8 @@ class Energy(nn.Module, ABC):
 
     def cost(self, residual: Residual) -> Tensor:
         """Energy of a residual that is already at hand, (*b,)."""
-        return self.weight * self.kernel.value(residual.squared_norm()).sum((-2, -1))
+        cost = self.kernel.value(residual.squared_norm()).sum((-2, -1))
+        return self.weight.to(cost) * cost
 
     def linearize(self, state: State) -> Linearization:
         """Residual and Jacobian at a state."""
@@ -141,8 +143,17 @@ class WindowEnergy(Energy):
 
     def __init__(self, basis: Tensor, keep: Tensor, weight: float | Tensor = 1.0) -> None:
         super().__init__(weight)
+        _require_filter(basis, keep)
         self.register_buffer("basis", basis)
         self.register_buffer("keep", keep)
+
+    def linearize(self, state: State) -> Linearization:
+        """A window energy has no blocks of its residual, which sees all frames.
+
+        Raises:
+            TypeError: always; ``linearize_features`` is what the solver uses.
+        """
+        raise TypeError(f"{type(self).__name__} couples frames; use linearize_features")
 
     @abstractmethod
     def features(self, state: State) -> Tensor:
@@ -161,6 +172,23 @@ class WindowEnergy(Energy):
     def residual(self, state: State) -> Residual:
         """Filtered features, one group a frame: (*b, F, 1, E)."""
         return Residual(self.filter(self.features(state)).unsqueeze(-2))
+
+
+def _require_filter(basis: Tensor, keep: Tensor) -> None:
+    """Raise an InputError unless the basis has orthonormal rows and keep fits it."""
+    if basis.ndim != 2 or keep.shape != basis.shape[:1]:
+        raise InputError(
+            f"window energy has basis {tuple(basis.shape)} and keep {tuple(keep.shape)}, "
+            "expected (K, F) and (K,)"
+        )
+    error = (basis @ basis.mT - torch.eye(len(basis)).to(basis)).abs()
+    if not bool((error < 1e-4).all()):
+        raise InputError(
+            f"window energy has a basis whose rows are off orthonormal by "
+            f"{float(error.max()):.2g}; orthonormalise it, the solver relies on it"
+        )
+    if not bool(((keep >= 0) & (keep <= 1)).all()):
+        raise InputError(f"window energy has keep {keep.tolist()}, expected values in [0, 1]")
 
 
 def forward_mode(energy: Energy, state: State) -> Linearization:
@@ -210,7 +238,7 @@ class Objective(nn.Module):
         super().__init__()
         self.energies = nn.ModuleDict({**(energies or {}), **named})
         if not self.energies:
-            raise ValueError("an Objective needs at least one energy, got none")
+            raise InputError("an Objective needs at least one energy, got none; pass it by name")
 
     def items(self) -> list[tuple[str, Energy]]:
         """Names and energies in the order given."""

@@ -86,7 +86,7 @@ def _step_towards(
         taken (B, 1).
     """
     shrinking = support & (best <= 0)
-    ratio = torch.where(shrinking, value / (value - best).clamp(min=1e-300), torch.inf)
+    ratio = torch.where(shrinking, value / (value - best), torch.inf)
     length = ratio.amin(-1, keepdim=True)
     whole = settled & (length >= 1)
     reached = settled & shrinking & (ratio <= length)
