@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import torch
@@ -68,7 +69,7 @@ def spread_frames(detections: Detections, count: int) -> Tensor:
     edges = torch.linspace(0, frames, min(count, frames) + 1).round().long().tolist()
     best = [
         start + int(seen[start:stop].argmax())
-        for start, stop in zip(edges[:-1], edges[1:], strict=True)
+        for start, stop in itertools.pairwise(edges)
         if stop > start
     ]
     return torch.tensor([f for f in best if seen[f] > 0] or [0])
