@@ -27,7 +27,7 @@ from perfcap.pipeline.overlay import save_overlay
 from perfcap.pipeline.performance import Performance, make_folder
 from perfcap.pipeline.stage import Stage
 
-_PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av", "pygltflib")
+_PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
 DONE, BAD_INPUT, INCOMPLETE = 0, 2, 3
 
 

@@ -14,7 +14,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 
 REQUIRED = (
     *("torch", "kornia", "pytorch-kinematics", "trimesh", "opencv-python-headless"),
-    *("onnxruntime", "scikit-image", "scipy", "numpy", "numba", "av", "pygltflib", "tyro", "rich"),
+    *("onnxruntime", "scikit-image", "scipy", "numpy", "numba", "av", "tyro", "rich", "pyyaml"),
 )
 # Distributions that unpack into one folder: the last one installed wins, and removing any of them
 # breaks the rest.
