@@ -13,8 +13,8 @@ import numpy as np
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import PARENTS
 
-_FACTOR_2D = np.array([1, .8, 1, 1.2, 1.6, 1, 1.2, 1.6, 1.2, 1, 1, 1.9, 1.2, 1, 1, 1.9])
-_FACTOR_3D = np.array([1, .6, .8, 1.2, 1.9, .8, 1.2, 1.9, .35, 1, 1.5, 1.7, .35, 1, 1.5, 1.7])
+_FACTOR_2D = np.array([1, 0.8, 1, 1.2, 1.6, 1, 1.2, 1.6, 1.2, 1, 1, 1.9, 1.2, 1, 1, 1.9])
+_FACTOR_3D = np.array([1, 0.6, 0.8, 1.2, 1.9, 0.8, 1.2, 1.9, 0.35, 1, 1.5, 1.7, 0.35, 1, 1.5, 1.7])
 _LEGS, _ARMS = ((8, 12), (9, 13), (10, 14), (11, 15)), ((2, 5), (3, 6), (4, 7))
 _CHAINS = ((4,), (3, 4), (7,), (6, 7), (10, 11), (9, 10, 11), (14, 15), (13, 14, 15))
 # the average skeleton of the simulated 3D network, metres from the parent

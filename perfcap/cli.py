@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
     command: Demo | Capture | Evaluate | Doctor = tyro.cli(
-        Command,  # type: ignore[arg-type]
+        Command,
         prog="perfcap",
         args=arguments,
         description="Human performance capture: skeleton motion from video.",

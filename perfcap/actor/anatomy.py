@@ -210,9 +210,7 @@ def _leg(side: str, at: Mapping[str, Tensor], body: Tensor) -> list[Hinge]:
     forward = forward / forward.norm().clamp(min=1e-9)
     lateral = torch.linalg.cross(up, forward)
     lean = torch.atan2(-(shank @ forward), -(shank @ up))
-    hinges.append(
-        _hinge("ankle_dorsiflexion", "ankle", -lateral, SIDE_LIMITS, side, float(lean))
-    )
+    hinges.append(_hinge("ankle_dorsiflexion", "ankle", -lateral, SIDE_LIMITS, side, float(lean)))
     inward = math.cos(_SUBTALAR_RISE) * math.sin(_SUBTALAR_TURN) * lateral
     ahead = math.cos(_SUBTALAR_RISE) * math.cos(_SUBTALAR_TURN) * forward
     subtalar = inward - sign * (ahead + math.sin(_SUBTALAR_RISE) * up)

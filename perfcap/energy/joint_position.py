@@ -13,7 +13,7 @@ from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
 
-class JointPosition(Energy):
+class JointPosition(Energy[Motion]):
     """3D joint alignment with a free translation a frame (Xu et al. 2018, Eq. 5 and 6).
 
     Predictions are relative to the root and in camera axes; they are rotated into the world, and

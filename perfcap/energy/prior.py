@@ -9,7 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
 
-class PosePrior(Energy):
+class PosePrior(Energy[Motion]):
     """Gaussian on the joint angles: sum ((angle - mean) / deviation)^2 (MuVS Eq. 2, diagonal).
 
     Twists of straight limbs and of the head leave the landmarks where they are; this keeps them
@@ -46,7 +46,7 @@ class PosePrior(Energy):
         )
 
 
-class BoneLengthPrior(Energy):
+class BoneLengthPrior(Energy[Motion]):
     """Gaussian on the log bone lengths: a person of another size with similar proportions.
 
     ``shape_g = size + own_g`` with deviations ``size`` and ``own``; the size is integrated out.

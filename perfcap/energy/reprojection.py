@@ -14,7 +14,7 @@ from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
 
-class Reprojection(Energy):
+class Reprojection(Energy[Motion]):
     """Confidence-weighted reprojection error in all views (Xu et al. 2018, Eq. 4; MuVS Eq. 3).
 
     A residual group is one joint in one view: (projected - detected) / unit, 2 entries. The sum

@@ -11,7 +11,7 @@ from perfcap.solve.energy import WindowEnergy
 from perfcap.temporal.subspace import dct_basis
 
 
-class Trajectory(WindowEnergy):
+class Trajectory(WindowEnergy[Motion]):
     """Null-space projection of the pose parameters over a window (Xu et al. 2018, Eq. 7 and 8).
 
     The features of a frame are the root translation, the root rotation as **twice its unit

@@ -49,7 +49,8 @@ def translation_from_plane(
 
 def _image_error(points: Tensor, plane: Tensor) -> Tensor:
     projected = points[..., :2] / points[..., 2:].clamp(min=1e-3)
-    return (projected - plane).norm(dim=-1)
+    error: Tensor = (projected - plane).norm(dim=-1)
+    return error
 
 
 def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import PosePrior
@@ -39,7 +40,7 @@ def pose_objective(
         trajectory: the temporal prior; frames are independent without.
     """
     r, p = config.reprojection, config.position
-    energies: dict[str, Energy] = {
+    energies: dict[str, Energy[Motion]] = {
         "joints2d": Reprojection(
             actor, cameras, detections, r.weight, _kernel(r.scale), r.deviation * pixel_unit
         )

@@ -68,7 +68,7 @@ def _draw(
         seen = performance.detections.frames(span)
         detected = seen.joints2d.transpose(0, 1)
         points, detected = (
-            pixel_map.to_video(p.flatten(1, 2)).unflatten(1, (-1, 16)) for p in (points, detected)
+            pixel_map.to_video(p.flatten(1, 2)).reshape(p.shape) for p in (points, detected)
         )
     faces = torch.as_tensor(actor.template.faces.copy())
     rows: list[list[Image]] = [[] for _ in range(motion.angles.shape[0])]
@@ -101,7 +101,7 @@ def _masks(
     pixels = camera.project_camera(local)[:, 0]
     flat = pixels.new_zeros(len(pixel_map.matrices), pixels.shape[0] * pixels.shape[1], 2)
     flat[view] = pixels.flatten(0, 1)
-    in_video = pixel_map.to_video(flat)[view].unflatten(0, pixels.shape[:2])
+    in_video = pixel_map.to_video(flat)[view].reshape(pixels.shape)
     return rasterize(in_video, local[:, 0, :, 2], faces, (size[0], size[1])).mask
 
 

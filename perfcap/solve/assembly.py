@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
@@ -42,7 +43,7 @@ def assemble(objective: Objective, state: State) -> NormalEquations:
     return blocks.equations(layout, terms, windows)
 
 
-def _require_frames_only(name: str, energy: WindowEnergy) -> None:
+def _require_frames_only(name: str, energy: WindowEnergy[Any]) -> None:
     if energy.sees_shared:
         raise InputError(
             f"energy '{name}' ({type(energy).__name__}) sees shared unknowns through a window; "
@@ -50,7 +51,7 @@ def _require_frames_only(name: str, energy: WindowEnergy) -> None:
         )
 
 
-def _window_term(energy: WindowEnergy, state: State, layout: Layout) -> WindowTerm:
+def _window_term(energy: WindowEnergy[Any], state: State, layout: Layout) -> WindowTerm:
     features, jacobian = energy.linearize_features(state)
     weight = _weight(energy, layout, features).sqrt()
     complement = (1 - energy.keep).square()
@@ -64,7 +65,7 @@ def _window_term(energy: WindowEnergy, state: State, layout: Layout) -> WindowTe
     )
 
 
-def _weight(energy: Energy, layout: Layout, like: Tensor) -> Tensor:
+def _weight(energy: Energy[Any], layout: Layout, like: Tensor) -> Tensor:
     """Weight of an energy in the precision of its rows: (B,), or (1,) when all share it."""
     weight = energy.weight.to(like)
     return layout.per_element(weight) if weight.ndim else weight.reshape(1)
@@ -106,7 +107,7 @@ class _Blocks:
             windows=tuple(windows),
         )
 
-    def add(self, energy: Energy, linear: Linearization, layout: Layout) -> None:
+    def add(self, energy: Energy[Any], linear: Linearization, layout: Layout) -> None:
         """Add ``w J' diag(confidence * slope) (J, r)`` of one energy (reweighted least squares)."""
         rows = layout.per_element(linear.frame).flatten(2, 3)  # B F Gd D
         residual = layout.per_element(linear.residual.value)  # B F G d
@@ -122,7 +123,7 @@ class _Blocks:
             self.shared_gradient += apply_transposed(shared, pull).sum(1)
 
 
-def _row_weight(energy: Energy, linear: Linearization, layout: Layout) -> Tensor:
+def _row_weight(energy: Energy[Any], linear: Linearization, layout: Layout) -> Tensor:
     """Weight times confidence times kernel slope of each group, (B, F, G, 1)."""
     residual = linear.residual
     slope = energy.kernel.slope(residual.squared_norm())

@@ -44,7 +44,7 @@ class Vector:
         return Step(values.unsqueeze(-2), values.new_zeros(*values.shape[:-1], 0))
 
 
-class ResidualFunction(Energy):
+class ResidualFunction(Energy[Vector]):
     """The sum of squares of a function of a ``Vector``, ``weight * sum kernel(r_i^2)``.
 
     Args:

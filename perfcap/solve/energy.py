@@ -10,7 +10,7 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -87,11 +87,12 @@ class Linearization:
     shared: Tensor | None = None
 
 
-class Energy(nn.Module, ABC):
+class Energy(nn.Module, ABC, Generic[StateType]):
     """A weighted sum of robust squared residuals: ``weight * sum kernel(confidence * |group|^2)``.
 
-    There is no hidden one half. An author writes ``residual``; ``linearize`` may be overridden by
-    a closed form, and is forward-mode differentiation otherwise.
+    There is no hidden one half. An author names the kind of state, as in ``Energy[Motion]``, and
+    writes ``residual``; ``linearize`` may be overridden by a closed form, and is forward-mode
+    differentiation otherwise.
     """
 
     coupling = Coupling.FRAME
@@ -110,10 +111,10 @@ class Energy(nn.Module, ABC):
         self.kernel = kernel if kernel is not None else Quadratic()
 
     @abstractmethod
-    def residual(self, state: State) -> Residual:
+    def residual(self, state: StateType) -> Residual:
         """Residual groups at a state, (*b, F, G, d)."""
 
-    def forward(self, state: State) -> Tensor:
+    def forward(self, state: StateType) -> Tensor:
         """Energy of each batch element, (*b,): an ordinary differentiable loss."""
         return self.cost(self.residual(state))
 
@@ -122,12 +123,12 @@ class Energy(nn.Module, ABC):
         cost = self.kernel.value(residual.squared_norm()).sum((-2, -1))
         return self.weight.to(cost) * cost
 
-    def linearize(self, state: State) -> Linearization:
+    def linearize(self, state: StateType) -> Linearization:
         """Residual and Jacobian at a state."""
         return forward_mode(self, state)
 
 
-class WindowEnergy(Energy):
+class WindowEnergy(Energy[StateType]):
     """An energy that filters per-frame features along time, ``y - C' diag(keep) C y``.
 
     ``features`` (*b, F, E) may be any function of a frame's unknowns. ``basis`` C (K, F) has
@@ -147,7 +148,7 @@ class WindowEnergy(Energy):
         self.register_buffer("basis", basis)
         self.register_buffer("keep", keep)
 
-    def linearize(self, state: State) -> Linearization:
+    def linearize(self, state: StateType) -> Linearization:
         """A window energy has no blocks of its residual, which sees all frames.
 
         Raises:
@@ -156,10 +157,10 @@ class WindowEnergy(Energy):
         raise TypeError(f"{type(self).__name__} couples frames; use linearize_features")
 
     @abstractmethod
-    def features(self, state: State) -> Tensor:
+    def features(self, state: StateType) -> Tensor:
         """Per-frame features y, (*b, F, E)."""
 
-    def linearize_features(self, state: State) -> tuple[Tensor, Tensor]:
+    def linearize_features(self, state: StateType) -> tuple[Tensor, Tensor]:
         """Features (*b, F, E) and their Jacobian (*b, F, E, D)."""
         jacobian, features, _ = _diagonal_blocks(lambda at: (self.features(at), None), state)
         return features, jacobian[..., : state.frame_dim]
@@ -169,7 +170,7 @@ class WindowEnergy(Energy):
         components = self.basis @ features  # *b K E
         return features - self.basis.mT @ (self.keep[:, None] * components)
 
-    def residual(self, state: State) -> Residual:
+    def residual(self, state: StateType) -> Residual:
         """Filtered features, one group a frame: (*b, F, 1, E)."""
         return Residual(self.filter(self.features(state)).unsqueeze(-2))
 
@@ -191,14 +192,14 @@ def _require_filter(basis: Tensor, keep: Tensor) -> None:
         raise InputError(f"window energy has keep {keep.tolist()}, expected values in [0, 1]")
 
 
-def forward_mode(energy: Energy, state: State) -> Linearization:
+def forward_mode(energy: Energy[StateType], state: StateType) -> Linearization:
     """Linearization of a FRAME energy by forward-mode differentiation of its residual.
 
     The confidence is held constant, as the kernels' slopes are: a least-squares method does not
     differentiate its weights.
     """
 
-    def value_and_confidence(at: State) -> tuple[Tensor, Tensor | None]:
+    def value_and_confidence(at: StateType) -> tuple[Tensor, Tensor | None]:
         residual = energy.residual(at)
         return residual.value, residual.confidence
 
@@ -211,7 +212,7 @@ def forward_mode(energy: Energy, state: State) -> Linearization:
 
 
 def _diagonal_blocks(
-    function: Callable[[State], tuple[Tensor, Tensor | None]], state: State
+    function: Callable[[StateType], tuple[Tensor, Tensor | None]], state: StateType
 ) -> tuple[Tensor, Tensor, Tensor | None]:
     """Derivative (..., D + S) of rows that each see one frame, their value, and a constant.
 
@@ -234,13 +235,15 @@ def _diagonal_blocks(
 class Objective(nn.Module):
     """Named energies and their sum."""
 
-    def __init__(self, energies: Mapping[str, Energy] | None = None, **named: Energy) -> None:
+    def __init__(
+        self, energies: Mapping[str, Energy[Any]] | None = None, **named: Energy[Any]
+    ) -> None:
         super().__init__()
         self.energies = nn.ModuleDict({**(energies or {}), **named})
         if not self.energies:
             raise InputError("an Objective needs at least one energy, got none; pass it by name")
 
-    def items(self) -> list[tuple[str, Energy]]:
+    def items(self) -> list[tuple[str, Energy[Any]]]:
         """Names and energies in the order given."""
         return list(self.energies.items())  # type: ignore[arg-type]
 

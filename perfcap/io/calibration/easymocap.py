@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
