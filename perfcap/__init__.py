@@ -1,3 +1,75 @@
-"""perfcap: human performance capture in PyTorch."""
+"""perfcap: human performance capture in PyTorch.
+
+The names below are loaded when they are first used: importing the package costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from perfcap.errors import InputError
+
+if TYPE_CHECKING:
+    from perfcap.actor import Actor, Motion, Skeleton
+    from perfcap.detect import Detections
+    from perfcap.energy import JointPosition, Reprojection, Trajectory
+    from perfcap.geometry import Camera
+    from perfcap.io import Clip, load_actor, read_cameras, read_detections
+    from perfcap.pipeline import MONOPERFCAP, Performance, PoseConfig, Stage, capture
+    from perfcap.solve import Adam, Energy, LevenbergMarquardt, Objective, Residual, Solution
 
 __version__ = "0.1.0"
+
+# ``solve`` is not among them: perfcap.solve is the package, perfcap.solve.solve its function.
+__all__ = [
+    "MONOPERFCAP",
+    "Actor",
+    "Adam",
+    "Camera",
+    "Clip",
+    "Detections",
+    "Energy",
+    "InputError",
+    "JointPosition",
+    "LevenbergMarquardt",
+    "Motion",
+    "Objective",
+    "Performance",
+    "PoseConfig",
+    "Reprojection",
+    "Residual",
+    "Skeleton",
+    "Solution",
+    "Stage",
+    "Trajectory",
+    "__version__",
+    "capture",
+    "load_actor",
+    "read_cameras",
+    "read_detections",
+]
+
+_HOMES = {
+    "perfcap.actor": ("Actor", "Motion", "Skeleton"),
+    "perfcap.detect": ("Detections",),
+    "perfcap.energy": ("JointPosition", "Reprojection", "Trajectory"),
+    "perfcap.geometry": ("Camera",),
+    "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_detections"),
+    "perfcap.pipeline": ("MONOPERFCAP", "Performance", "PoseConfig", "Stage", "capture"),
+    "perfcap.solve": (
+        *("Adam", "Energy", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
+    ),
+}
+
+if not TYPE_CHECKING:  # a type checker would take every name for one of the package
+
+    def __getattr__(name: str) -> object:
+        """Load a public name (PEP 562)."""
+        for home, names in _HOMES.items():
+            if name in names:
+                value = globals()[name] = getattr(import_module(home), name)
+                return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        """Public names, loaded or not."""
+        return sorted({*globals(), *__all__})

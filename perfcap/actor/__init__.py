@@ -1,1 +1,26 @@
 """What moves: motion, skeleton, skinning, actor."""
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import human_rig
+from perfcap.actor.kinematic_tree import Pose
+from perfcap.actor.motion import Motion
+from perfcap.actor.rig import Hinge, Rig
+from perfcap.actor.rig_reader import read_mjcf, read_urdf
+from perfcap.actor.skeleton import Skeleton
+from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
+from perfcap.actor.template import Template
+
+__all__ = [
+    "Actor",
+    "Hinge",
+    "Motion",
+    "Pose",
+    "Rig",
+    "Skeleton",
+    "Template",
+    "dual_quaternion_blend",
+    "human_rig",
+    "linear_blend",
+    "read_mjcf",
+    "read_urdf",
+]

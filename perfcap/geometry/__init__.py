@@ -1,1 +1,46 @@
 """Tensor maths, no people."""
+
+from perfcap.geometry.alignment import (
+    Similarity,
+    nearest_rotation,
+    procrustes,
+    rigid_align,
+    similarity_align,
+)
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.dual_quaternion import DualQuaternion
+from perfcap.geometry.rotation import (
+    compose_rotvec,
+    matrix_to_quaternion,
+    matrix_to_rotvec,
+    quaternion_multiply,
+    quaternion_to_matrix,
+    quaternion_to_rotvec,
+    rotvec_to_matrix,
+    rotvec_to_quaternion,
+    skew,
+)
+from perfcap.geometry.rotation_mean import nearest_turn, unwrapped
+from perfcap.geometry.triangulation import triangulate
+
+__all__ = [
+    "Camera",
+    "DualQuaternion",
+    "Similarity",
+    "compose_rotvec",
+    "matrix_to_quaternion",
+    "matrix_to_rotvec",
+    "nearest_rotation",
+    "nearest_turn",
+    "procrustes",
+    "quaternion_multiply",
+    "quaternion_to_matrix",
+    "quaternion_to_rotvec",
+    "rigid_align",
+    "rotvec_to_matrix",
+    "rotvec_to_quaternion",
+    "similarity_align",
+    "skew",
+    "triangulate",
+    "unwrapped",
+]

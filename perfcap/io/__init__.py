@@ -1,1 +1,27 @@
 """Files to types and back."""
+
+from perfcap.io.actor import find_actor, load_actor, models_folder
+from perfcap.io.bvh import BvhMotion, load_bvh, save_bvh
+from perfcap.io.calibration import CameraRig, PixelMap, read_cameras, read_pixel_map
+from perfcap.io.clip import Clip
+from perfcap.io.detections import read_detections
+from perfcap.io.gltf import load_template, save_animation
+from perfcap.io.video_writer import VideoWriter
+
+__all__ = [
+    "BvhMotion",
+    "CameraRig",
+    "Clip",
+    "PixelMap",
+    "VideoWriter",
+    "find_actor",
+    "load_actor",
+    "load_bvh",
+    "load_template",
+    "models_folder",
+    "read_cameras",
+    "read_detections",
+    "read_pixel_map",
+    "save_animation",
+    "save_bvh",
+]
