@@ -21,6 +21,8 @@ from perfcap.errors import InputError
 RESULTS = Path(__file__).parent / "results"
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
+_WIDTH = 130  # of tables where the output is no terminal
+
 Config = TypeVar("Config")
 
 
@@ -35,7 +37,8 @@ class Table:
 
     def print(self, console: Console) -> None:
         """For a terminal."""
-        printed = Printed(*self.columns, title=self.title, title_justify="left")
+        printed = Printed(*self.columns)
+        console.print(f"\n{self.title}", highlight=False, soft_wrap=True)
         for row in self.rows:
             printed.add_row(*(self._text(value) for value in row))
         console.print(printed)
@@ -66,6 +69,7 @@ def main(run: Callable[[Config], Report], config: type[Config], name: str) -> No
     except InputError as error:
         sys.exit(f"{name}: {error}")
     console = Console()
+    console.width = max(console.width, _WIDTH)
     for table in report.tables:
         table.print(console)
     for note in report.notes:

@@ -1,0 +1,113 @@
+"""The recordings that experiments score on: what goes in, and the truth that never does."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from report import data_folder
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.detect.detections import Detections
+from perfcap.detect.retarget import mid_hip
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.resection import translation_from_plane
+from perfcap.io.actor import load_actor
+from perfcap.io.calibration import CameraRig, read_cameras
+from perfcap.io.detections import read_detections
+
+# the 16 landmarks among the 25 joints of the balancing trial's reference
+_REFERENCE = (
+    "Head", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
+    "RHip", "RKnee", "RAnkle", "RBigToe", "LHip", "LKnee", "LAnkle", "LBigToe",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One person in C views: inputs, and the truth for scoring only.
+
+    Attributes:
+        name: of the recording.
+        folder: where it is.
+        actor: the person's template, or a generic one.
+        rig: C calibrated views.
+        detections: (F, C, 16).
+        rate: frames a second.
+        truth: landmarks in the world, (F, 16, 3) m, NaN where unknown.
+    """
+
+    name: str
+    folder: Path
+    actor: Actor
+    rig: CameraRig
+    detections: Detections
+    rate: float
+    truth: Tensor
+
+    @property
+    def cameras(self) -> Camera:
+        """The views."""
+        return self.rig.cameras
+
+
+def rendered(data: Path, name: str) -> Recording:
+    """A rendered sequence in one view, with simulated 2D and 3D detections."""
+    folder = data_folder(data, "rendered", name)
+    return _read(name, folder, folder, "camera.json")
+
+
+def rendered_views(data: Path, name: str, person: int = 1) -> Recording:
+    """A person of a rendered sequence in several views, with simulated 2D detections."""
+    folder = data_folder(data, "rendered_multi", name)
+    return _read(name, folder, folder / f"person{person}", "cameras.json")
+
+
+def balancing(data: Path, actor: str = "sam") -> Recording:
+    """A real man balancing, in four views; the truth is triangulated, good to some centimetres."""
+    folder = data_folder(data, "pose2sim_balancing")
+    rig = read_cameras(folder / "calibration" / "Calib_scene.toml")
+    paths = sorted((folder / "pose2d_associated").glob("*_json"))
+    detections, _ = read_detections(paths, views=rig.names)
+    with np.load(folder / "pose3d" / "reference3d_scene_calib.npz", allow_pickle=False) as file:
+        order = [list(file["names"]).index(name) for name in _REFERENCE]
+        truth = torch.tensor(file["joints3d_m"][:, order].astype(float))
+    frames = min(len(truth), detections.frame_count)
+    detections = detections.frames(slice(0, frames))
+    return Recording("balancing", folder, load_actor(actor), rig, detections, 60.0, truth[:frames])
+
+
+def lift(recording: Recording) -> Tensor:
+    """The 3D detections as they are, moved to where they project onto the 2D ones, (F, 16, 3)."""
+    camera, detections = recording.cameras, recording.detections
+    assert detections.joints3d is not None
+    plane = camera.to_plane(detections.joints2d)
+    shift, _ = translation_from_plane(detections.joints3d, plane, detections.confidence2d)
+    local = detections.joints3d + shift.unsqueeze(-2)
+    return ((local - camera.translation.unsqueeze(-2)) @ camera.rotation)[:, 0]
+
+
+def exact_detections(recording: Recording) -> Detections:
+    """True projections and true 3D joints; for scoring only."""
+    camera, truth = recording.cameras, recording.truth
+    local = camera.to_camera(truth)
+    pixels = camera.project_camera(local)
+    return Detections.from_joints(
+        pixels, torch.ones_like(pixels[..., 0]), local - mid_hip(local).unsqueeze(-2)
+    )
+
+
+def _read(name: str, folder: Path, person: Path, cameras: str) -> Recording:
+    rig = read_cameras(folder / cameras)
+    detections, _ = read_detections(
+        person / "detections.npz", views=rig.names, pixel_offset=rig.pixel_offset
+    )
+    with np.load(person / "gt.npz", allow_pickle=False) as file:
+        truth = torch.tensor(file["joints3d"].astype(float))
+    actor = load_actor(person / "template.glb")
+    rate = rig.fps or float(json.loads((folder / cameras).read_text())["fps"])
+    return Recording(name, folder, actor, rig, detections, rate, truth)
