@@ -90,7 +90,7 @@ def dance(library: Path, clip: str, start: int, frames: int, actor: Actor) -> Mo
     if len(used) < frames:
         raise SystemExit(f"--start {start}: clip {clip} has only {len(places)} frames at 30 Hz")
     subject = cmu.skeleton(library, clip)
-    fitted = smooth(subject, fit(subject, used), RATE)
+    fitted = smooth(subject, fit(subject, used, RATE), RATE)
     return carry_over(fitted, subject, floor, actor, RATE)
 
 

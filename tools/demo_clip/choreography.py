@@ -32,13 +32,15 @@ TRUNK = [LANDMARKS.index(n) for n in ("neck", "r_shoulder", "l_shoulder", "r_hip
 FEET = [[LANDMARKS.index(f"{side}_{part}") for part in ("ankle", "toe")] for side in "rl"]
 CUTOFF = 6.0  # Hz; nothing a dancer does on purpose is faster
 STIFFNESS = 0.003  # m per rad: settles the twists that landmarks do not show
+SETTLE = 0.015  # m per rad towards the smoothed angles
+NEIGHBOURS = (1, -1, 3, -3, 8, -8)  # frames away
 KEEP = 0.05  # m per rad: how firmly the carried-over angles stand against the floor
 PLANTED_SPEED, PLANTED_HEIGHT = 0.5, 0.16  # m/s of the ankle and m above its resting height
 HOLD = 6.0  # weight of a planted foot's landmarks over the others'
 BENT = 0.25  # rad, knees and elbows before the fit: straight limbs know no way to bend
 
 
-class Towards(Energy):
+class Towards(Energy[Motion]):
     """Pull landmarks to places and angles to values, frame by frame.
 
     Args:
@@ -56,14 +58,14 @@ class Towards(Energy):
         self.skeleton, self.stiffness = skeleton, stiffness
         self.places, self.weights, self.angles = places, weights[..., None], angles
 
-    def residual(self, state: Motion) -> Residual:  # type: ignore[override]
+    def residual(self, state: Motion) -> Residual:
         """(F, 16 + A, 3): an angle fills one coordinate of its group."""
         points = self.weights * (self.skeleton(state).landmarks - self.places)
         bend = self.stiffness * (state.angles - self.angles)
         padded = torch.nn.functional.pad(bend[..., None], (0, 2))
         return Residual(torch.cat((points, padded), -2))
 
-    def linearize(self, state: Motion) -> Linearization:  # type: ignore[override]
+    def linearize(self, state: Motion) -> Linearization:
         """In closed form, from the skeleton's."""
         _, jacobian, _ = self.skeleton.linearize(state)
         count = state.angles.shape[-1]
@@ -74,18 +76,45 @@ class Towards(Energy):
         return Linearization(self.residual(state), rows)
 
 
-def fit(skeleton: Skeleton, places: Tensor) -> Motion:
-    """The skeleton's motion through recorded landmarks (F, 16, 3) m."""
-    frames = len(places)
-    rest = skeleton.rest_landmarks[TRUNK].expand(frames, -1, -1)
+def fit(skeleton: Skeleton, places: Tensor, rate: float) -> Motion:
+    """The skeleton's motion through recorded landmarks (F, 16, 3) m.
+
+    Frames are fitted on their own, then from their neighbours' angles wherever that is better (an
+    arm overhead has more than one local minimum), then towards the smoothed angles, which settles
+    the twist of straight limbs.
+    """
+    weights = torch.ones_like(places[..., 0])
+    start = _upright(skeleton, places)
+    loose = Towards(skeleton, places, weights, start.angles, STIFFNESS)
+    best = _solve(skeleton, loose, start)
+    for away in NEIGHBOURS:
+        near = (torch.arange(len(places)) + away).clamp(0, len(places) - 1)
+        other = _solve(skeleton, loose, replace(best, angles=best.angles[near]))
+        best = _better(loose, best, other)
+    calm = torch.tensor(low_pass(best.angles.numpy(), rate, 2.0))
+    return _solve(skeleton, Towards(skeleton, places, weights, calm, SETTLE), best)
+
+
+def _upright(skeleton: Skeleton, places: Tensor) -> Motion:
+    """The trunk at its landmarks, limbs hanging and slightly bent."""
+    rest = skeleton.rest_landmarks[TRUNK].expand(len(places), -1, -1)
     placed = procrustes(rest, places[:, TRUNK], scale=False)
     root = placed.rotation @ skeleton.rest_positions[0] + placed.translation
     bending = ("elbow_flexion", "knee_flexion")
     bent = [BENT if name.endswith(bending) else 0.0 for name in skeleton.angle_names]
-    angles = places.new_tensor(bent).expand(frames, -1)
-    start = Motion(root, matrix_to_rotvec(placed.rotation), angles)
-    weights = places.new_ones(frames, len(LANDMARKS))
-    return _solve(skeleton, Towards(skeleton, places, weights, angles, STIFFNESS), start)
+    angles = places.new_tensor(bent).expand(len(places), -1)
+    return Motion(root, matrix_to_rotvec(placed.rotation), angles)
+
+
+def _better(energy: Towards, one: Motion, other: Motion) -> Motion:
+    """Of two motions the better in each frame."""
+    first, second = (energy.residual(m).value.square().sum((-2, -1)) for m in (one, other))
+    take = (second < first)[:, None]
+    return Motion(
+        torch.where(take, other.translation, one.translation),
+        torch.where(take, other.rotation, one.rotation),
+        torch.where(take, other.angles, one.angles),
+    )
 
 
 @dataclass(frozen=True)
