@@ -48,6 +48,12 @@ def camera() -> Camera:
     return read_camera_json(DEMO / "camera.json").cameras
 
 
+def motion_of(truth: Arrays) -> Motion:
+    names = ("root_translation", "root_rotation", "angles")
+    translation, rotation, angles = (torch.tensor(truth[name]) for name in names)
+    return Motion(translation, rotation, angles)
+
+
 def pixels_of(truth: Arrays, camera: Camera) -> np.ndarray:
     return camera.project(torch.tensor(truth["joints3d"]))[:, 0].numpy()
 
@@ -65,8 +71,7 @@ def test_files_are_those_of_the_manifest() -> None:
 
 
 def test_truth_is_the_actor_at_its_angles(truth: Arrays, actor: Actor) -> None:
-    root = (torch.tensor(truth[f"root_{part}"]) for part in ("translation", "rotation"))
-    joints = actor.joints(Motion(*root, angles=torch.tensor(truth["angles"])))
+    joints = actor.joints(motion_of(truth))
     np.testing.assert_allclose(truth["joints3d"], joints.numpy(), atol=1e-6)
     assert tuple(truth["joint_names"]) == LANDMARKS
     assert tuple(truth["angle_names"]) == actor.skeleton.angle_names
@@ -81,9 +86,8 @@ def test_truth_is_within_the_limits(truth: Arrays, actor: Actor) -> None:
 
 
 def test_dancer_stands_on_the_floor(truth: Arrays, actor: Actor) -> None:
-    root = (torch.tensor(truth[f"root_{part}"])[::10] for part in ("translation", "rotation"))
     with torch.no_grad():
-        surface = actor.surface(Motion(*root, angles=torch.tensor(truth["angles"])[::10]))
+        surface = actor.surface(motion_of(truth)[::10])
     assert surface[..., 1].amin(-1).abs().max() < 0.03
 
 
