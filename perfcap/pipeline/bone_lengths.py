@@ -19,8 +19,6 @@ from perfcap.pipeline.objective import angle_bounds, pose_objective
 from perfcap.pipeline.prepare import prepare
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 
-_SEEN = 0.2  # confidence from which a joint counts as seen
-
 
 def solve_bone_lengths(
     actor: Actor,
@@ -65,7 +63,7 @@ def solve_bone_lengths(
 def spread_frames(detections: Detections, count: int) -> Tensor:
     """Frames spread over the clip, the best seen of each stretch, sorted, (<= count,)."""
     frames = detections.frame_count
-    seen = (detections.confidence2d > _SEEN).flatten(1).sum(-1)
+    seen = detections.confidence2d.flatten(1).sum(-1)
     edges = torch.linspace(0, frames, min(count, frames) + 1).round().long().tolist()
     best = [
         start + int(seen[start:stop].argmax())

@@ -77,6 +77,8 @@ class PoseConfig:
     initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
     initial_steps: int = 20
+    initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
+    widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     position: PositionConfig = field(default_factory=PositionConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)

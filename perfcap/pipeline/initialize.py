@@ -81,7 +81,24 @@ def _initialize_part(
         motion = _best_heading(actor, cameras, detections, config, pixel_unit)
         return motion, torch.ones_like(known)
     start = _trunk_start(actor, points, weights)
+    if detections.views >= _MIN_VIEWS:
+        wide = _widened(config)
+        start, _ = _solve_frames(actor, cameras, detections, wide, pixel_unit, start)
     return _solve_frames(actor, cameras, detections, config, pixel_unit, start)[0], known
+
+
+def _widened(config: PoseConfig) -> PoseConfig:
+    """Wider robust kernels for a few steps: limbs start at rest, which is far from where they are.
+
+    One view does not need it, its 3D joints lead each limb on their own.
+    """
+    scale = config.reprojection.scale
+    wide = None if scale is None else scale * config.initial_widening
+    return replace(
+        config,
+        initial_steps=config.widened_steps,
+        reprojection=replace(config.reprojection, scale=wide),
+    )
 
 
 def joint_places(cameras: Camera, prepared: Prepared) -> tuple[Tensor, Tensor]:

@@ -19,6 +19,9 @@ from perfcap.solve.energy import Energy, Objective, Step
 from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
 
 _REFERENCE_FRAMES, _REFERENCE_RATE = 50, 30.0  # what a rank is stated for
+_STRAIGHT = 2  # DCT vectors that motion in one direction needs: the shortest clip may have it
+_SEEN = 0.2  # share of the largest confidence from which a joint counts
+_ENOUGH_JOINTS = 6  # that show how tall a person is
 
 
 def pose_objective(
@@ -66,7 +69,7 @@ def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Traj
     rank = config.rank
     if config.edge != float("inf"):
         rank = round(rank * (frames / _REFERENCE_FRAMES) * (_REFERENCE_RATE / rate))
-    rank = max(1, min(rank, frames))
+    rank = min(max(_STRAIGHT, rank), frames)
     order = torch.arange(rank, dtype=torch.float64)
     # penalty (1 - keep)^2 = (k / K)^(2 edge); a sharp edge keeps everything below K
     keep = (
@@ -101,12 +104,20 @@ def neutral_angles(actor: Actor) -> Tensor:
 
 
 def person_height(detections: Detections) -> Tensor:
-    """Median height of the person in the image, (C,), pixels; 1 where nothing is detected."""
-    seen = detections.confidence2d > 0.2
+    """Median height of the person in the image, (C,), pixels; 1 where nothing is detected.
+
+    Joints count from a share of a view's largest confidence, since detectors differ in what they
+    call confident, and frames with at least six of them, or with as many as the view ever shows.
+    """
+    confidence = detections.confidence2d
+    peak = confidence.amax((0, 2))[:, None]  # C 1
+    seen = confidence > _SEEN * peak
+    count = seen.sum(-1)
+    enough = count >= count.amax(0).clamp(min=1, max=_ENOUGH_JOINTS)
     rows = detections.joints2d[..., 1]
     top = torch.where(seen, rows, torch.inf).amin(-1)
     bottom = torch.where(seen, rows, -torch.inf).amax(-1)
-    height = torch.where(seen.sum(-1) >= 6, bottom - top, torch.nan)
+    height = torch.where(enough, bottom - top, torch.nan)
     return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
 
 
