@@ -9,6 +9,7 @@ from torch import Tensor
 
 from perfcap.solve.normal_equations import NormalEquations
 
+_GROWTH, _LEAST = 4.0, 1e-12
 _FLOOR = 1e-6  # of the mean data curvature, for unknowns that no data see
 
 
@@ -38,9 +39,8 @@ def _mean_square(jacobian: Tensor) -> Tensor:
 class Damping:
     """Damping of each batch element, (B,), and the factor its next increase takes.
 
-    Update of Nielsen (1999): a step as good as promised lets it fall to a tenth,
-    a poor one raises it a little, rejected
-    steps raise it by 2, 4, 8, ... times.
+    Update of Nielsen (1999), quicker to rise: a step as good as promised lets it fall to a third,
+    a poor one raises it up to twofold, rejected steps raise it by 4, 8, 16, ... times.
     """
 
     value: Tensor
@@ -49,15 +49,15 @@ class Damping:
     @classmethod
     def start(cls, value: float, like: Tensor) -> Damping:
         """The same damping for every element of ``like`` (B,)."""
-        return cls(torch.full_like(like, value), torch.full_like(like, 2.0))
+        return cls(torch.full_like(like, value), torch.full_like(like, _GROWTH))
 
     def update(self, tried: Tensor, accepted: Tensor, gain: Tensor) -> Damping:
         """Damping after steps that were tried and accepted or not, with gain ratios, (B,)."""
-        fall = (1 - (2 * gain - 1) ** 3).clamp(min=0.1, max=2.0)
+        fall = (1 - (2 * gain - 1) ** 3).clamp(min=1 / 3, max=2.0)
         value = torch.where(
-            accepted, (self.value * fall).clamp(min=1e-12), self.value * self.growth
+            accepted, (self.value * fall).clamp(min=_LEAST), self.value * self.growth
         )
-        growth = torch.where(accepted, 2.0, 2 * self.growth)
+        growth = torch.where(accepted, _GROWTH, 2 * self.growth)
         return Damping(
             torch.where(tried, value, self.value), torch.where(tried, growth, self.growth)
         )

@@ -237,17 +237,17 @@ def _window_part(
 
 def _capacitance(bases: tuple[Tensor, ...], sizes: list[int], defect: Tensor) -> Tensor:
     """``sum_f b_f b_f' (x) G_f`` over all pairs of window energies, (B, sum K E, sum K E)."""
-    rows = []
-    for left, row in zip(bases, torch.split(defect, sizes, -2), strict=True):
-        blocks = []
-        for right, block in zip(bases, torch.split(row, sizes, -1), strict=True):
+    batch, lengths = len(defect), [len(b) * size for b, size in zip(bases, sizes, strict=True)]
+    result = defect.new_empty(batch, sum(lengths), sum(lengths))
+    places = torch.split(result, lengths, 1), torch.split(defect, sizes, -2)
+    for left, row, strip in zip(bases, *places, strict=True):
+        parts = torch.split(row, lengths, 2), torch.split(strip, sizes, -1)
+        for right, target, block in zip(bases, *parts, strict=True):
             pairs = (left.unsqueeze(1) * right.unsqueeze(0)).flatten(0, 1)  # KK F
-            summed = (pairs @ block.flatten(2)).reshape(
-                -1, len(left), len(right), *block.shape[-2:]
-            )
-            blocks.append(summed.transpose(2, 3).flatten(3, 4).flatten(1, 2))
-        rows.append(torch.cat(blocks, -1))
-    return torch.cat(rows, -2)
+            shape = (batch, len(left), len(right), *block.shape[-2:])
+            summed = (pairs @ block.flatten(2)).reshape(shape).transpose(2, 3)  # B K E K E
+            target.view(summed.shape).copy_(summed)  # straight into place: it may be megabytes
+    return result
 
 
 def _shared_part(
