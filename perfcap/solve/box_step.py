@@ -18,6 +18,7 @@ from torch import Tensor
 
 from perfcap.solve.bounds import StepBox
 from perfcap.solve.factorization import Factorization
+from perfcap.solve.inverse_columns import InverseColumns
 from perfcap.solve.layout import Layout
 from perfcap.solve.nonnegative import NonnegativeProgram, pack
 from perfcap.solve.normal_equations import NormalEquations
@@ -47,21 +48,22 @@ def box_step(
     Returns:
         The step, and the multipliers of the bounds that hold it (positive: upper), both (B, N).
     """
-    step = newton
-    multipliers = torch.zeros_like(newton)
+    step, multipliers, columns = newton, torch.zeros_like(newton), None
     held = multipliers if warm is None else _bounded_sides(warm, box)
-    joining = held != 0
+    joining = fresh = held != 0
     solved = torch.ones_like(joining[:, 0])
     tolerance = _tolerance(newton, box)
     for _ in range(_ROUNDS):
         if bool(joining.any()):
+            columns = _with_columns(columns, factorization, fresh)
             support = joining | (multipliers != 0)
-            multipliers, solved = _multipliers(factorization, newton, box, held, support, tolerance)
+            multipliers, solved = _multipliers(columns, newton, box, held, support, tolerance)
             step = newton - factorization.solve(multipliers)
         side = _side(step, box)
         joining = _peaks(_violation(step, box), tolerance, equations.layout) & (side != held)
         if not bool(joining.any()):
             break
+        fresh = joining & (held == 0)
         held = torch.where(joining, side, held)
     solved = solved & ~joining.any(-1)
     # what a multiplier holds is on its bound but for rounding; put it there
@@ -112,8 +114,18 @@ def _tolerance(newton: Tensor, box: StepBox) -> Tensor:
     return math.pow(precision, 2 / 3) * worst + 8 * precision * size
 
 
+def _with_columns(
+    columns: InverseColumns | None, factorization: Factorization, fresh: Tensor
+) -> InverseColumns:
+    """Columns of the inverse, and those at ``fresh`` unknowns (B, N) with them."""
+    if columns is not None and not bool(fresh.any()):
+        return columns
+    joining = InverseColumns.at(factorization, *pack(fresh))
+    return joining if columns is None else columns.join(joining)
+
+
 def _multipliers(
-    factorization: Factorization,
+    columns: InverseColumns,
     newton: Tensor,
     box: StepBox,
     held: Tensor,
@@ -121,11 +133,11 @@ def _multipliers(
     tolerance: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Multipliers (B, N) that keep the ``held`` bounds, and whether they are exact (B,)."""
-    index, usable = pack(held != 0)
+    index, usable = columns.index, columns.usable
     side = held.gather(1, index)
     bound = torch.where(side > 0, box.highest.gather(1, index), box.lowest.gather(1, index))
     excess = torch.where(usable, side * (newton.gather(1, index) - bound), 0)
-    matrix = factorization.inverse_block(index) * (side.unsqueeze(-1) * side.unsqueeze(-2))
+    matrix = columns.block() * (side.unsqueeze(-1) * side.unsqueeze(-2))
     program = NonnegativeProgram(matrix, excess, usable, tolerance)
     values, solved = program.solve(support.gather(1, index), _PIVOTS)
     values = torch.where(usable, side * values, 0)

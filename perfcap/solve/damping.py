@@ -10,7 +10,7 @@ from torch import Tensor
 from perfcap.solve.normal_equations import NormalEquations
 
 _GROWTH, _LEAST = 4.0, 1e-12
-_FLOOR = 1e-6  # of the mean data curvature, for unknowns that no data see
+_FLOOR = 1e-2  # of the mean data curvature, for unknowns that data see poorly
 
 
 def damping_scale(equations: NormalEquations) -> Tensor:

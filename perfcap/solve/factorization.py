@@ -72,25 +72,7 @@ class Factorization:
         solved = solved.sum(-1) + self.window.correction(right)
         return -self._eliminate(solved, equations.shared_gradient)
 
-    def inverse_block(self, index: Tensor) -> Tensor:
-        """Rows and columns ``index`` (B, m) of H^-1, (B, m, m), as a sum of squares."""
-        batch = torch.arange(len(index), device=index.device)[:, None]
-        in_frame = (index < self.layout.frame_unknowns).unsqueeze(-1)  # B m 1
-        frame_index = index.clamp(max=self.layout.frame_unknowns - 1)
-        frame = frame_index.div(self.layout.frame_dim, rounding_mode="floor")
-        inner = frame_index - frame * self.layout.frame_dim
-        halves = []
-        if self.window is not None:
-            halves.append(self.window.half_rows(batch, frame, inner) * in_frame.mT)
-        if self.shared is not None:
-            halves.append(self.shared.half_rows(index))
-        own = self._frame_half(batch, frame, inner) * in_frame
-        block = (own @ own.mT) * (frame.unsqueeze(-1) == frame.unsqueeze(-2))
-        for half in halves:
-            block = block + half.mT @ half
-        return block
-
-    def _frame_half(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
+    def frame_half(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
         """``L_f^-1 e`` for unit vectors e of the frames, M_f = L_f L_f': (B, m, D)."""
         factors = self.cholesky[batch, frame]  # B m D D
         unit = torch.nn.functional.one_hot(inner, self.layout.frame_dim).to(factors)
@@ -148,7 +130,7 @@ class WindowPart:
         return apply(self.solved, self.from_basis(_cholesky_solve(right, self.cholesky)))
 
     def half_rows(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
-        """``L^-1 U' M^-1 e`` for unit vectors e, with S = L L': (B, sum K E, m)."""
+        """``L^-1 U' M^-1 e`` for unit vectors e, with S = L L': (B, m, sum K E)."""
         features = torch.split(self.solved[batch, frame, inner], self.sizes, -1)  # B m E
         columns = [
             (b.mT[frame].unsqueeze(-1) * part.unsqueeze(-2)).flatten(2)  # B m K E
@@ -156,7 +138,7 @@ class WindowPart:
         ]
         stacked = torch.cat(columns, -1).mT
         half: Tensor = torch.linalg.solve_triangular(self.cholesky, stacked, upper=False)
-        return half
+        return half.mT
 
 
 @dataclass(frozen=True)
@@ -173,14 +155,13 @@ class SharedPart:
     solved_border: Tensor
     cholesky: Tensor
 
-    def half_rows(self, index: Tensor) -> Tensor:
-        """The Schur complement's share of H^-1 at unknowns (B, m), as a half, (B, S, m)."""
-        batch, shared = len(index), self.cholesky.shape[-1]
-        own = -torch.eye(shared, dtype=index.dtype, device=index.device).to(self.cholesky)
-        rows = torch.cat((self.solved_border.flatten(1, 2), own.expand(batch, -1, -1)), 1)
-        rows = rows[torch.arange(batch, device=index.device)[:, None], index]
-        half: Tensor = torch.linalg.solve_triangular(self.cholesky, rows.mT, upper=False)
-        return half
+    def half_rows(self, batch: Tensor, index: Tensor) -> Tensor:
+        """The Schur complement's share of H^-1 at unknowns (B, m), as a half, (B, m, S)."""
+        own = -torch.eye(self.cholesky.shape[-1], device=index.device).to(self.cholesky)
+        rows = torch.cat((self.solved_border.flatten(1, 2), own.expand_as(self.cholesky)), 1)
+        right = rows[batch, index].mT
+        half: Tensor = torch.linalg.solve_triangular(self.cholesky, right, upper=False)
+        return half.mT
 
 
 def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:

@@ -40,7 +40,7 @@ class LevenbergMarquardt:
     max_steps: int = 50
     tolerance: float = 1e-6
     step_tolerance: float = 1e-10
-    damping: float = 1e-3
+    damping: float = 0.1
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None

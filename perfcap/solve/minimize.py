@@ -50,9 +50,22 @@ def solve(
             f"initial state has batch {tuple(layout.batch)} and {layout.unknowns} unknowns, "
             "expected at least one of each; nothing can be solved"
         )
+    here = initial.coordinates()
+    if here.frame.device.type == "cpu":
+        _keep_freed_memory()
     with torch.no_grad():
         start = project(initial, bounds)
-        here = start.coordinates()
         if here.frame.requires_grad or here.shared.requires_grad:
             start = start.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
     return (method or LevenbergMarquardt()).minimize(objective, start, bounds)
+
+
+def _keep_freed_memory() -> None:
+    """Have the C library keep freed blocks of up to 32 MB for the next allocation.
+
+    The temporaries of a window are about a megabyte each. glibc hands such blocks back to the
+    system when they are freed, and their page faults then cost as much as the arithmetic; once
+    it has freed a block just below 32 MB it keeps smaller ones (mallopt(3), "dynamic mmap
+    threshold"). The block is never touched, so it costs nothing itself.
+    """
+    torch.empty(31 << 20, dtype=torch.uint8)

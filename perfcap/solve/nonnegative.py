@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from perfcap.solve.products import apply
+
 
 @dataclass(frozen=True)
 class NonnegativeProgram:
@@ -40,10 +42,13 @@ class NonnegativeProgram:
         done = torch.zeros_like(self.target[:, 0], dtype=torch.bool)
         for _ in range(rounds):
             best = self._minimum_on(support)
-            unwanted = support & (value <= 0) & (best <= 0)
-            settled = ~unwanted.any(-1, keepdim=True)
-            value, support, whole = _step_towards(best, value, support & ~unwanted, settled)
-            slope = self.target - (self.matrix @ value.unsqueeze(-1)).squeeze(-1)
+            negative = support & (best <= 0)
+            unwanted = negative & (value <= 0)
+            if bool(unwanted.any()):
+                support = support & ~unwanted
+                continue
+            value, support, whole = _step_towards(best, value, support, negative)
+            slope = self.target - apply(self.matrix, value)
             entering = self.usable & ~support & (slope > self.tolerance) & whole
             done = whole.squeeze(-1) & ~entering.any(-1)
             if bool(done.all()):
@@ -77,20 +82,19 @@ def pack(mask: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _step_towards(
-    best: Tensor, value: Tensor, support: Tensor, settled: Tensor
+    best: Tensor, value: Tensor, support: Tensor, negative: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Move settled elements to ``best`` or until an entry of the support reaches zero.
+    """Move to ``best`` or until an entry of the support reaches zero.
 
     Returns:
         The values, the support without entries that reached zero, and whether the whole step was
         taken (B, 1).
     """
-    shrinking = support & (best <= 0)
-    ratio = torch.where(shrinking, value / (value - best), torch.inf)
+    whole = ~negative.any(-1, keepdim=True)
+    if bool(whole.all()):
+        return best, support, whole
+    ratio = torch.where(negative, value / (value - best), torch.inf)
     length = ratio.amin(-1, keepdim=True)
-    whole = settled & (length >= 1)
-    reached = settled & shrinking & (ratio <= length)
+    support = support & ~(negative & (ratio <= length))
     moved = torch.where(whole, best, value + length.clamp(max=1) * (best - value))
-    value = torch.where(settled, moved, value)
-    value = torch.where(support & ~reached, value, 0)
-    return value, support & ~reached, whole
+    return torch.where(support, moved, 0), support, whole

@@ -120,7 +120,7 @@ def test_textbook_minimum(name):
     method = LevenbergMarquardt(max_steps=200, tolerance=1e-12)
     solution = solve(problem.objective(), problem.initial(), method, problem.bounds())
     assert solution.status == Status.CONVERGED
-    assert solution.energy.item() == pytest.approx(problem.minimum, rel=1e-8, abs=1e-14)
+    assert solution.energy.item() == pytest.approx(problem.minimum, rel=1e-8, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(12))
