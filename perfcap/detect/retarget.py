@@ -25,6 +25,18 @@ def bone_vectors(landmarks: Tensor) -> Tensor:
     return landmarks - extended[..., list(PARENTS), :]
 
 
+def bone_chains() -> Tensor:
+    """Which bones lead from the middle of the hips to each landmark, (16, 16), ones and zeros.
+
+    It undoes ``bone_vectors``: chains @ bones are landmarks relative to the middle of the hips.
+    """
+    chains = torch.eye(len(PARENTS), dtype=torch.float64)
+    for joint in _ORDER:
+        if PARENTS[joint] != _ROOT:
+            chains[joint] += chains[PARENTS[joint]]
+    return chains
+
+
 def retarget(joints3d: Tensor, lengths: Tensor) -> Tensor:
     """Predicted directions with an actor's lengths (Xu et al. 2018: "rescaled to the actor").
 
@@ -34,13 +46,10 @@ def retarget(joints3d: Tensor, lengths: Tensor) -> Tensor:
 
     Args:
         joints3d: root-relative predictions, (..., 16, 3), any length unit.
-        lengths: bone lengths of the actor, (16,), metres: norms of ``bone_vectors``.
+        lengths: bone lengths of the actor, (..., 16), metres: norms of ``bone_vectors``.
     """
     vectors = bone_vectors(joints3d)
     norm = vectors.norm(dim=-1, keepdim=True)
-    scaled = vectors * (lengths[:, None] / norm.clamp(min=1e-6))
-    placed: list[Tensor] = [scaled[..., 0, :]] * len(PARENTS)
-    for joint in _ORDER:
-        start = 0 if PARENTS[joint] == _ROOT else placed[PARENTS[joint]]
-        placed[joint] = start + scaled[..., joint, :]
-    return torch.stack(placed, -2)
+    scaled = vectors * (lengths[..., None] / norm.clamp(min=1e-6))
+    placed: Tensor = bone_chains().to(scaled) @ scaled
+    return placed

@@ -8,27 +8,36 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.retarget import bone_chains, bone_vectors
 from perfcap.geometry.camera import Camera
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+
+_SHORTEST = 1e-9  # a bone of no length has no direction
 
 
 class JointPosition(Energy[Motion]):
     """3D joint alignment with a free translation a frame (Xu et al. 2018, Eq. 5 and 6).
 
-    Predictions are relative to the root and in camera axes; they are rotated into the world, and
-    the unknown translation t_f is eliminated in closed form: its optimum is the weighted mean of
-    (joint - prediction), so both sides are centred over the joints. With ``unit`` (J,) the
+    Predictions are relative to the root and in camera axes. Only the directions of their bones
+    count: a network predicts an average skeleton (the paper rescales it to the actor). They are
+    laid end to end, each as long as in the pose. Lengths taken from the rest pose instead would
+    be wrong where a joint lies between the ends of a bone: from the middle of the hips to the
+    neck a bent back is up to ten centimetres shorter than a straight one.
+
+    The unknown translation t_f is eliminated in closed form: its optimum is the weighted mean of
+    (joint - prediction), so differences are centred over the joints. With ``unit`` (J,) the
     weights of that mean are ``1 / unit^2``, which keeps the elimination exact; joints that are
     predicted well (the hips, near the root) then place the prediction.
 
-    A residual group is one joint in one view, 3 entries, in ``unit``. Predictions must have the
-    actor's bone lengths (see ``retarget``); frames that are not trusted are left out (Eq. 6).
+    A residual group is one joint in one view, 3 entries, in ``unit``. Frames that are not trusted
+    are left out (Eq. 6).
 
     Args:
         actor: gives the joints.
         cameras: C views; only their rotation matters.
-        detections: with ``joints3d`` (*b, F, C, 16, 3) m and ``trusted3d`` (*b, F, C).
+        detections: with ``joints3d`` (*b, F, C, 16, 3), in any unit of length, and
+            ``trusted3d`` (*b, F, C).
         weight: of the energy.
         kernel: acts on the squared residual, in ``unit``.
         unit: metres that count as one, a number or (16,).
@@ -36,7 +45,8 @@ class JointPosition(Energy[Motion]):
 
     coupling = Coupling.FRAME
     sees_shared = True
-    target: Tensor
+    direction: Tensor
+    chain: Tensor
     scale: Tensor
     share: Tensor
     confidence: Tensor
@@ -59,8 +69,10 @@ class JointPosition(Energy[Motion]):
         scale = (1 / torch.as_tensor(unit).to(points)).expand(count)
         self.register_buffer("scale", scale)
         self.register_buffer("share", scale.square() / scale.square().sum())
-        world = points @ cameras.rotation  # R^T d for every row vector d
-        self.register_buffer("target", self._centre(world))
+        bones = bone_vectors(points) @ cameras.rotation  # R^T b for every row vector b
+        length = bones.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+        self.register_buffer("direction", bones / length)
+        self.register_buffer("chain", bone_chains().to(points))
         trusted = detections.trusted3d.to(points)
         self.register_buffer("confidence", trusted[..., None].expand(points.shape[:-1]).flatten(-2))
 
@@ -71,23 +83,29 @@ class JointPosition(Energy[Motion]):
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: centred joint derivatives, the same for every view."""
         joints, frame, shared = self.actor.skeleton.linearize(motion)
-        views = self.target.shape[-3]
+        bones = bone_vectors(joints)
+        along = bones / bones.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
         return Linearization(
             self._residual(joints),
-            self._repeat(frame, views),
-            None if shared is None else self._repeat(shared, views),
+            self._derivative(frame, along),
+            None if shared is None else self._derivative(shared, along),
         )
 
     def _residual(self, joints: Tensor) -> Residual:
-        error = self._centre(joints).unsqueeze(-3) - self.target  # *b F C J 3
+        length = bone_vectors(joints).norm(dim=-1)[..., None, :, None]  # *b F 1 J 1
+        predicted = self.chain @ (length * self.direction)  # *b F C J 3
+        error = self._centre(joints.unsqueeze(-3) - predicted)
         return Residual(error.flatten(-3, -2), self.confidence)
+
+    def _derivative(self, jacobian: Tensor, along: Tensor) -> Tensor:
+        """Of the residual, (*b, F, C * 16, 3, D), from that of the joints, (*b, F, 16, 3, D)."""
+        bones = bone_vectors(jacobian.flatten(-2)).reshape(jacobian.shape)
+        length = (along[..., None] * bones).sum(-2)[..., None, :, None, :]  # *b F 1 J 1 D
+        lengthened = (length * self.direction[..., None]).flatten(-2)  # *b F C J 3D
+        moved = jacobian.flatten(-2).unsqueeze(-3) - self.chain @ lengthened
+        views, size = moved.shape[-3], jacobian.shape[-4:]
+        return self._centre(moved).reshape(*moved.shape[:-3], views * size[1], *size[2:])
 
     def _centre(self, points: Tensor) -> Tensor:
         """Points or derivatives (..., J, n) minus their weighted mean, in ``unit``."""
         return (points - (self.share @ points).unsqueeze(-2)) * self.scale[:, None]
-
-    def _repeat(self, jacobian: Tensor, views: int) -> Tensor:
-        """Centre a Jacobian (*b, F, J, 3, D) over joints and repeat it for the views."""
-        centred = self._centre(jacobian.flatten(-2)).reshape(jacobian.shape)
-        expanded = centred.unsqueeze(-4).expand(*centred.shape[:-3], views, *centred.shape[-3:])
-        return expanded.flatten(-4, -3)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.retarget import bone_vectors, retarget
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
@@ -134,7 +135,8 @@ def test_translation_is_eliminated_exactly(uniform: bool) -> None:
 
     def with_translation() -> Tensor:
         assert seen.joints3d is not None
-        world = seen.joints3d @ camera.rotation
+        lengths = bone_vectors(ACTOR.joints(state)).norm(dim=-1)[:, None]
+        world = retarget(seen.joints3d, lengths) @ camera.rotation
         error = ACTOR.joints(state).unsqueeze(-3) - world - free
         return (error / unit[:, None]).square().sum()
 
@@ -154,6 +156,21 @@ def test_moving_the_root_leaves_3d_joints_alone() -> None:
     moved = replace(motion, translation=motion.translation + torch.tensor([3.0, 1.0, -2.0]))
     assert torch.allclose(energy(moved), energy(motion))
     assert energy.linearize(motion).frame[..., :3].abs().max() < 1e-14
+
+
+def test_only_directions_of_predicted_bones_count() -> None:
+    """An average skeleton whose back does not get shorter when it bends explains the pose."""
+    motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(1)
+    seen = detect(motion, camera)
+    assert seen.joints3d is not None
+    random = torch.Generator().manual_seed(5)
+    lengths = 0.1 + torch.rand(16, generator=random, dtype=F64)
+    lengths[12] = lengths[8]  # the root stays between the hips
+    average = replace(seen, joints3d=retarget(seen.joints3d, lengths))
+    energy = JointPosition(ACTOR, camera, average)
+    assert energy(motion).abs().max() < 1e-20
+    state = near(motion)
+    assert torch.allclose(energy(state), JointPosition(ACTOR, camera, seen)(state))
 
 
 def test_untrusted_frames_are_left_out() -> None:
