@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.atomic import writing
 from perfcap.io.bvh_motion import BvhMotion, Floats, Integers
 
 _AXES = "XYZ"
@@ -84,7 +84,8 @@ def save_bvh(
     lines = ["HIERARCHY", *_hierarchy(motion, moves, order, scale), "MOTION"]
     lines += [f"Frames: {len(table)}", f"Frame Time: {motion.frame_time:.9f}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in table]
-    _write(Path(path), "\n".join(lines) + "\n")
+    with writing(Path(path)) as file:
+        file.write(("\n".join(lines) + "\n").encode())
 
 
 def _depth_first(parents: Integers) -> list[int]:
@@ -131,13 +132,3 @@ def _tip(motion: BvhMotion, joint: int) -> Floats:
 
 def _triple(values: Floats) -> str:
     return " ".join(f"{value:.6f}" for value in values)
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
+from perfcap.io.atomic import writing
 
 Floats = NDArray[np.float64]
 Object = dict[str, Any]
@@ -266,13 +266,7 @@ def _write(path: Path, tree: Object, binary: bytes) -> None:
     size = 12 + 8 + len(text) + 8 + len(binary)
     if size >= 1 << 32:
         raise InputError(f"{path}: {size} bytes exceed the 4 GB of a GLB; write fewer frames")
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(struct.pack("<4sII", b"glTF", 2, size))
-            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-            file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    with writing(path) as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, size))
+        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)

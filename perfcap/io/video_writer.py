@@ -14,7 +14,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.errors import InputError
+from perfcap.io.atomic import partial_path, unwritable
 
 
 class VideoWriter:
@@ -46,7 +46,7 @@ class VideoWriter:
         if not 0 < fps < 1e5:
             raise ValueError(f"fps is {fps}, expected a positive number")
         self.path = Path(path)
-        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self._partial = partial_path(self.path)
         self._rate = Fraction(fps).limit_denominator(1001)
         self._options = {"crf": str(crf), "preset": preset}
         self._container: Any = None
@@ -75,7 +75,8 @@ class VideoWriter:
             )
         size = (frame.shape[0], frame.shape[1])
         if self._size is None:
-            self._begin(size)
+            with self._reporting():
+                self._begin(size)
         elif size != self._size:
             raise ValueError(f"frame has size {size}, the first had {self._size}")
         # yuv420p has half the chroma pixels: odd sides get one more row or column
@@ -106,10 +107,7 @@ class VideoWriter:
             yield
         except OSError as error:
             self.discard()
-            raise InputError(
-                f"{self.path}: cannot be written ({error.strerror}); free space or choose another "
-                "folder"
-            ) from error
+            raise unwritable(self.path, error) from error
 
     def discard(self) -> None:
         """Give up and remove what was written."""
@@ -117,7 +115,8 @@ class VideoWriter:
             with suppress(OSError):  # closing writes the rest, which may be what failed
                 self._container.close()
             self._container = None
-        self._partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._partial.unlink()
 
     def _begin(self, size: tuple[int, int]) -> None:
         self._size = size
