@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import platform
 import resource
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,11 +26,14 @@ from perfcap.io.gltf import load_template
 from perfcap.pipeline.config import PRESETS
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay
-from perfcap.pipeline.performance import Performance, make_folder
+from perfcap.pipeline.performance import FILES, REPORT, Performance, make_folder
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
-DONE, BAD_INPUT, INCOMPLETE = 0, 2, 3
+OVERLAY = "overlay.mp4"
+DONE, INCOMPLETE = 0, 3
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -59,10 +64,9 @@ def run_capture(request: CaptureRequest) -> int:
     """
     started = time.perf_counter()
     folder = make_folder(request.out)
-    asked = describe(request)
-    if request.resume and _finished(folder, asked):
-        return DONE
     source = find_actor(request.actor)
+    if request.resume and _finished(folder, request, source.path):
+        return DONE
     actor = Actor(load_template(source.path))
     inputs = read_inputs(
         request.videos,
@@ -72,6 +76,24 @@ def run_capture(request: CaptureRequest) -> int:
         video_map=request.video_map,
         detections_in_video=request.detections_in == "video",
     )
+    solve_bones = _solve_bones(request.bones, source.generic, inputs.clip.views)
+    performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
+    wall = time.perf_counter() - started
+    run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
+    performance.save(folder, inputs.clip.start, run)
+    for line in (
+        *inputs.warnings,
+        *performance.warnings,
+        *_made_up(performance, inputs.clip.start),
+    ):
+        _LOG.warning("%s", line)
+    return DONE if performance.complete else INCOMPLETE
+
+
+def _perform(
+    request: CaptureRequest, folder: Path, actor: Actor, inputs: Inputs, solve_bones: bool
+) -> Performance:
+    """Capture and, if wanted, draw; the folder no longer holds the report of an older result."""
     like = torch.zeros((), dtype=torch.float64, device=_device(request.device))
     with progress_bars() as tell:
         performance = capture(
@@ -81,20 +103,19 @@ def run_capture(request: CaptureRequest) -> int:
             inputs.clip.fps,
             PRESETS[request.preset],
             until=Stage[request.until.upper()],
-            solve_bones=_solve_bones(request.bones, source.generic, inputs.clip.views),
+            solve_bones=solve_bones,
             progress=tell,
         )
+        (folder / REPORT).unlink(missing_ok=True)
         if request.overlay:
             save_overlay(
-                folder / "overlay.mp4",
+                folder / OVERLAY,
                 performance,
                 inputs.clip,
                 inputs.pixel_map,
                 lambda done, total: tell("overlay", done, total),
             )
-    run = {"request": asked, "wall_s": time.perf_counter() - started, **environment(inputs)}
-    performance.save(folder, inputs.clip.start, run)
-    return DONE if performance.complete else INCOMPLETE
+    return performance
 
 
 def environment(inputs: Inputs) -> dict[str, Any]:
@@ -120,15 +141,20 @@ def describe(request: CaptureRequest) -> dict[str, Any]:
     }
 
 
-def _finished(folder: Path, asked: dict[str, Any]) -> bool:
-    """Whether the folder holds the complete result of the same request."""
-    import json
-
+def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
+    """Whether the folder holds the complete result of the same request on the same files."""
     try:
-        done = json.loads((folder / "run.json").read_text())
+        done = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        written = (folder / REPORT).stat().st_mtime
+        used = [*request.videos, request.cameras, *request.detections, actor]
+        used += [request.video_map] if request.video_map else []
+        changed = any(path.stat().st_mtime > written for path in used)
     except (OSError, ValueError):
         return False
-    return bool(done.get("request") == asked and not done.get("not_captured"))
+    expected = (*FILES, *((OVERLAY,) if request.overlay else ()))
+    same = isinstance(done, dict) and done.get("request") == describe(request)
+    there = all((folder / name).is_file() for name in expected)
+    return same and done["complete"] is True and there and not changed
 
 
 def _solve_bones(choice: str, generic: bool, views: int) -> bool:
@@ -142,8 +168,8 @@ def _device(name: str) -> torch.device:
         return torch.device("cpu")
     try:
         device = torch.device(name)
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
+        torch.zeros(1, dtype=torch.float64, device=device).item()
+    except (RuntimeError, AssertionError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"--device {name}: cannot be used ({reason}); try cpu") from None
     return device
@@ -161,10 +187,13 @@ def _peak_memory_mib() -> float:
     return peak / (1024**2 if sys.platform == "darwin" else 1024)
 
 
-def summary(performance: Performance, folder: Path) -> Sequence[str]:
-    """What was made, for a person."""
-    missing = sum(stop - start for start, stop in performance.gaps)
-    lines = [f"{performance.frames} frames captured, files in {folder}"]
-    if missing:
-        lines.append(f"{missing} frames without a person were interpolated; see run.json")
-    return lines
+def _made_up(performance: Performance, first: int) -> Iterator[str]:
+    """Frames without a capture, for a person; ``first`` is the number of the first frame."""
+    for start, stop in performance.gaps:
+        yield (
+            f"frames {first + start} to {first + stop - 1}: nobody is detected; they are "
+            "interpolated"
+        )
+    if performance.lost:
+        start, stop = first + performance.frames, first + performance.frames + performance.lost
+        yield f"frames {start} to {stop - 1}: are missing in the video or its detections"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from perfcap.errors import InputError
 from perfcap.io.doctor import Severity, examine_inputs, examine_installation
 
 _COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFO: "default"}
@@ -18,7 +19,16 @@ def run_doctor(
     videos: Sequence[Path],
     video_map: Path | None,
 ) -> int:
-    """Print findings; returns 2 when one of them will spoil a capture."""
+    """Print findings; returns 2 when one of them will spoil a capture.
+
+    Raises:
+        InputError: files to check, but no cameras to check them against.
+    """
+    if cameras is None and (detections or videos or video_map):
+        raise InputError(
+            "--cameras: is missing; expected the calibration that detections and videos are "
+            "checked against"
+        )
     findings = list(examine_installation())
     if cameras is not None:
         findings += examine_inputs(cameras, list(detections), list(videos), video_map)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
 from perfcap.io.atomic import writing
 from perfcap.metrics import JointErrors, joint_errors
 
+_UNKNOWN_FPS = 30.0
 _TRUTH_NAMES = ("truth.npz", "gt.npz")
 _ROWS = (
     ("pa_mpjpe_mm", "joints, similarity-aligned", "mm"),
@@ -44,17 +45,16 @@ def run_evaluate(folder: Path, truth: Path) -> int:
 def evaluate(result: Path, truth: Path) -> dict[str, float]:
     """Errors by the names of the scorer, for the frames that a result has."""
     found, true = _load(result), _load(truth)
-    joints = found["joints3d"]
-    frames = found.get("frames", np.arange(len(joints)))
     expected = true["joints3d"]
-    if "frames" in true:
-        index = {int(frame): row for row, frame in enumerate(true["frames"])}
-        rows = [index.get(int(frame), -1) for frame in frames]
-    else:
-        rows = [int(f) if f < len(expected) else -1 for f in frames]
-    if min(rows, default=-1) < 0:
-        raise InputError(f"{truth}: lacks frames of {result}; expected all of them")
-    fps = float(found["fps"]) if "fps" in found else 30.0
+    index = {int(frame): row for row, frame in enumerate(true["frames"])}
+    rows = [index.get(int(frame), -1) for frame in found["frames"]]
+    if min(rows) < 0:
+        raise InputError(
+            f"{truth}: lacks {rows.count(-1)} of the {len(rows)} frames of {result}; expected all "
+            "of them"
+        )
+    fps = float(found.get("fps", _UNKNOWN_FPS))
+    joints = found["joints3d"].astype(float)
     errors = joint_errors(torch.tensor(joints), torch.tensor(expected[rows].astype(float)), fps)
     return _named(errors)
 
@@ -82,16 +82,20 @@ def find_truth(path: Path) -> Path:
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            names = [n for n in ("joints3d", "frames", "fps") if n in data]
-            values = {name: data[name] for name in names}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read as npz ({error})") from None
+    values = read_archive(path, ("joints3d", "frames", "fps"), "an npz with joints3d")
     joints = values.get("joints3d")
-    if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3):
-        found = "none" if joints is None else str(joints.shape)
-        raise InputError(f"{path}: joints3d is {found}, expected (F, 16, 3)")
+    if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3) or not len(joints):
+        found = "missing" if joints is None else f"of shape {joints.shape}"
+        raise InputError(f"{path}: joints3d is {found}, expected (F, 16, 3) in metres")
+    frames, fps = values.setdefault("frames", np.arange(len(joints))), values.get("fps")
+    if frames.shape != joints.shape[:1] or frames.dtype.kind not in "iu":
+        raise InputError(
+            f"{path}: frames is {frames.dtype} {frames.shape}, expected {len(joints)} frame numbers"
+        )
+    if fps is not None and (fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < fps < 1e5):
+        raise InputError(f"{path}: fps is {fps}, expected a positive number")
+    if joints.dtype.kind not in "fiu" or not np.isfinite(joints).all():
+        raise InputError(f"{path}: joints3d holds {joints.dtype} that are not all finite numbers")
     return values
 
 

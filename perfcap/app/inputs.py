@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from perfcap.detect.detections import Detections
@@ -15,7 +16,7 @@ from perfcap.io.calibration import (
     read_cameras,
     read_pixel_map,
 )
-from perfcap.io.clip import Clip
+from perfcap.io.clip import END_SLACK, Clip
 from perfcap.io.detections import read_detections
 
 
@@ -29,6 +30,7 @@ class Inputs:
         detections: in pixels of the calibration, (F, C, 16).
         pixel_map: from the clip's pixels to the calibration's.
         warnings: what a user should know.
+        lost: frames that should follow, but a damaged video or its detections end before.
     """
 
     clip: Clip
@@ -36,6 +38,7 @@ class Inputs:
     detections: Detections
     pixel_map: PixelMap
     warnings: tuple[str, ...]
+    lost: int = 0
 
 
 def read_inputs(
@@ -64,23 +67,35 @@ def read_inputs(
     part = parse_frames(frames)
     clip = Clip.open(list(videos), frames=part)
     rig = read_cameras(cameras, clip.sizes)
+    if rig.fps is not None and all(source.fps is None for source in clip.sources):
+        clip = Clip.open(list(videos), fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     pixel_map = match_image(rig, clip.sizes, read_pixel_map(video_map) if video_map else None)
     whole = clip.start + len(clip) if part.stop is None else None  # a part may end anywhere
-    found, notes = read_detections(
-        list(detections), views=rig.names, pixel_offset=rig.pixel_offset, frames=whole
-    )
-    chosen = found.frames(slice(clip.start, clip.start + len(clip)))
-    if chosen.frame_count == 0:
-        raise InputError(
-            f"--detections: hold {found.frame_count} frames, none of frames {clip.start} and later"
-        )
-    if chosen.frame_count < len(clip):
-        notes = [*notes, f"detections end after {chosen.frame_count} of {len(clip)} frames"]
+    read = partial(read_detections, list(detections), views=rig.names)
+    found, notes = read(pixel_offset=rig.pixel_offset, frames=whole)
+    chosen = _part_of(found, clip)
     if detections_in_video:
         chosen = _to_calibration(chosen, pixel_map)
     rig = _camera_frames(rig, clip, chosen.frame_count)
-    return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes))
+    lost = len(clip) - chosen.frame_count
+    if clip.lost and whole is not None:
+        # of the frames that the file promises, those count that somebody detected joints in
+        lost += min(clip.lost, max(0, read()[0].frame_count - whole))
+    return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
+
+
+def _part_of(detections: Detections, clip: Clip) -> Detections:
+    """The detections of the clip's frames; a few may be missing at the end."""
+    chosen = detections.frames(slice(clip.start, clip.start + len(clip)))
+    missing = len(clip) - chosen.frame_count
+    if missing > END_SLACK or not chosen.frame_count:
+        raise InputError(
+            f"--detections: hold {detections.frame_count} frames, expected those of frames "
+            f"{clip.start} to {clip.start + len(clip) - 1}; detect all of the video, or give "
+            "--frames"
+        )
+    return chosen
 
 
 def parse_frames(text: str | None) -> slice:
@@ -92,7 +107,7 @@ def parse_frames(text: str | None) -> slice:
     if text is None:
         return slice(0, None)
     parts = text.split(":")
-    if len(parts) != 2 or not all(p.isdigit() or not p for p in parts):
+    if len(parts) != 2 or not all(p.isdecimal() or not p for p in parts):
         raise InputError(f"--frames {text}: expected A:B, such as 0:100, with A before B")
     start, stop = (int(p) if p else None for p in parts)
     return slice(start or 0, stop)

@@ -25,6 +25,7 @@ class FrameSource(Protocol):
 
     name: str
     size: tuple[int, int]
+    lost: int
     warnings: tuple[str, ...]
 
     @property
@@ -103,7 +104,7 @@ class Clip:
         if not len(clip):
             raise InputError(
                 f"--frames {start}:{'' if stop is None else stop}: holds no frame of "
-                f"{several[0]}, which has {len(sources[0])}"
+                f"{several[0]}, which has {len(sources[0])}; expected a part of these"
             )
         return clip
 
@@ -114,6 +115,11 @@ class Clip:
     def names(self) -> tuple[str, ...]:
         """Names of the files without suffix, C."""
         return tuple(source.name for source in self.sources)
+
+    @property
+    def lost(self) -> int:
+        """Frames after the last that a damaged file promises and no longer has."""
+        return max(source.lost for source in self.sources)
 
     @property
     def views(self) -> int:

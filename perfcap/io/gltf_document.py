@@ -204,7 +204,9 @@ def _parse(path: Path, text: bytes) -> Object:
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a glTF file (its JSON cannot be parsed)") from error
+        raise InputError(
+            f"{path}: not a glTF file (its JSON cannot be parsed); export it again"
+        ) from error
     if not isinstance(tree, dict):
         raise InputError(f"{path}: not a glTF file (its JSON is not an object)")
     return tree

@@ -25,6 +25,7 @@ class ImageFolder:
 
     fps: None = None
     timestamps: None = None
+    lost: int = 0
     warnings: tuple[str, ...] = ()
 
     def __init__(self, path: Path, stop: int | None = None) -> None:

@@ -38,6 +38,7 @@ class VideoFile:
         self.name = path.stem
         self.index = index_video(path, stop)
         self.size = self.index.size
+        self.lost = self.index.lost
         self.timestamps = seconds(self.index)
         self.fps, notes = frame_rate(self.timestamps, self.index)
         self.warnings = tuple(f"{path}: {note}" for note in (*self.index.warnings, *notes))

@@ -29,6 +29,7 @@ class VideoIndex:
         rate: frames a second according to the file, or None.
         size: (height, width) as shown, after rotation.
         turns: quarter turns counter-clockwise from stored to shown.
+        lost: frames the file promises beyond those it has; at least 1 where decoding broke off.
         warnings: what a user should know about the file.
     """
 
@@ -37,6 +38,7 @@ class VideoIndex:
     rate: float | None
     size: tuple[int, int]
     turns: int
+    lost: int
     warnings: tuple[str, ...]
 
     @property
@@ -77,13 +79,15 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
                 "copy or record it again"
             )
         stored, turns = shape
-        warnings = _notes(stream, len(pts), damage, stop)
+        lost = _lost(stream.frames, len(pts), damage, stop)
+        warnings = _notes(stream, len(pts), lost, damage)
         return VideoIndex(
             tuple(pts),
             float(stream.time_base or 1),
             float(stream.average_rate) if stream.average_rate else None,
             stored if turns % 2 == 0 else stored[::-1],
             turns,
+            lost,
             warnings,
         )
 
@@ -121,12 +125,17 @@ def _check_pixels(path: Path, size: tuple[int, int]) -> None:
         )
 
 
-def _notes(stream: Any, found: int, damage: str, stop: int | None) -> tuple[str, ...]:
+def _lost(promised: int, found: int, damage: str, stop: int | None) -> int:
+    wanted = promised if stop is None else min(promised, stop)
+    return max(wanted - found, 1 if damage else 0)
+
+
+def _notes(stream: Any, found: int, lost: int, damage: str) -> tuple[str, ...]:
     notes = []
-    promised = stream.frames
     if damage:
         notes.append(f"decoding broke off ({damage}); the {found} frames before that are used")
-    elif stop is None and promised > found:
+    elif lost > 0:
+        promised = found + lost
         notes.append(f"is cut short: it promises {promised} frames, the {found} there are are used")
     ratio = stream.sample_aspect_ratio
     if ratio and ratio != 1:

@@ -23,8 +23,12 @@ from perfcap.io.atomic import writing
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
 from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.track_motion import WindowReport
+from perfcap.solve import Status
 
+REPORT = "run.json"
+FILES = ("motion.npz", "motion.bvh", "capture.glb", "config.yaml", REPORT)
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
 
 
@@ -51,6 +55,7 @@ class Performance:
         gaps: half-open frame ranges in which nobody was detected; they are interpolated.
         windows: how the solve of each window went.
         stages: time of each stage.
+        lost: frames that should follow, but could not be read.
         bone_scales: log factors of the actor's bone groups, (S,), when they were solved.
         warnings: what a user should know.
     """
@@ -64,6 +69,7 @@ class Performance:
     gaps: tuple[tuple[int, int], ...] = ()
     windows: tuple[WindowReport, ...] = ()
     stages: tuple[StageReport, ...] = ()
+    lost: int = 0
     bone_scales: Tensor | None = None
     warnings: tuple[str, ...] = field(default=())
 
@@ -75,7 +81,17 @@ class Performance:
     @property
     def complete(self) -> bool:
         """Whether every frame was captured from detections by a solve that went well."""
-        return not self.gaps and not any("could not be solved" in w for w in self.warnings)
+        return not self.not_captured
+
+    @property
+    def not_captured(self) -> tuple[tuple[int, int], ...]:
+        """Half-open frame ranges: nobody detected, a solve that failed, or frames not read."""
+        failed = torch.zeros(self.frames + self.lost, dtype=torch.bool)
+        failed[self.frames :] = True
+        unsolved = [w.window for w in self.windows if w.status == Status.NOT_FINITE]
+        for start, stop in (*self.gaps, *((w.start, w.stop) for w in unsolved)):
+            failed[start:stop] = True
+        return tuple(ranges(failed))
 
     def joints(self) -> Tensor:
         """Landmarks in the world, (F, 16, 3), metres."""
@@ -97,7 +113,8 @@ class Performance:
     ) -> None:
         """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
 
-        Every file appears complete or not at all.
+        Every file appears complete or not at all; run.json comes last and an old one goes first,
+        so that where it lies, everything it speaks of lies too.
 
         Args:
             folder: made if it does not exist.
@@ -108,6 +125,7 @@ class Performance:
             InputError: the folder cannot be written.
         """
         folder = make_folder(folder)
+        (folder / REPORT).unlink(missing_ok=True)
         self._save_motion(folder / "motion.npz", first_frame)
         transforms = self.bone_transforms()
         template = self.actor.template
@@ -115,7 +133,7 @@ class Performance:
         save_animation(folder / "capture.glb", template, transforms, self.rate)
         with writing(folder / "config.yaml") as file:
             file.write(yaml.safe_dump(plain(asdict(self.config)), sort_keys=False).encode())
-        with writing(folder / "run.json") as file:
+        with writing(folder / REPORT) as file:
             file.write(
                 json.dumps(plain({**(run or {}), **self.report(first_frame)}), indent=1).encode()
             )
@@ -149,7 +167,8 @@ class Performance:
         return {
             "frames": self.frames,
             "fps": self.rate,
-            "not_captured": [[a + first_frame, b + first_frame] for a, b in self.gaps],
+            "complete": self.complete,
+            "not_captured": [[a + first_frame, b + first_frame] for a, b in self.not_captured],
             "windows": [
                 {
                     "frames": [w.window.start + first_frame, w.window.stop + first_frame],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,18 +9,11 @@ import numpy as np
 
 from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, LANDMARKS16, JointSet, canonical_name
 from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
-from perfcap.io.files import MEBIBYTE, require_file
 
-LIMIT = 2048 * MEBIBYTE  # unpacked
+_ARRAYS = ("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names")
 PERSON_MM = (300.0, 20_000.0)  # extent of a 3D pose below which it is not millimetres
-
-
-# what the standard library and numpy raise on archives that are cut, damaged or made up
-UNREADABLE = (
-    *(OSError, ValueError, EOFError, MemoryError, NotImplementedError, RuntimeError),
-    *(zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error),
-)
 
 
 def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
@@ -36,7 +27,7 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
     Returns:
         One track a view.
     """
-    arrays = _load(path)
+    arrays = read_archive(path, _ARRAYS, "detections.npz")
     joints2d = _numbers(path, arrays, "joints2d")
     confidence = _numbers(path, arrays, "confidence2d")
     if joints2d.ndim not in (3, 4) or joints2d.shape[-1] != 2 or 0 in joints2d.shape:
@@ -63,30 +54,6 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
         )
         for c in _view_order(path, arrays, joints2d.shape[1], views)
     ]
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an archive, checked for size before anything is unpacked; never pickles."""
-    require_file(path, LIMIT, "detections.npz")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > LIMIT:
-            raise InputError(
-                f"{path}: unpacks to {unpacked / MEBIBYTE:.0f} MB, expected at most "
-                f"{LIMIT / MEBIBYTE:.0f} MB; split the clip"
-            )
-        wanted = ("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names")
-        with np.load(path, allow_pickle=False) as data:
-            return {name: data[name] for name in wanted if name in data.files}
-    except InputError:
-        raise
-    except UNREADABLE as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(
-            f"{path}: is not a readable npz archive of plain arrays ({reason}); write it again "
-            "with numpy.savez"
-        ) from error
 
 
 def _numbers(path: Path, arrays: dict[str, np.ndarray], name: str) -> Array:

@@ -14,6 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
 Array = NDArray[np.float64]
 
 MAX_FRAMES = 1_000_000
+FARTHEST = 1e6  # px; nothing is seen out there, and squares of larger numbers overflow
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def to_landmarks(track: Track, pixel_offset: float) -> LandmarkTrack:
     some detectors write, become 1.
     """
     warnings = list(track.warnings)
-    broken = ~np.isfinite(track.joints2d).all(-1) & (track.confidence != 0)
+    usable = np.abs(track.joints2d).max(-1) < FARTHEST  # false for NaN
+    broken = ~usable & (track.confidence != 0)
     broken |= ~np.isfinite(track.confidence)
     if broken.any():
         frames = int(broken.any(-1).sum())
@@ -68,9 +70,8 @@ def to_landmarks(track: Track, pixel_offset: float) -> LandmarkTrack:
             "they are taken as not detected"
         )
     confidence = torch.from_numpy(track.confidence)
-    joints2d, confidence = map_to_landmarks(
-        torch.from_numpy(track.joints2d), confidence, track.joint_set
-    )
+    places = torch.from_numpy(np.where(usable[..., None], track.joints2d, np.nan))
+    joints2d, confidence = map_to_landmarks(places, confidence, track.joint_set)
     missing = track.joint_set.missing()
     if missing:
         warnings.append(f"{track.where}: {track.joint_set.name} has no {', '.join(missing)}")
