@@ -73,10 +73,12 @@ class PoseConfig:
 
     window: int = 50  # frames (MPC-8)
     overlap: int = 10  # frames
-    batch: int = 8  # windows solved at once: bounds the memory of long clips
+    batch: int = 2  # windows solved at once: a CPU's cache holds two, a GPU wants dozens
     initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
+    tolerance: float = 1e-4  # relative decrease that ends a window; 1e-6 costs twice, gains 0.1 mm
     initial_steps: int = 20
+    initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
     widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)

@@ -151,7 +151,7 @@ def _solve_frames(
         actor, _single_camera(cameras), single, config, pixel_unit, trajectory=None
     )
     initial = Motion(start.translation[:, None], start.rotation[:, None], start.angles[:, None])
-    method = LevenbergMarquardt(max_steps=config.initial_steps)
+    method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
     solution = solve(objective, initial, method, angle_bounds(actor))
     state: Motion = solution.state
     motion = Motion(state.translation[:, 0], state.rotation[:, 0], state.angles[:, 0])

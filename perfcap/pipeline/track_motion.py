@@ -97,7 +97,7 @@ def _solve_group(
         trajectory_prior(config.trajectory, index.shape[1], rate),
     )
     start = Motion(initial.translation[index], initial.rotation[index], initial.angles[index])
-    method = LevenbergMarquardt(max_steps=config.max_steps)
+    method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
     solution = solve(objective, start, method, angle_bounds(actor))
     reports = [
         WindowReport(
