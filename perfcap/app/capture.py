@@ -106,6 +106,7 @@ def _perform(
             solve_bones=solve_bones,
             progress=tell,
         )
+        performance = performance.to(like.cpu())
         (folder / REPORT).unlink(missing_ok=True)
         if request.overlay:
             save_overlay(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -61,7 +62,8 @@ def capture(
     tell = progress or (lambda stage, done, total: None)
     clock = _Clock(tell)
     like = detections.joints2d
-    cameras, actor = cameras.to(like), actor.to(like)
+    cameras = cameras.to(like)
+    actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
     pixel_unit = 0.01 * person_height(detections)
     bones: Tensor | None = None
     if solve_bones:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -92,6 +93,17 @@ class Performance:
         for start, stop in (*self.gaps, *((w.start, w.stop) for w in unsolved)):
             failed[start:stop] = True
         return tuple(ranges(failed))
+
+    def to(self, like: Tensor) -> Self:
+        """The same result with the type and device of a tensor; for drawing, on the CPU."""
+        return replace(
+            self,
+            actor=copy.deepcopy(self.actor).to(like),
+            cameras=self.cameras.to(like),
+            detections=self.detections.to(like),
+            motion=self.motion.to(like),
+            bone_scales=None if self.bone_scales is None else self.bone_scales.to(like),
+        )
 
     def joints(self) -> Tensor:
         """Landmarks in the world, (F, 16, 3), metres."""

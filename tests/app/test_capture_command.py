@@ -155,7 +155,9 @@ def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command)
 def test_resume_does_nothing_only_where_all_is_done(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    call = take.command(tmp_path, "--no-overlay", "--resume")
+    call = take.command(
+        tmp_path, "--no-overlay", "--resume", "--frames", "0:3", "--until", "initialize"
+    )
     worked: list[int] = []
     from perfcap.app import capture as module
 
@@ -287,7 +289,7 @@ def test_a_crash_while_saving_leaves_whole_files_and_no_report(
     from perfcap.cli import main
     from perfcap.pipeline import performance as module
 
-    assert perfcap(take.command(tmp_path)).code == 0
+    assert perfcap(take.command(tmp_path, "--frames", "0:12")).code == 0
 
     def crash(*_: object, **__: object) -> None:
         raise RuntimeError("boom")

@@ -158,3 +158,15 @@ def test_frames_of_the_start_do_not_know_each_other() -> None:
     whole, part = start(slice(0, 12)), start(slice(5, 9))
     assert torch.allclose(whole.angles[5:9], part.angles, atol=1e-6)
     assert torch.allclose(whole.translation[5:9], part.translation, atol=1e-6)
+
+
+def test_the_caller_s_actor_stays_as_it_is() -> None:
+    take = make_take(3)
+    like = torch.zeros((), dtype=torch.float32)
+    performance = capture(take.actor, take.cameras, take.detections.to(like), take.rate)
+    assert take.actor.vertices.dtype == torch.float64
+    assert performance.actor.vertices.dtype == performance.motion.angles.dtype == torch.float32
+    wide = performance.to(torch.zeros((), dtype=torch.float64))
+    assert wide.joints().dtype == torch.float64
+    assert performance.actor.vertices.dtype == torch.float32
+    torch.testing.assert_close(wide.joints().float(), performance.joints())
