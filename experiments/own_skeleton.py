@@ -51,7 +51,7 @@ def exact_settings(trajectory: float = 0.01) -> PoseConfig:
     Robust kernels stay. They do not bias an exact fit, and quadratic ones lead limbs that start
     at rest into wrong minima; a trace of the trajectory prior takes a frame out of what is left.
     """
-    base = PoseConfig(max_steps=200, initial_steps=100)
+    base = PoseConfig(max_steps=200, initial_steps=100, tolerance=1e-6, clean=0.0)
     return replace(
         base,
         trajectory=replace(base.trajectory, weight=trajectory),

@@ -54,6 +54,7 @@ class PriorConfig:
     """Weak preference for the neutral pose; keeps unseen twists at rest."""
 
     deviation: float = 1.5  # rad
+    alone: float = 0.75  # rad, for one view without 3D joints, where it tells the depth of limbs
     weight: float = 1.0
 
 
@@ -79,6 +80,8 @@ class PoseConfig:
     tolerance: float = 1e-4  # relative decrease that ends a window; 1e-6 costs twice, gains 0.1 mm
     initial_steps: int = 20
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
+    clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
+    cleanest: float = 0.01  # least share of their weights that is kept
     initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
     widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
@@ -104,5 +107,6 @@ MONOPERFCAP = PoseConfig(
         angles=600.0,
     ),
     prior=PriorConfig(weight=1e-6),
+    clean=0.0,
 )
 PRESETS = {"default": PoseConfig(), "monoperfcap": MONOPERFCAP}

@@ -17,6 +17,7 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
@@ -65,6 +66,7 @@ def capture(
     cameras = cameras.to(like)
     actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
     pixel_unit = 0.01 * person_height(detections)
+    config = relaxed(config, detections, pixel_unit)
     bones: Tensor | None = None
     if solve_bones:
         with clock.stage("bone_lengths"):

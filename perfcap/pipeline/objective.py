@@ -56,7 +56,9 @@ def pose_objective(
     if trajectory is not None:
         energies["trajectory"] = trajectory
     mean = neutral_angles(actor)
-    energies["prior"] = PosePrior(mean, config.prior.deviation, config.prior.weight)
+    alone = detections.views == 1 and detections.joints3d is None
+    deviation = config.prior.alone if alone else config.prior.deviation
+    energies["prior"] = PosePrior(mean, deviation, config.prior.weight)
     return Objective(energies).to(actor.skeleton.lower)
 
 
