@@ -78,7 +78,7 @@ class PoseConfig:
     initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
     tolerance: float = 1e-4  # relative decrease that ends a window; 1e-6 costs twice, gains 0.1 mm
-    initial_steps: int = 20
+    initial_steps: int = 12
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.01  # least share of their weights that is kept
