@@ -107,7 +107,7 @@ class DenseRows(Energy[Vector]):
 
     def linearize(self, state: Vector) -> Linearization:  # noqa: D102
         value, jacobian = self.rows.dense(state.values.numpy())
-        return Linearization(Residual(value[None, :, None]), jacobian[None, :, None])
+        return Linearization(Residual(value[None, None, :, None]), jacobian[None, None, :, None])
 
 
 def dense_trace(problem: Problem, steps: int = 6) -> Trace:
