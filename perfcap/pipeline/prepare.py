@@ -16,6 +16,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
 
 _HEAD = LANDMARKS.index("head_top")
+_STRETCH = 500  # frames
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,24 @@ def prepare(actor: Actor, cameras: Camera, detections: Detections, gate: float =
     """
     if detections.joints3d is None:
         return Prepared(detections, None, None)
+    parts = [
+        _prepare_part(actor, cameras.frames(part), detections.frames(part), gate)
+        for part in _stretches(detections.frame_count)
+    ]
+    local, trusted, lifted, error = (torch.cat(values) for values in zip(*parts, strict=True))
+    return Prepared(replace(detections, joints3d=local, trusted3d=trusted), lifted, error)
+
+
+def _stretches(frames: int) -> list[slice]:
+    """Stretches of a clip that bound the memory of intermediate values."""
+    return [slice(start, start + _STRETCH) for start in range(0, frames, _STRETCH)]
+
+
+def _prepare_part(
+    actor: Actor, cameras: Camera, detections: Detections, gate: float
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Retargeted 3D joints, their trust, the lifted joints and the PCK error of some frames."""
+    assert detections.joints3d is not None
     rest = actor.skeleton.rest_landmarks
     lengths = bone_vectors(rest).norm(dim=-1)
     local = retarget(detections.joints3d, lengths)
@@ -64,4 +83,4 @@ def prepare(actor: Actor, cameras: Camera, detections: Detections, gate: float =
     trusted = detections.trusted3d & finite & (error < gate)
     placed = local + shift.unsqueeze(-2)  # camera coordinates
     lifted = (placed - cameras.translation.unsqueeze(-2)) @ cameras.rotation
-    return Prepared(replace(detections, joints3d=local, trusted3d=trusted), lifted, error)
+    return local, trusted, lifted, error
