@@ -77,8 +77,8 @@ class PoseConfig:
     batch: int = 2  # windows solved at once: a CPU's cache holds two, a GPU wants dozens
     initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
-    tolerance: float = 1e-4  # relative decrease that ends a window; 1e-6 costs twice, gains 0.1 mm
-    initial_steps: int = 12
+    tolerance: float = 1e-3  # relative decrease that ends a window; 1e-4 costs half as much again
+    initial_steps: int = 8
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.01  # least share of their weights that is kept
