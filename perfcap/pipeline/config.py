@@ -41,9 +41,9 @@ class TrajectoryConfig:
     """Temporal prior over a window (Xu et al. 2018, Eq. 7)."""
 
     weight: float = 1.0
-    rank: int = 16  # DCT vectors of a 50-frame window at 30 Hz below the full penalty
+    rank: int = 12  # DCT vectors of a 50-frame window at 30 Hz below the full penalty
     edge: float = 2.0  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
-    step: float = 0.3  # root penalty just below rank, as a share of the root penalty above it
+    step: float = 0.17  # root penalty just below rank, as a share of the root penalty above it
     translation: float = 500.0  # per m
     rotation: float = 200.0  # per rad
     angles: float = 100.0  # per rad
