@@ -41,9 +41,9 @@ class TrajectoryConfig:
     """Temporal prior over a window (Xu et al. 2018, Eq. 7)."""
 
     weight: float = 1.0
-    rank: int = 12  # DCT vectors of a 50-frame window at 30 Hz below the full penalty
+    rank: int = 14  # DCT vectors of a 50-frame window at 30 Hz below the full penalty
     edge: float = 2.0  # penalty of DCT vector k grows as (k / rank)^(2 edge); inf: a sharp edge
-    step: float = 0.17  # root penalty just below rank, as a share of the root penalty above it
+    step: float = 0.23  # root penalty just below rank, as a share of the root penalty above it
     translation: float = 500.0  # per m
     rotation: float = 200.0  # per rad
     angles: float = 100.0  # per rad
@@ -81,7 +81,7 @@ class PoseConfig:
     initial_steps: int = 8
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
-    cleanest: float = 0.01  # least share of their weights that is kept
+    cleanest: float = 0.004  # least share of their weights that is kept
     initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
     widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
