@@ -87,7 +87,7 @@ def far_away(take: Take) -> Detections:
 @pytest.mark.parametrize(
     ("fault", "allowed"),
     [
-        (swapped, 8.0),
+        (swapped, 5.0),
         (swapped_all, 60.0),  # everything says so for a tenth of a second
         (elsewhere, 10.0),
         (scattered, 10.0),
