@@ -1,0 +1,1 @@
+"""Images and a posed model to silhouettes, contours and correspondences."""
