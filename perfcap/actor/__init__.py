@@ -2,6 +2,7 @@
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import human_rig
+from perfcap.actor.deformation import Deformation
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Hinge, Rig
@@ -12,6 +13,7 @@ from perfcap.actor.template import Template
 
 __all__ = [
     "Actor",
+    "Deformation",
     "Hinge",
     "Motion",
     "Pose",
