@@ -73,7 +73,7 @@ class Deformation:
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector."""
         blocks = step.frame.reshape(*step.frame.shape[:-1], self.nodes, BLOCK)
-        rotation, translation = blocks.split(3, -1)
+        rotation, translation = blocks[..., :3], blocks[..., 3:]
         return replace(
             self,
             rotation=compose_rotvec(rotation, self.rotation),
