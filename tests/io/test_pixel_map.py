@@ -86,3 +86,15 @@ def test_map_that_misses_the_image() -> None:
 def test_as_many_videos_as_cameras() -> None:
     with pytest.raises(InputError, match="1 videos for 2 cameras"):
         match_image(RIG, [(1920, 1088)])
+
+
+def test_cameras_of_the_videos_project_where_the_map_draws(tmp_path: Path) -> None:
+    matrix = [[1.25, 0.02, -16], [-0.01, 1.3, 9.5]]
+    maps = read_pixel_map(write(tmp_path / "map.json", {"cam01": matrix}))
+    pixel_map = match_image(RIG, [(1500, 860), (1920, 1088)], maps)
+    in_video = pixel_map.cameras(RIG.cameras, [(1500, 860), (1920, 1088)])
+    points = torch.randn(7, 3, dtype=torch.float64) + torch.tensor([0, 0, 8.0])
+    assert in_video.size == ((1500, 860), (1920, 1088))
+    torch.testing.assert_close(
+        in_video.project(points), pixel_map.to_video(RIG.cameras.project(points))
+    )

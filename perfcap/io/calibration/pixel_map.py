@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.rig import CameraRig
 from perfcap.io.calibration.view import to_numbers
 from perfcap.io.files import TEXT_LIMIT, read_json
@@ -33,6 +34,17 @@ class PixelMap:
     def to_video(self, pixels: Tensor) -> Tensor:
         """Video pixels (*b, C, N, 2) of calibration pixels (*b, C, N, 2), to draw them."""
         return _apply(torch.linalg.inv(self.matrices), pixels)
+
+    def cameras(self, cameras: Camera, sizes: Sequence[tuple[int, int]]) -> Camera:
+        """The same cameras, projecting into the pixels of their videos.
+
+        Args:
+            cameras: C views, fixed or moving, in pixels of the calibration.
+            sizes: (height, width) of each view's video, C.
+        """
+        to_video = torch.linalg.inv(self.matrices).to(cameras.intrinsics)
+        size = tuple((height, width) for height, width in sizes)
+        return replace(cameras, intrinsics=to_video @ cameras.intrinsics, size=size)
 
     @property
     def identity(self) -> bool:
