@@ -25,7 +25,7 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import track_motion
+from perfcap.pipeline.track_motion import MotionProblem, track_motion
 
 _RATE = 30.0
 _PART = 300  # frames of a random motion; a clip repeats such parts
@@ -70,9 +70,8 @@ def _row(clip: Sequence) -> tuple[object, ...]:
         clocks.append(time.process_time())
         initial, _ = initialize(actor, cameras, prepared, config, unit)
         clocks.append(time.process_time())
-        motion, windows = track_motion(
-            actor, cameras, prepared.detections, initial, config, unit, _RATE
-        )
+        problem = MotionProblem(actor, cameras, prepared.detections, config, unit, _RATE)
+        motion, windows = track_motion(problem, initial)
         clocks.append(time.process_time())
     each = [1e3 * span / frames for span in np.diff(clocks).tolist()]
     steps = sum(window.steps for window in windows) / len(windows)

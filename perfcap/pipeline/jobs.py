@@ -22,7 +22,7 @@ from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import WindowReport, track_motion
+from perfcap.pipeline.track_motion import MotionProblem, WindowReport, track_motion
 from perfcap.solve import Status
 
 # called with a stage's name, what is done and what there is to do
@@ -78,10 +78,10 @@ def capture(
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion"):
+            problem = MotionProblem(actor, cameras, prepared.detections, config, pixel_unit, rate)
             motion, windows = track_motion(
-                actor, cameras, prepared.detections, motion, config, pixel_unit, rate,
-                lambda done, total: tell("track_motion", done, total),
-            )  # fmt: skip
+                problem, motion, lambda done, total: tell("track_motion", done, total)
+            )
     return Performance(
         actor=actor,
         cameras=cameras,

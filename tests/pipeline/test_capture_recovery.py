@@ -15,7 +15,7 @@ from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import track_motion
+from perfcap.pipeline.track_motion import MotionProblem, track_motion
 
 
 def run(take: Any, config: PoseConfig | None = None, **options: Any) -> Performance:
@@ -139,9 +139,8 @@ def test_a_truth_that_is_smooth_stays_where_it_is() -> None:
     take = make_take(50, views=3, lifted=False)
     unit = 0.01 * person_height(take.detections)
     config = PoseConfig()
-    motion, _ = track_motion(
-        take.actor, take.cameras, take.detections, take.truth, config, unit, take.rate
-    )
+    problem = MotionProblem(take.actor, take.cameras, take.detections, config, unit, take.rate)
+    motion, _ = track_motion(problem, take.truth)
     assert take.error_mm(take.actor.joints(motion)).mean() < 3
 
 
