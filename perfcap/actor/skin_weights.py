@@ -62,6 +62,22 @@ class SkinWeights(nn.Module):
         result: Tensor = _Product.apply(table, there, back)  # type: ignore[no-untyped-call]
         return result
 
+    def rows(self) -> tuple[Tensor, Tensor, Tensor]:
+        """What moves each vertex, for code that needs a few vertices rather than all.
+
+        Returns:
+            bones: (V, K), any where a vertex has fewer than K.
+            weights: (V, K), 0 there.
+            pivots: (V,), the heaviest bone.
+        """
+        end, column, value = (self.get_buffer(f"matrix_{p}") for p in ("end", "column", "value"))
+        slot = torch.arange(int(end.diff().max())).to(end)
+        entry = end[:-1, None] + slot
+        used = entry < end[1:, None]
+        pair = column[entry.clamp(max=len(column) - 1)]
+        weights = torch.where(used, value[entry.clamp(max=len(value) - 1)], 0)
+        return self.bones[pair], weights, self.pivots[pair[:, 0]]
+
     def _check_type(self, table: Tensor) -> None:
         own = self.get_buffer("matrix_value")
         if (own.dtype, own.device) != (table.dtype, table.device):

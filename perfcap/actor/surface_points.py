@@ -1,0 +1,121 @@
+"""Chosen points of the surface as a function of the motion, without posing the rest of it."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.actor import _skinned_points_torch
+from perfcap.actor._skinned_points_torch import Chosen, Skin, Unknowns
+from perfcap.actor.actor import Actor
+from perfcap.actor.frame_twists import frame_twists, moved_joints, topmost_joints
+from perfcap.actor.motion import Motion
+from perfcap.errors import InputError
+from perfcap.geometry.dual_quaternion import DualQuaternion
+from perfcap.geometry.plain import is_plain
+
+
+class SkinnedPoints(nn.Module):
+    """Points ``sum_s weight_s * vertex_s`` of an actor's dual-quaternion-skinned surface.
+
+    Equal to the same sums over ``Actor.surface``, at the cost of the chosen vertices only.
+
+    Args:
+        actor: whose surface.
+        corners: vertices of each point, (*b, F, N, S) integer; leading axes may be left out where
+            the points are the same, down to (N, S).
+        weights: of the corners, the shape of ``corners``. Points whose weights are all zero, as
+            those that pad a list, lie at the origin and do not move.
+    """
+
+    corners: Tensor
+    weights: Tensor
+
+    def __init__(self, actor: Actor, corners: Tensor, weights: Tensor) -> None:
+        super().__init__()
+        _check(corners, weights, len(actor.vertices))
+        self.actor = actor
+        self.register_buffer("corners", corners)
+        self.register_buffer("weights", weights.to(actor.vertices))
+        names = ("joints", "joint_weights", "pivots")
+        for name, rows in zip(names, actor.skin.rows(), strict=True):
+            self.register_buffer(name, rows, persistent=False)
+        tree = actor.skeleton.tree
+        self.register_buffer("topmost", topmost_joints(tree), persistent=False)
+        self.register_buffer("moved", moved_joints(tree), persistent=False)
+
+    def forward(self, motion: Motion) -> Tensor:
+        """Points in the world, (*b, F, N, 3), metres."""
+        table = _table(*self.actor.joint_transforms(motion))
+        points: Tensor = self._twin(table).place(self._skin(), self._chosen(motion), table)
+        return points
+
+    def linearize(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Points (*b, F, N, 3) and their derivative in closed form.
+
+        Returns:
+            points: in the world, metres.
+            frame: derivative in the frame's tangent (translation, rotation, angles),
+                (*b, F, N, 3, 6 + A).
+        """
+        rotation, translation = self.actor.joint_transforms(motion)
+        table = _table(rotation, translation)
+        result: tuple[Tensor, Tensor] = self._twin(table).linearize(
+            self._skin(),
+            self._chosen(motion),
+            table,
+            self._unknowns(motion, rotation, translation),
+        )
+        return result
+
+    def _twin(self, table: Tensor) -> ModuleType:
+        """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
+        if is_plain(table, self.actor.vertices, self.weights):
+            from perfcap.actor import _skinned_points_numba
+
+            return _skinned_points_numba
+        return _skinned_points_torch
+
+    def _skin(self) -> Skin:
+        rows = (self.get_buffer(name) for name in ("joints", "joint_weights", "pivots"))
+        return Skin(self.actor.vertices, *rows)
+
+    def _unknowns(self, motion: Motion, rotation: Tensor, translation: Tensor) -> Unknowns:
+        skeleton = self.actor.skeleton
+        rest = skeleton.rest_positions[..., None]
+        position = (rotation @ rest).squeeze(-1) + translation
+        tree = skeleton.tree
+        twists = frame_twists(tree, rotation, position, motion.angles)
+        return Unknowns(twists, self.get_buffer("topmost"), tree.parents, self.get_buffer("moved"))
+
+    def _chosen(self, motion: Motion) -> Chosen:
+        frames = motion.angles.shape[:-1]
+        lead = self.corners.shape[:-2]
+        if lead != frames[len(frames) - len(lead) :]:
+            raise InputError(
+                f"points have corners {tuple(self.corners.shape)} but the motion has frames "
+                f"{tuple(frames)}; give corners {(*frames, *self.corners.shape[-2:])}"
+            )
+        shape = (*frames, *self.corners.shape[-2:])
+        return Chosen(self.corners.expand(shape), self.weights.expand(shape))
+
+
+def _table(rotation: Tensor, translation: Tensor) -> Tensor:
+    """Rigid motions of joints as rows (*b, F, J, 8), real then dual part."""
+    motion = DualQuaternion.from_rigid(rotation, translation)
+    return torch.cat((motion.real, motion.dual), -1)
+
+
+def _check(corners: Tensor, weights: Tensor, vertices: int) -> None:
+    if corners.dim() < 2 or corners.is_floating_point() or corners.shape != weights.shape:
+        raise InputError(
+            f"points have corners {tuple(corners.shape)} of {corners.dtype} and weights "
+            f"{tuple(weights.shape)}; give vertex indices and weights of one shape (*b, F, N, S)"
+        )
+    if corners.numel() and (corners.min() < 0 or corners.max() >= vertices):
+        raise InputError(
+            f"points have corners from {int(corners.min())} to {int(corners.max())} but the actor "
+            f"has {vertices} vertices; give indices of its vertices"
+        )
