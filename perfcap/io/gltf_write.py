@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,56 +14,27 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
+from perfcap.io import gltf_morph
 from perfcap.io.atomic import writing
+from perfcap.io.gltf_buffer import ARRAY_BUFFER, ELEMENT_BUFFER, Buffer, Object, index_type
 
 Floats = NDArray[np.float64]
-Object = dict[str, Any]
+_Track = tuple[int, str, Floats]  # node, what moves of it, and its values at the keys
 
-_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _TRIANGLES, _LINEAR, _LINEAR_MIPMAP, _CLAMP = 4, 9729, 9987, 33071
-_COMPONENTS = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
-_WIDTH_NAMES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 _STILL = 1e-6  # metres, or quaternion entries: less movement than this gets no channel
 _RIGID_TOLERANCE = 1e-3
 # Multiples of 2^-23 up to one are exact in float32, and so are their sums in any order.
 _WEIGHT_UNIT = 2.0**-23
 
 
-@dataclass(eq=False)
-class _Buffer:
-    """A binary buffer under construction with its views and accessors."""
-
-    data: bytearray = field(default_factory=bytearray)
-    views: list[Object] = field(default_factory=list)
-    accessors: list[Object] = field(default_factory=list)
-
-    def add_bytes(self, data: bytes, target: int | None = None) -> int:
-        """Append a four-byte aligned view; returns its index."""
-        view: Object = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
-        self.views.append(view if target is None else view | {"target": target})
-        self.data += data + bytes(-len(data) % 4)
-        return len(self.views) - 1
-
-    def add(
-        self, values: NDArray[Any], dtype: str, target: int | None = None, bounds: bool = False
-    ) -> int:
-        """Append an accessor over rows of ``values``; returns its index."""
-        rows = np.ascontiguousarray(values.reshape(len(values), -1), dtype="<" + dtype)
-        accessor: Object = {
-            "bufferView": self.add_bytes(rows.tobytes(), target),
-            "componentType": _COMPONENTS[dtype],
-            "count": len(rows),
-            "type": _WIDTH_NAMES[rows.shape[1]],
-        }
-        if bounds:
-            accessor |= {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
-
-
 def save_animation(
-    path: str | Path, template: Template, bone_transforms: Floats, fps: float
-) -> None:
+    path: str | Path,
+    template: Template,
+    bone_transforms: Floats,
+    fps: float,
+    surface: Iterable[NDArray[Any]] | None = None,
+) -> bool:
     """Write an actor in motion; the file appears complete or not at all.
 
     Args:
@@ -72,27 +43,42 @@ def save_animation(
         bone_transforms: rigid rest-to-posed transforms of its bones in the world,
             (F, B, 4, 4) m: what moves a vertex that hangs on that bone alone.
         fps: frames per second; frame f is keyed at f / fps seconds.
+        surface: vertices in the world in blocks of consecutive frames, (f, V, 3) m each, F in all,
+            for morph targets on top of the skinning. They are left out, and ``surface`` is not
+            touched, where they would make a file that viewers refuse (``gltf_morph.fits``).
+
+    Returns:
+        Whether the file shows all that was given: False where the surface was left out.
 
     Raises:
         InputError: wrong shapes, transforms that are not finite and rigid, or fps not positive.
     """
     transforms = _checked(template, bone_transforms, fps)
-    buffer = _Buffer()
+    fits = surface is None or gltf_morph.fits(len(transforms), len(template.vertices))
+    buffer = Buffer()
+    mesh = _mesh(buffer, template)
+    tracks = list(_tracks(template, transforms))
+    if surface is not None and fits:
+        skin = (template.weight_bones, _exact_weights(template.weights))
+        targets = gltf_morph.add_targets(buffer, template.vertices, skin, transforms, surface)
+        mesh["primitives"][0]["targets"] = targets
+        mesh["extras"] = {"targetNames": [f"frame_{i}" for i in range(len(targets))]}
+        tracks.append((len(template.bone_names), "weights", gltf_morph.one_hot(len(targets))))
     tree: Object = {
         "asset": {"version": "2.0", "generator": "perfcap"},
         "scene": 0,
         "scenes": [{"nodes": [*_roots(template), len(template.bone_names)]}],
         "nodes": _nodes(template),
-        "meshes": [_mesh(buffer, template)],
+        "meshes": [mesh],
         "skins": [_skin(buffer, template)],
         **_material(buffer, template),
     }
-    animation = _animation(buffer, template, transforms, fps)
-    if animation["channels"]:
-        tree["animations"] = [animation]
+    if tracks:
+        tree["animations"] = [_animation(buffer, tracks, np.arange(len(transforms)) / fps)]
     tree |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
     tree["buffers"] = [{"byteLength": len(buffer.data)}]
-    _write(Path(path), tree, bytes(buffer.data))
+    _write(Path(path), tree, buffer.data)
+    return fits
 
 
 def _checked(template: Template, bone_transforms: Floats, fps: float) -> Floats:
@@ -152,22 +138,22 @@ def _nodes(template: Template) -> list[Object]:
     return [*nodes, {"name": template.name, "mesh": 0, "skin": 0}]
 
 
-def _mesh(buffer: _Buffer, template: Template) -> Object:
+def _mesh(buffer: Buffer, template: Template) -> Object:
     bones = "u1" if len(template.bone_names) <= 256 else "u2"
-    indices = "u2" if len(template.vertices) < 65535 else "u4"
+    indices = index_type(len(template.vertices))
     attributes = {
-        "POSITION": buffer.add(template.vertices, "f4", _ARRAY_BUFFER, bounds=True),
-        "NORMAL": buffer.add(vertex_normals(template), "f4", _ARRAY_BUFFER),
+        "POSITION": buffer.add(template.vertices, "f4", ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(vertex_normals(template), "f4", ARRAY_BUFFER),
     }
     if template.uv is not None:
-        attributes["TEXCOORD_0"] = buffer.add(template.uv, "f4", _ARRAY_BUFFER)
+        attributes["TEXCOORD_0"] = buffer.add(template.uv, "f4", ARRAY_BUFFER)
     weights = _exact_weights(template.weights)
     weight_bones = np.where(weights > 0, template.weight_bones, 0)
-    attributes["JOINTS_0"] = buffer.add(weight_bones, bones, _ARRAY_BUFFER)
-    attributes["WEIGHTS_0"] = buffer.add(weights, "f4", _ARRAY_BUFFER)
+    attributes["JOINTS_0"] = buffer.add(weight_bones, bones, ARRAY_BUFFER)
+    attributes["WEIGHTS_0"] = buffer.add(weights, "f4", ARRAY_BUFFER)
     primitive = {
         "attributes": attributes,
-        "indices": buffer.add(template.faces.reshape(-1, 1), indices, _ELEMENT_BUFFER),
+        "indices": buffer.add(template.faces.reshape(-1, 1), indices, ELEMENT_BUFFER),
         "mode": _TRIANGLES,
         "material": 0,
     }
@@ -196,7 +182,7 @@ def _exact_weights(weights: Floats) -> Floats:
     return units * _WEIGHT_UNIT
 
 
-def _skin(buffer: _Buffer, template: Template) -> Object:
+def _skin(buffer: Buffer, template: Template) -> Object:
     inverse = np.linalg.inv(template.bone_rest)
     inverse[:, 3] = (0, 0, 0, 1)
     roots = _roots(template)
@@ -207,7 +193,7 @@ def _skin(buffer: _Buffer, template: Template) -> Object:
     return skin | {"skeleton": roots[0]} if len(roots) == 1 else skin
 
 
-def _material(buffer: _Buffer, template: Template) -> Object:
+def _material(buffer: Buffer, template: Template) -> Object:
     surface: Object = {"metallicFactor": 0.0, "roughnessFactor": 0.9}
     material = {"name": template.name, "pbrMetallicRoughness": surface, "doubleSided": True}
     if template.texture is None or template.uv is None:
@@ -224,26 +210,28 @@ def _material(buffer: _Buffer, template: Template) -> Object:
     }
 
 
-def _animation(buffer: _Buffer, template: Template, transforms: Floats, fps: float) -> Object:
-    """Channels of the bones that move against their parent; others keep their rest transform."""
+def _tracks(template: Template, transforms: Floats) -> Iterator[_Track]:
+    """What moves against its parent; other bones keep their rest transform."""
     local = _to_parent(template, transforms @ template.bone_rest)
     rest = _to_parent(template, template.bone_rest)
     tracks = {
         "translation": (local[..., :3, 3], rest[:, :3, 3]),
         "rotation": (_continuous(_quaternions(local[..., :3, :3])), _quaternions(rest[:, :3, :3])),
     }
-    animation: Object = {"name": "capture", "channels": [], "samplers": []}
-    time = None
     for bone in range(len(template.bone_names)):
         for path, (values, resting) in tracks.items():
-            if _distance(values[:, bone], resting[bone], path).max() < _STILL:
-                continue
-            if time is None:
-                time = buffer.add(np.arange(len(local)) / fps, "f4", bounds=True)
-            sampler = {"input": time, "output": buffer.add(values[:, bone], "f4")}
-            target = {"node": bone, "path": path}
-            animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
-            animation["samplers"].append(sampler | {"interpolation": "LINEAR"})
+            if _distance(values[:, bone], resting[bone], path).max() >= _STILL:
+                yield bone, path, values[:, bone]
+
+
+def _animation(buffer: Buffer, tracks: list[_Track], times: Floats) -> Object:
+    """Channels and samplers of nodes' tracks, all keyed at the same times (F,) s."""
+    time = buffer.add(times, "f4", bounds=True)
+    animation: Object = {"name": "capture", "channels": [], "samplers": []}
+    for number, (node, path, values) in enumerate(tracks):
+        sampler = {"input": time, "output": buffer.add(values, "f4"), "interpolation": "LINEAR"}
+        animation["samplers"].append(sampler)
+        animation["channels"].append({"sampler": number, "target": {"node": node, "path": path}})
     return animation
 
 
@@ -260,7 +248,7 @@ def _continuous(quaternions: Floats) -> Floats:
     return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
 
 
-def _write(path: Path, tree: Object, binary: bytes) -> None:
+def _write(path: Path, tree: Object, binary: bytearray) -> None:
     text = json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     size = 12 + 8 + len(text) + 8 + len(binary)
@@ -269,4 +257,5 @@ def _write(path: Path, tree: Object, binary: bytes) -> None:
     with writing(path) as file:
         file.write(struct.pack("<4sII", b"glTF", 2, size))
         file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+        file.write(struct.pack("<I4s", len(binary), b"BIN\0"))
+        file.write(binary)
