@@ -9,6 +9,7 @@ from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.rig_reader import read_mjcf, read_urdf
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
+from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.actor.template import Template
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Pose",
     "Rig",
     "Skeleton",
+    "SkinnedPoints",
     "Template",
     "dual_quaternion_blend",
     "human_rig",

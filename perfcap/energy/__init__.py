@@ -1,8 +1,18 @@
 """One file, one term, one equation."""
 
+from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
+from perfcap.energy.stabilization import Stabilization
 from perfcap.energy.trajectory import Trajectory
 
-__all__ = ["BoneLengthPrior", "JointPosition", "PosePrior", "Reprojection", "Trajectory"]
+__all__ = [
+    "BoneLengthPrior",
+    "ContourAlignment",
+    "JointPosition",
+    "PosePrior",
+    "Reprojection",
+    "Stabilization",
+    "Trajectory",
+]
