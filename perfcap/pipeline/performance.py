@@ -23,12 +23,14 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.atomic import writing
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
+from perfcap.io.surface_file import save_surface
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_blocks
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.solve import Status
 
-REPORT = "run.json"
+REPORT, SURFACE = "run.json", "surface.npz"
 FILES = ("motion.npz", "motion.bvh", "capture.glb", "config.yaml", REPORT)
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
 
@@ -59,6 +61,7 @@ class Performance:
         lost: frames that should follow, but could not be read.
         bone_scales: log factors of the actor's bone groups, (S,), when they were solved.
         warnings: what a user should know.
+        surface: vertices of every frame, where the surface itself was captured.
     """
 
     actor: Actor
@@ -73,6 +76,7 @@ class Performance:
     lost: int = 0
     bone_scales: Tensor | None = None
     warnings: tuple[str, ...] = field(default=())
+    surface: SurfaceFrames | None = None
 
     @property
     def frames(self) -> int:
@@ -105,6 +109,13 @@ class Performance:
             bone_scales=None if self.bone_scales is None else self.bone_scales.to(like),
         )
 
+    @property
+    def shown(self) -> SurfaceFrames:
+        """The surface to draw: the captured one, or that of the motion."""
+        if self.surface is not None:
+            return self.surface
+        return SkinnedSurface(self.actor, self.motion)
+
     def joints(self) -> Tensor:
         """Landmarks in the world, (F, 16, 3), metres."""
         with torch.no_grad():
@@ -125,8 +136,9 @@ class Performance:
     ) -> None:
         """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
 
-        Every file appears complete or not at all; run.json comes last and an old one goes first,
-        so that where it lies, everything it speaks of lies too.
+        With a captured surface also surface.npz, and the surface in capture.glb. Every file appears
+        complete or not at all; run.json comes last and an old one goes first, so that where it
+        lies, everything it speaks of lies too.
 
         Args:
             folder: made if it does not exist.
@@ -142,13 +154,25 @@ class Performance:
         transforms = self.bone_transforms()
         template = self.actor.template
         save_bvh(folder / "motion.bvh", bvh_motion(template, transforms, self.rate))
-        save_animation(folder / "capture.glb", template, transforms, self.rate)
+        self._save_surface(folder / SURFACE, first_frame)
+        blocks = None if self.surface is None else surface_blocks(self.surface)
+        whole = save_animation(folder / "capture.glb", template, transforms, self.rate, blocks)
         with writing(folder / "config.yaml") as file:
             file.write(yaml.safe_dump(plain(asdict(self.config)), sort_keys=False).encode())
+        report = {**(run or {}), **self.report(first_frame)}
+        if self.surface is not None:
+            report["surface"] = {"vertices": len(template.vertices), "in_glb": whole}
         with writing(folder / REPORT) as file:
-            file.write(
-                json.dumps(plain({**(run or {}), **self.report(first_frame)}), indent=1).encode()
-            )
+            file.write(json.dumps(plain(report), indent=1).encode())
+
+    def _save_surface(self, path: Path, first_frame: int) -> None:
+        """The captured surface, or no surface of an older result."""
+        if self.surface is None:
+            path.unlink(missing_ok=True)
+            return
+        numbers = np.arange(first_frame, first_frame + self.frames)
+        blocks = surface_blocks(self.surface)
+        save_surface(path, blocks, self.actor.template.faces, numbers, self.rate)
 
     def _save_motion(self, path: Path, first_frame: int) -> None:
         skeleton = self.actor.skeleton
