@@ -3,6 +3,7 @@
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import human_rig
 from perfcap.actor.deformation import Deformation
+from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Hinge, Rig
@@ -15,6 +16,7 @@ from perfcap.actor.template import Template
 __all__ = [
     "Actor",
     "Deformation",
+    "DeformationGraph",
     "Hinge",
     "Motion",
     "Pose",
