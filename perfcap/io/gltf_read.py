@@ -45,7 +45,11 @@ def load_template(path: str | Path) -> Template:
     Raises:
         InputError: the file is missing, damaged, compressed, or has no skinned mesh.
     """
-    document = open_document(Path(path))
+    return read_template(open_document(Path(path)))
+
+
+def read_template(document: Document) -> Template:
+    """Like ``load_template``, of a file that is already open."""
     tree = read_tree(document)
     skins: dict[int, Skin] = {}
     parts: list[_Part] = []

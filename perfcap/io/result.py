@@ -1,0 +1,172 @@
+"""A finished capture, read back from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from perfcap.actor.skin_weights import SkinWeights
+from perfcap.actor.skinning import dual_quaternion_blend
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
+from perfcap.io.files import read_json
+from perfcap.io.gltf_animation import read_bone_transforms
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import read_template
+from perfcap.io.surface_file import BLOCK, SurfaceFile, open_surface
+
+_AGAIN = "run perfcap capture again"
+_LANDMARKS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a capture found, independent of the video and the cameras it came from.
+
+    Attributes:
+        folder: where it lies.
+        template: the textured mesh on its skeleton, with the bone lengths that were captured.
+        joints: the 16 landmarks in the world, (F, 16, 3) m.
+        bone_transforms: rest-to-posed transforms of the template's bones, (F, B, 4, 4) m.
+        frame_numbers: of the frames in the video, (F,).
+        rate: frames a second.
+        report: the content of ``run.json``.
+        surface: the captured surface, when there is one beside the skeleton motion.
+    """
+
+    folder: Path
+    template: Template
+    joints: NDArray[np.float64]
+    bone_transforms: NDArray[np.float64]
+    frame_numbers: NDArray[np.int64]
+    rate: float
+    report: Mapping[str, Any]
+    surface: SurfaceFile | None = None
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return len(self.frame_numbers)
+
+    def vertices(self, span: slice) -> NDArray[np.float32]:
+        """Vertices of a span of frames in the world, (f, V, 3) m: captured, or else skinned.
+
+        Raises:
+            InputError: the captured ones are damaged.
+        """
+        if self.surface is not None:
+            return self.surface.read(span)
+        matrices = torch.tensor(self.bone_transforms[span])
+        posed = dual_quaternion_blend(
+            torch.tensor(self.template.vertices),
+            self._skin,
+            matrices[..., :3, :3],
+            matrices[..., :3, 3],
+        )
+        vertices: NDArray[np.float32] = posed.float().numpy()
+        return vertices
+
+    def blocks(self, size: int = BLOCK) -> Iterator[NDArray[np.float32]]:
+        """Vertices of all frames in order, ``size`` frames at a time."""
+        for start in range(0, self.frames, size):
+            yield self.vertices(slice(start, start + size))
+
+    @cached_property
+    def _skin(self) -> SkinWeights:
+        template = self.template
+        return SkinWeights(torch.tensor(template.weights), torch.tensor(template.weight_bones))
+
+
+def read_result(folder: str | Path) -> Result:
+    """Read the folder of a capture; vertices stay in their file until they are asked for.
+
+    Raises:
+        InputError: it is no such folder, the capture was not finished, or files are missing,
+            damaged, or do not belong together.
+    """
+    folder = Path(folder)
+    report = _read_report(folder)
+    motion = _read_motion(folder / "motion.npz")
+    frames = len(motion["frames"])
+    if report.get("frames", frames) != frames:
+        raise InputError(
+            f"{folder / 'motion.npz'}: has {frames} frames, run.json says {report['frames']!r:.20}"
+            f"; {_AGAIN}"
+        )
+    document = open_document(_present(folder / "capture.glb"))
+    template = read_template(document)
+    return Result(
+        folder=folder,
+        template=template,
+        joints=motion["joints3d"].astype(np.float64),
+        bone_transforms=read_bone_transforms(document, template, frames),
+        frame_numbers=motion["frames"].astype(np.int64),
+        rate=float(motion["fps"].reshape(())),
+        report=report,
+        surface=_read_surface(folder / "surface.npz", report, template, motion["frames"]),
+    )
+
+
+def _read_report(folder: Path) -> dict[str, Any]:
+    """The report comes last when a capture is saved: without it nothing is whole."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected the --out of a capture")
+    path = folder / "run.json"
+    if not path.exists():
+        raise InputError(
+            f"{folder}: has no run.json, so it is not the folder of a finished capture; {_AGAIN}"
+        )
+    report = read_json(path, "the report of a capture")
+    if not isinstance(report, dict):
+        raise InputError(f"{path}: holds no report of a capture; {_AGAIN}")
+    return report
+
+
+def _read_motion(path: Path) -> dict[str, NDArray[Any]]:
+    names = ("joints3d", "frames", "fps")
+    motion = read_archive(_present(path), names, "the motion.npz of a capture")
+    missing = [name for name in names if name not in motion]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; {_AGAIN}")
+    joints, frames, rate = (motion[name] for name in names)
+    if frames.ndim != 1 or frames.dtype.kind not in "iu" or not len(frames):
+        raise InputError(f"{path}: frames is {frames.dtype} {frames.shape}; {_AGAIN}")
+    shape = (len(frames), _LANDMARKS, 3)
+    if joints.shape != shape or joints.dtype.kind != "f" or not np.isfinite(joints).all():
+        raise InputError(
+            f"{path}: joints3d is {joints.dtype} {joints.shape}, expected finite {shape}; {_AGAIN}"
+        )
+    if rate.size != 1 or rate.dtype.kind not in "fiu" or not 0 < rate.reshape(()) < 1e5:
+        raise InputError(f"{path}: fps is {rate.dtype} {rate.shape}, expected a number; {_AGAIN}")
+    return motion
+
+
+def _read_surface(
+    path: Path, report: Mapping[str, Any], template: Template, frames: NDArray[Any]
+) -> SurfaceFile | None:
+    """The captured surface; None for results of the skeleton alone."""
+    if not path.exists() and report.get("surface") is None:
+        return None
+    surface = open_surface(_present(path))
+    shape = (len(frames), len(template.vertices), 3)
+    same = surface.vertices.shape == shape and np.array_equal(surface.frames, frames)
+    if not same or not np.array_equal(surface.faces, template.faces):
+        raise InputError(
+            f"{path}: has vertices {surface.vertices.shape}, expected {shape} with the faces of "
+            f"capture.glb and the frames of motion.npz; {_AGAIN}"
+        )
+    return surface
+
+
+def _present(path: Path) -> Path:
+    if not path.is_file():
+        raise InputError(f"{path.parent}: lacks {path.name}; {_AGAIN}")
+    return path
