@@ -111,9 +111,9 @@ def _linearize(
             points[n, i, :] = 0
             for s in range(surface.corners.shape[2]):
                 if surface.weights[n, i, s] != 0:
-                    _add_corner(surface, n, i, s, scratch, points[n, i])
+                    _add_corner(surface, n, i, s, scratch, points)
             _climb(parents, scratch)
-            _turn(twists[n], topmost, scratch, jacobian[n, i])
+            _turn(twists, topmost, scratch, n, i, jacobian)
             scratch.shares[:] = 0
             scratch.moves[:] = False
 
@@ -121,16 +121,20 @@ def _linearize(
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _blend(surface: _Surface, n: int, vertex: int, signed: Floats) -> _Rigid:
     """Sum of a vertex's joint motions, with the signed weights of each."""
-    table = surface.table[n]
-    pivot = table[surface.pivots[vertex]]
+    table, pivot = surface.table, surface.pivots[vertex]
     w, x, y, z, a, b, c, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(signed)):
-        row, weight = table[surface.joints[vertex, k]], surface.joint_weights[vertex, k]
-        side = pivot[0] * row[0] + pivot[1] * row[1] + pivot[2] * row[2] + pivot[3] * row[3]
-        share = -weight if side < 0 else weight
+        joint, share = surface.joints[vertex, k], surface.joint_weights[vertex, k]
+        if share != 0:
+            side = 0.0
+            for q in range(4):
+                side += table[n, pivot, q] * table[n, joint, q]
+            share = -share if side < 0 else share
+            w, x = w + share * table[n, joint, 0], x + share * table[n, joint, 1]
+            y, z = y + share * table[n, joint, 2], z + share * table[n, joint, 3]
+            a, b = a + share * table[n, joint, 4], b + share * table[n, joint, 5]
+            c, d = c + share * table[n, joint, 6], d + share * table[n, joint, 7]
         signed[k] = share
-        w, x, y, z = w + share * row[0], x + share * row[1], y + share * row[2], z + share * row[3]
-        a, b, c, d = a + share * row[4], b + share * row[5], c + share * row[6], d + share * row[7]
     return (w, x, y, z), (a, b, c, d)
 
 
@@ -140,8 +144,9 @@ def _back(surface: _Surface, vertex: int, real: _Quaternion) -> tuple[_Quaternio
     w, x, y, z = real
     scale = 1 / (w * w + x * x + y * y + z * z)
     back = (scale * w, -scale * x, -scale * y, -scale * z)
-    rest = surface.vertices[vertex]
-    return back, _multiply((0.0, float(rest[0]), float(rest[1]), float(rest[2])), back)
+    rest = surface.vertices
+    at = float(rest[vertex, 0]), float(rest[vertex, 1]), float(rest[vertex, 2])
+    return back, _multiply((0.0, *at), back)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -153,7 +158,7 @@ def _move(blend: _Rigid, back: _Quaternion, turned: _Quaternion) -> tuple[float,
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _add_corner(
-    surface: _Surface, n: int, i: int, s: int, scratch: _Scratch, point: Floats
+    surface: _Surface, n: int, i: int, s: int, scratch: _Scratch, points: Floats
 ) -> None:
     """Add a corner to a point, and to the share of each joint in the point's velocity."""
     weight, vertex = surface.weights[n, i, s], surface.corners[n, i, s]
@@ -161,25 +166,36 @@ def _add_corner(
     back, turned = _back(surface, vertex, blend[0])
     at = _move(blend, back, turned)
     for k in range(3):
-        point[k] += weight * at[k]
+        points[n, i, k] += weight * at[k]
     scale = _length(back) * weight
     u, v, w, x = blend[1]
     dual = (scale * u, scale * v, scale * w, scale * x)
     for k in range(len(scratch.signed)):
         share = scratch.signed[k]
         if share != 0:
-            row = surface.table[n, surface.joints[vertex, k]]
-            real = (share * row[0], share * row[1], share * row[2], share * row[3])
-            m = _multiply(real, back)
-            shift = (share * row[4], share * row[5], share * row[6], share * row[7])
-            a, b = _multiply(real, turned), _multiply(shift, back)
+            joint = surface.joints[vertex, k]
+            real = _scaled(surface.table, n, joint, 0, share)
+            shift = _scaled(surface.table, n, joint, 4, share)
+            m, a, b = _multiply(real, back), _multiply(real, turned), _multiply(shift, back)
             e = _multiply(dual, (real[0], -real[1], -real[2], -real[3]))
-            _add_share(scratch, surface.joints[vertex, k], weight, (m, a, b, e), at)
+            _add_share(scratch.shares, joint, weight, (m, a, b, e), at)
+            scratch.moves[joint] = True
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _scaled(table: Floats, n: int, joint: int, part: int, share: float) -> _Quaternion:
+    """A share of the real (0) or dual (4) part of a joint's motion."""
+    return (
+        share * table[n, joint, part],
+        share * table[n, joint, part + 1],
+        share * table[n, joint, part + 2],
+        share * table[n, joint, part + 3],
+    )
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _add_share(
-    scratch: _Scratch,
+    shares: Floats,
     joint: int,
     weight: float,
     parts: tuple[_Quaternion, _Quaternion, _Quaternion, _Quaternion],
@@ -193,20 +209,18 @@ def _add_share(
         weight * (a[3] + b[3]) + e[3],
     )
     along = weight * (a[0] + b[0]) - e[0]
-    share = scratch.shares[joint]
     for j in range(4):
-        share[9 + j] += weight * m[j]
+        shares[joint, 9 + j] += weight * m[j]
     for i in range(3):
-        share[3 * i + i] += along
+        shares[joint, 4 * i] += along
         for j in range(3):
-            share[3 * i + j] += weight * at[i] * m[1 + j]
-    share[1] += z
-    share[2] -= y
-    share[3] -= z
-    share[5] += x
-    share[6] += y
-    share[7] -= x
-    scratch.moves[joint] = True
+            shares[joint, 3 * i + j] += weight * at[i] * m[1 + j]
+    shares[joint, 1] += z
+    shares[joint, 2] -= y
+    shares[joint, 3] -= z
+    shares[joint, 5] += x
+    shares[joint, 6] += y
+    shares[joint, 7] -= x
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -221,25 +235,24 @@ def _climb(parents: Indices, scratch: _Scratch) -> None:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _turn(twists: Floats, topmost: Indices, scratch: _Scratch, jacobian: Floats) -> None:
+def _turn(
+    twists: Floats, topmost: Indices, scratch: _Scratch, n: int, i: int, jacobian: Floats
+) -> None:
     """Derivative (3, D) of a point: each unknown's twist through the share of what it moves."""
+    shares = scratch.shares
     for d in range(len(topmost)):
-        if scratch.moves[topmost[d]]:
-            s = scratch.shares[topmost[d]]
-            w, v = (
-                (twists[d, 0], twists[d, 1], twists[d, 2]),
-                (twists[d, 3], twists[d, 4], twists[d, 5]),
-            )
-            a, b, c, e = s[9], s[10], s[11], s[12]
-            jacobian[0, d] = (
-                s[0] * w[0] + s[1] * w[1] + s[2] * w[2] + a * v[0] + v[1] * e - v[2] * c
-            )
-            jacobian[1, d] = (
-                s[3] * w[0] + s[4] * w[1] + s[5] * w[2] + a * v[1] + v[2] * b - v[0] * e
-            )
-            jacobian[2, d] = (
-                s[6] * w[0] + s[7] * w[1] + s[8] * w[2] + a * v[2] + v[0] * c - v[1] * b
-            )
+        joint = topmost[d]
+        if scratch.moves[joint]:
+            a, b, c, e = shares[joint, 9], shares[joint, 10], shares[joint, 11], shares[joint, 12]
+            x, y, z = twists[n, d, 3], twists[n, d, 4], twists[n, d, 5]
+            pushed = a * x + y * e - z * c, a * y + z * b - x * e, a * z + x * c - y * b
+            for row in range(3):
+                jacobian[n, i, row, d] = (
+                    shares[joint, 3 * row] * twists[n, d, 0]
+                    + shares[joint, 3 * row + 1] * twists[n, d, 1]
+                    + shares[joint, 3 * row + 2] * twists[n, d, 2]
+                    + pushed[row]
+                )
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
