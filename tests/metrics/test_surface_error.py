@@ -1,0 +1,110 @@
+"""Distances between surfaces and overlap of masks."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perfcap.metrics import mask_overlap, surface_error
+from perfcap.metrics.surface import point_triangle_distance
+
+SHARED = Path(__file__).parents[2] / ".." / "shared"
+
+
+def sphere(rings: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """A unit sphere, (V, 3) and (T, 3)."""
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rings), np.linspace(0, 2 * np.pi, rings), indexing="ij"
+    )
+    vertices = np.stack(
+        (np.sin(polar) * np.cos(around), np.cos(polar), np.sin(polar) * np.sin(around)), -1
+    )
+    index = np.arange(rings * rings).reshape(rings, rings)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    return vertices.reshape(-1, 3), faces
+
+
+def test_point_triangle_distance_by_dense_sampling() -> None:
+    rng = np.random.default_rng(0)
+    points, corners = rng.normal(size=(40, 3)), rng.normal(size=(40, 3, 3))
+    u, v = np.meshgrid(np.linspace(0, 1, 160), np.linspace(0, 1, 160))
+    inside = u + v <= 1
+    u, v = u[inside][:, None, None], v[inside][:, None, None]
+    a, b, c = corners.transpose(1, 0, 2)
+    dense = np.linalg.norm(a + u * (b - a) + v * (c - a) - points, axis=-1).min(0)
+    np.testing.assert_allclose(point_triangle_distance(points, corners), dense, atol=0.02)
+
+
+def test_a_triangle_without_area_is_its_edges() -> None:
+    flat = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    assert point_triangle_distance(np.array([1.5, 2, 0]), flat) == pytest.approx(2.0)
+    point = np.zeros((3, 3))
+    assert point_triangle_distance(np.array([0, 0, 3.0]), point) == pytest.approx(3.0)
+
+
+def test_a_translation_is_no_error() -> None:
+    vertices, faces = sphere()
+    error = surface_error(vertices + np.array([1.0, 2, 3]), vertices, faces, np.random.default_rng(0))
+    assert error.vertex == pytest.approx(0, abs=1e-9)
+    assert error.surface == pytest.approx(0, abs=1e-6)
+
+
+def test_a_larger_sphere_is_off_by_the_difference_of_radii() -> None:
+    vertices, faces = sphere(48)
+    error = surface_error(1.1 * vertices, vertices, faces, np.random.default_rng(0))
+    # the seam holds each of its vertices twice, which moves the mean a little
+    assert error.vertex == pytest.approx(100, rel=0.01)
+    assert error.surface == pytest.approx(100, rel=0.02)
+
+
+def test_sliding_along_the_surface_is_no_surface_error() -> None:
+    vertices, faces = sphere(48)
+    turn = np.array([[np.cos(0.5), 0, np.sin(0.5)], [0, 1, 0], [-np.sin(0.5), 0, np.cos(0.5)]])
+    error = surface_error(vertices @ turn.T, vertices, faces, np.random.default_rng(0))
+    assert error.vertex > 200
+    assert error.surface < 4
+
+
+def test_a_part_is_averaged_alone() -> None:
+    vertices, faces = sphere()
+    top = vertices[:, 1] > 0.5
+    moved = vertices + np.where(top, 0.1, 0)[:, None] * [0, 1, 0]
+    rng = np.random.default_rng(0)
+    assert surface_error(moved, vertices, faces, rng, top).vertex > 50
+    assert surface_error(moved, vertices, faces, rng, ~top).vertex < 50
+
+
+def test_mask_overlap() -> None:
+    mask, truth = np.zeros((2, 8, 8), bool)
+    mask[:4], truth[2:6] = True, True
+    overlap = mask_overlap(mask, truth)
+    assert overlap.iou == pytest.approx(1 / 3)
+    assert overlap.precision == overlap.recall == pytest.approx(1 / 2)
+
+
+@pytest.mark.parametrize(("found", "iou"), [(False, 1.0), (True, 0.0)])
+def test_empty_truth(found: bool, iou: float) -> None:
+    overlap = mask_overlap(np.full((4, 4), found), np.zeros((4, 4), bool))
+    assert (overlap.iou, overlap.precision, overlap.recall) == (iou, iou, iou)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # its open files
+def test_equals_the_independent_scorer() -> None:
+    folder = SHARED / "data" / "rendered" / "dev_tight"
+    if not folder.is_dir():
+        pytest.skip("needs the rendered sequences beside the checkout")
+    sys.path.insert(0, str(SHARED / "tools"))
+    import score  # type: ignore[import-not-found]
+
+    with np.load(folder / "gt.npz") as file:
+        truth = file["vertices"][:1].astype(float)
+    faces = np.load(folder / "template.npz")["faces"]
+    bent = truth + 0.03 * np.sin(9 * truth[..., [1, 2, 0]])
+    own = surface_error(bent[0], truth[0], faces, np.random.default_rng(0))
+    theirs = score.evaluate(str(folder), verts=bent, frames=[0])
+    assert own.vertex == pytest.approx(theirs["vertex_transl_mm"], rel=1e-6)
+    assert own.surface == pytest.approx(theirs["surface_transl_mm"], rel=0.02)
