@@ -48,7 +48,9 @@ def test_a_triangle_without_area_is_its_edges() -> None:
 
 def test_a_translation_is_no_error() -> None:
     vertices, faces = sphere()
-    error = surface_error(vertices + np.array([1.0, 2, 3]), vertices, faces, np.random.default_rng(0))
+    error = surface_error(
+        vertices + np.array([1.0, 2, 3]), vertices, faces, np.random.default_rng(0)
+    )
     assert error.vertex == pytest.approx(0, abs=1e-9)
     assert error.surface == pytest.approx(0, abs=1e-6)
 
