@@ -28,6 +28,12 @@ class Lighting:
     towards_sun: Color = (0.5, 1.0, 0.6)
     up: Color = (0.0, 1.0, 0.0)
 
+    def table(self) -> Tensor:
+        """Ambient, sky, sun, and the unit directions to the sun and up, (5, 3) float32."""
+        colors = torch.tensor([self.ambient, self.sky, self.sun])
+        directions = [unit(each, colors) for each in (self.towards_sun, self.up)]
+        return torch.cat([colors, torch.stack(directions)])
+
     def parts(self, normals: Tensor) -> tuple[Tensor, Tensor]:
         """Irradiance of the sun and of the sky, (N, 3) each, on surfaces of normals (N, 3)."""
         facing_sun = (normals @ unit(self.towards_sun, normals)).clamp_min(0)

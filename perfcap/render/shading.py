@@ -6,8 +6,10 @@ Light is added and averaged in linear intensity; images are sRGB. Surfaces are L
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.errors import InputError
@@ -49,19 +51,63 @@ def render(
             faces than the mesh, or too many samples.
     """
     _check(mesh, texture, background, supersampling)
-    fine = mesh.enlarged(supersampling)
-    seen = fine.rasterize()
-    row, column = torch.nonzero(seen.mask, as_tuple=True)
-    light = shade(seen, fine, texture, lighting, reached)
-    width, share = mesh.size[1], 1 / supersampling**2
-    target = (row // supersampling) * width + column // supersampling
-    total = light.new_zeros(mesh.size[0] * width, 3).index_add(0, target, light * share)
-    coverage = torch.bincount(target, minlength=len(total)) * share
+    gather = _gather_compiled if mesh.depth.device.type == "cpu" else _gather
+    light, coverage = gather(
+        mesh.enlarged(supersampling), texture, lighting, reached, supersampling
+    )
     touched = torch.nonzero(coverage).squeeze(-1)
     image = background.reshape(-1, 3).clone()
     behind = (1 - coverage[touched, None]) * to_linear(image[touched])
-    image[touched] = to_srgb(total[touched] + behind)
+    image[touched] = to_srgb(light[touched] + behind)
     return Rendering(image.view(*mesh.size, 3), coverage.view(mesh.size))
+
+
+def _gather(
+    fine: ProjectedMesh, texture: Texture, lighting: Lighting, reached: Visibility | None, step: int
+) -> tuple[Tensor, Tensor]:
+    """Mean light (P, 3) of the ``step`` x ``step`` samples of each pixel, and coverage (P,)."""
+    seen = fine.rasterize()
+    row, column = torch.nonzero(seen.mask, as_tuple=True)
+    light = shade(seen, fine, texture, lighting, reached)
+    height, width, share = fine.size[0] // step, fine.size[1] // step, 1 / step**2
+    target = (row // step) * width + column // step
+    total = light.new_zeros(height * width, 3).index_add(0, target, light * share)
+    return total, torch.bincount(target, minlength=len(total)) * share
+
+
+def _gather_compiled(
+    fine: ProjectedMesh, texture: Texture, lighting: Lighting, reached: Visibility | None, step: int
+) -> tuple[Tensor, Tensor]:
+    """The same on the CPU, in one compiled pass."""
+    from perfcap.render import _shading_numba
+
+    with torch.no_grad():
+        area = _doubled_area(fine).float()
+        normals = vertex_normals(fine.vertices, fine.faces)
+        level = texture.level_of_detail(area.abs())
+    height, width = fine.size[0] // step, fine.size[1] // step
+    arrived = torch.ones(len(normals), 2)
+    if reached is not None:
+        arrived = torch.stack([reached.sun, reached.sky], -1)
+    mesh = (fine.pixels.double(), fine.depth.double(), fine.faces.long(), normals.float(), area)
+    skin = (texture.uv.float(), texture.faces.long(), level.float(), *texture.packed)
+    light, coverage = torch.zeros(height, width, 3), torch.zeros(height, width)
+    _shading_numba.gather(
+        fine.rasterize().triangle.numpy(),
+        step,
+        tuple(_contiguous(part) for part in mesh),
+        tuple(_contiguous(part) for part in skin),
+        _contiguous(lighting.table()),
+        _contiguous(arrived.float()),
+        light.numpy(),
+        coverage.numpy(),
+    )
+    return light.view(-1, 3), coverage.view(-1)
+
+
+def _contiguous(values: Tensor) -> NDArray[Any]:
+    array: NDArray[Any] = values.detach().contiguous().numpy()
+    return array
 
 
 def shade(

@@ -72,6 +72,8 @@ def shade_ground(
     faces: Tensor,
     lighting: Lighting,
     ground: float = 0.0,
+    sun: int = 10,
+    sky: int = 32,
 ) -> Tensor:
     """Darken a picture of empty ground where a mesh above it takes the light.
 
@@ -82,6 +84,8 @@ def shade_ground(
         faces: (T, 3).
         lighting: lights of the scene.
         ground: height of the ground plane along ``lighting.up``, m.
+        sun: directions taken within the sun.
+        sky: directions taken from all of the sky.
 
     Raises:
         InputError: the image does not have the camera's size.
@@ -92,12 +96,13 @@ def shade_ground(
             f"expected {(*camera.size[0], 3)} uint8, the size of the camera"
         )
     up = unit(lighting.up, vertices)
-    towards_sun = cone(unit(lighting.towards_sun, vertices), SUN_SPREAD, 10)
+    towards_sun = cone(unit(lighting.towards_sun, vertices), SUN_SPREAD, sun)
+    overhead = cosine_hemisphere(up, sky)
     sun_taken = _covered(camera, vertices, faces, towards_sun, up, ground)[..., None]
-    sky_taken = _covered(camera, vertices, faces, cosine_hemisphere(up, 32), up, ground)[..., None]
-    sun, sky = lighting.parts(up[None].float())
-    left = 1 - (sun_taken * sun + sky_taken * sky) / lighting.on(up[None].float())
-    darker = to_srgb(to_linear(image) * left)
+    sky_taken = _covered(camera, vertices, faces, overhead, up, ground)[..., None]
+    sun_light, sky_light = lighting.parts(up[None].float())
+    taken = sun_taken * sun_light + sky_taken * sky_light
+    darker = to_srgb(to_linear(image) * (1 - taken / lighting.on(up[None].float())))
     return torch.where(sun_taken + sky_taken > 0, darker, image)
 
 

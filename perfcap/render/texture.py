@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import torch
@@ -67,6 +68,16 @@ class Texture:
         """One sRGB colour for all of a number of faces."""
         image = torch.tensor(color, dtype=torch.uint8).expand(1, 1, 3)
         return cls.from_image(image, torch.zeros(1, 2), torch.zeros(faces, 3, dtype=torch.int64))
+
+    @cached_property
+    def packed(self) -> tuple[Tensor, Tensor]:
+        """Texels of all levels (S, 3), and first texel, height and width of each level (L, 3)."""
+        shapes, first = [], 0
+        for image in self.levels:
+            height, width, _ = image.shape
+            shapes.append((first, height, width))
+            first += height * width
+        return torch.cat([image.reshape(-1, 3) for image in self.levels]), torch.tensor(shapes)
 
     def sample(self, uv: Tensor, level: Tensor) -> Tensor:
         """Trilinear look-up: linear light (N, 3) at uv (N, 2) and pyramid level (N,), 0 finest."""

@@ -9,7 +9,8 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.lighting import FLAT, Lighting
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
-from perfcap.render.shading import render
+from perfcap.render.shading import _gather, _gather_compiled, render
+from perfcap.render.shadow import Visibility
 from perfcap.render.texture import Texture, to_linear, to_srgb
 from perfcap.render.viewpoint import look_at
 
@@ -178,3 +179,31 @@ def test_bad_input_is_named() -> None:
     two = Camera(*(torch.eye(3).expand(2, 3, 3),) * 2, torch.zeros(2, 3), None, (SIZE, SIZE))
     with pytest.raises(InputError, match="camera"):
         ProjectedMesh.seen_by(two, vertices.float(), faces)
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_compiled_shading_equals_its_twin(step: int, dtype: torch.dtype) -> None:
+    random = torch.Generator().manual_seed(step)
+    vertices, faces = sphere()
+    vertices = (vertices + 0.05 * torch.randn(vertices.shape, generator=random)).to(dtype)
+    image = torch.randint(0, 256, (70, 90, 3), dtype=torch.uint8, generator=random)
+    uv = 3 * torch.rand(len(vertices), 2, generator=random) - 1  # repeats, on both sides of zero
+    texture = Texture.from_image(image, uv, faces)
+    reached = Visibility(*torch.rand(2, len(vertices), generator=random).to(dtype))
+    fine = ProjectedMesh.seen_by(front_camera(3.5), vertices, faces).enlarged(step)
+    for arrived in (reached, None):
+        light, coverage = _gather_compiled(fine, texture, Lighting(), arrived, step)
+        expected, share = _gather(fine, texture, Lighting(), arrived, step)
+        torch.testing.assert_close(coverage, share, atol=1e-6, rtol=0)
+        torch.testing.assert_close(light, expected.float(), atol=2e-4, rtol=0)
+        assert 0 < coverage.mean() < 1
+
+
+def test_a_mesh_out_of_sight_leaves_the_background() -> None:
+    vertices, faces = sphere()
+    texture = Texture.plain((1, 2, 3), len(faces))
+    for away in ((0.0, 0.0, 9.0), (50.0, 0.0, 0.0), (torch.nan, 0.0, 0.0)):
+        mesh = ProjectedMesh.seen_by(front_camera(), vertices + vertices.new_tensor(away), faces)
+        picture = render(mesh, texture, BACKGROUND)
+        assert torch.equal(picture.image, BACKGROUND) and not picture.coverage.any()
