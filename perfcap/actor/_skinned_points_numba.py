@@ -38,6 +38,7 @@ class _Scratch(NamedTuple):
     signed: Floats  # (K,) joint weights of a vertex, with the sign of the joint's quaternion
     shares: Floats  # (J, 13) of each joint: how w moves the point, (3, 3), and the quaternion m
     moves: NDArray[np.bool_]  # (J,) whether the joint moves the point
+    pulls: Floats  # (J, 6) how a twist of the joint moves it along a direction
 
 
 def place(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:
@@ -48,16 +49,17 @@ def place(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:
 
 
 def linearize(
-    skin: Skin, chosen: Chosen, table: Tensor, unknowns: Unknowns
+    skin: Skin, chosen: Chosen, table: Tensor, unknowns: Unknowns, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Points and their derivative (*b, F, N, 3, D) in unknowns; see the torch twin."""
+    """Points and the derivative (*b, F, N, Q, D) of directions . points; see the torch twin."""
     points = table.new_empty(*chosen.corners.shape[:-1], 3)
-    jacobian = table.new_zeros(*points.shape, unknowns.twists.shape[-2])
+    jacobian = table.new_zeros(*directions.shape[:-1], unknowns.twists.shape[-2])
     _linearize(
         _surface(skin, chosen, table),
         _rows(unknowns.twists, 2),
         unknowns.topmost.numpy(),
         unknowns.parents.numpy(),
+        _rows(directions, 3),
         _rows(points, 2),
         _rows(jacobian, 3),
     )
@@ -98,13 +100,17 @@ def _linearize(
     twists: Floats,
     topmost: Indices,
     parents: Indices,
+    directions: Floats,
     points: Floats,
     jacobian: Floats,
 ) -> None:
-    """Points (N, P, 3) and their derivative (N, P, 3, D), which holds zeros before."""
+    """Points (N, P, 3) and their derivative (N, P, Q, D), which holds zeros before."""
     joints = len(parents)
     scratch = _Scratch(
-        np.empty(surface.joints.shape[1]), np.zeros((joints, 13)), np.zeros(joints, np.bool_)
+        np.empty(surface.joints.shape[1]),
+        np.zeros((joints, 13)),
+        np.zeros(joints, np.bool_),
+        np.empty((joints, 6)),
     )
     for n in range(points.shape[0]):
         for i in range(points.shape[1]):
@@ -113,7 +119,12 @@ def _linearize(
                 if surface.weights[n, i, s] != 0:
                     _add_corner(surface, n, i, s, scratch, points)
             _climb(parents, scratch)
-            _turn(twists, topmost, scratch, n, i, jacobian)
+            for q in range(directions.shape[2]):
+                x, y, z = directions[n, i, q, 0], directions[n, i, q, 1], directions[n, i, q, 2]
+                _pull(scratch, x, y, z)
+                for d in range(len(topmost)):
+                    if scratch.moves[topmost[d]]:
+                        jacobian[n, i, q, d] = _along(scratch.pulls, topmost[d], twists, n, d)
             scratch.shares[:] = 0
             scratch.moves[:] = False
 
@@ -209,18 +220,21 @@ def _add_share(
         weight * (a[3] + b[3]) + e[3],
     )
     along = weight * (a[0] + b[0]) - e[0]
-    for j in range(4):
-        shares[joint, 9 + j] += weight * m[j]
-    for i in range(3):
-        shares[joint, 4 * i] += along
-        for j in range(3):
-            shares[joint, 3 * i + j] += weight * at[i] * m[1 + j]
-    shares[joint, 1] += z
-    shares[joint, 2] -= y
-    shares[joint, 3] -= z
-    shares[joint, 5] += x
-    shares[joint, 6] += y
-    shares[joint, 7] -= x
+    r, s, t, u = weight * m[0], weight * m[1], weight * m[2], weight * m[3]
+    # row i: along * one - skew(x, y, z) + at m
+    shares[joint, 0] += along + at[0] * s
+    shares[joint, 1] += z + at[0] * t
+    shares[joint, 2] += at[0] * u - y
+    shares[joint, 3] += at[1] * s - z
+    shares[joint, 4] += along + at[1] * t
+    shares[joint, 5] += x + at[1] * u
+    shares[joint, 6] += y + at[2] * s
+    shares[joint, 7] += at[2] * t - x
+    shares[joint, 8] += along + at[2] * u
+    shares[joint, 9] += r
+    shares[joint, 10] += s
+    shares[joint, 11] += t
+    shares[joint, 12] += u
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -235,24 +249,35 @@ def _climb(parents: Indices, scratch: _Scratch) -> None:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _turn(
-    twists: Floats, topmost: Indices, scratch: _Scratch, n: int, i: int, jacobian: Floats
-) -> None:
-    """Derivative (3, D) of a point: each unknown's twist through the share of what it moves."""
+def _pull(scratch: _Scratch, x: float, y: float, z: float) -> None:
+    """How twists of every joint that moves the point move it along a direction."""
     shares = scratch.shares
-    for d in range(len(topmost)):
-        joint = topmost[d]
+    for joint in range(len(shares)):
         if scratch.moves[joint]:
-            a, b, c, e = shares[joint, 9], shares[joint, 10], shares[joint, 11], shares[joint, 12]
-            x, y, z = twists[n, d, 3], twists[n, d, 4], twists[n, d, 5]
-            pushed = a * x + y * e - z * c, a * y + z * b - x * e, a * z + x * c - y * b
-            for row in range(3):
-                jacobian[n, i, row, d] = (
-                    shares[joint, 3 * row] * twists[n, d, 0]
-                    + shares[joint, 3 * row + 1] * twists[n, d, 1]
-                    + shares[joint, 3 * row + 2] * twists[n, d, 2]
-                    + pushed[row]
+            for k in range(3):
+                scratch.pulls[joint, k] = (
+                    x * shares[joint, k] + y * shares[joint, 3 + k] + z * shares[joint, 6 + k]
                 )
+            a, b, c, d = shares[joint, 9], shares[joint, 10], shares[joint, 11], shares[joint, 12]
+            scratch.pulls[joint, 3] = a * x + c * z - d * y
+            scratch.pulls[joint, 4] = a * y + d * x - b * z
+            scratch.pulls[joint, 5] = a * z + b * y - c * x
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _along(pulls: Floats, joint: int, twists: Floats, n: int, d: int) -> float:
+    """Velocity along the direction that unknown d gives the point."""
+    turned: float = (
+        pulls[joint, 0] * twists[n, d, 0]
+        + pulls[joint, 1] * twists[n, d, 1]
+        + pulls[joint, 2] * twists[n, d, 2]
+    )
+    shifted: float = (
+        pulls[joint, 3] * twists[n, d, 3]
+        + pulls[joint, 4] * twists[n, d, 4]
+        + pulls[joint, 5] * twists[n, d, 5]
+    )
+    return turned + shifted
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -55,9 +55,12 @@ def place(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:
 
 
 def linearize(
-    skin: Skin, chosen: Chosen, table: Tensor, unknowns: Unknowns
+    skin: Skin, chosen: Chosen, table: Tensor, unknowns: Unknowns, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Points, and their derivative (*b, F, N, 3, D) in unknowns."""
+    """Points, and the derivative (*b, F, N, Q, D) of ``directions . points`` in unknowns.
+
+    Directions are (*b, F, N, Q, 3), Q for each point.
+    """
     parts, rest = _parts(skin, chosen, table), skin.vertices[chosen.corners]
     blend = parts.sum(-2)
     posed = _move(blend, rest)
@@ -65,7 +68,7 @@ def linearize(
     joints = skin.joints[chosen.corners].flatten(-2)  # *b F N SK
     jacobian, twists = table.new_zeros(()), unknowns.twists.unsqueeze(-3).mT
     for share, joint in zip(shares.flatten(-4, -3).unbind(-3), joints.unbind(-1), strict=True):
-        jacobian = jacobian + (share @ twists) * unknowns.moved[joint].unsqueeze(-2)
+        jacobian = jacobian + (directions @ share @ twists) * unknowns.moved[joint].unsqueeze(-2)
     return _weigh(chosen, posed), jacobian
 
 

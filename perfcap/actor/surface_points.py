@@ -52,27 +52,32 @@ class SkinnedPoints(nn.Module):
         points: Tensor = self._twin(table).place(self._skin(), self._chosen(motion), table)
         return points
 
-    def linearize(self, motion: Motion) -> tuple[Tensor, Tensor]:
+    def linearize(self, motion: Motion, directions: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Points (*b, F, N, 3) and their derivative in closed form.
+
+        Args:
+            motion: where.
+            directions: (*b, F, N, Q, 3), to get the derivative of ``directions . point`` only;
+                saves time and memory over the derivative of all three coordinates.
 
         Returns:
             points: in the world, metres.
             frame: derivative in the frame's tangent (translation, rotation, angles),
-                (*b, F, N, 3, 6 + A).
+                (*b, F, N, 3, 6 + A), or (*b, F, N, Q, 6 + A) along directions.
         """
         rotation, translation = self.actor.joint_transforms(motion)
-        table = _table(rotation, translation)
-        result: tuple[Tensor, Tensor] = self._twin(table).linearize(
-            self._skin(),
-            self._chosen(motion),
-            table,
-            self._unknowns(motion, rotation, translation),
+        table, chosen = _table(rotation, translation), self._chosen(motion)
+        if directions is None:
+            directions = torch.eye(3).to(table).expand(*chosen.corners.shape[:-1], 3, 3)
+        unknowns = self._unknowns(motion, rotation, translation)
+        result: tuple[Tensor, Tensor] = self._twin(table, directions).linearize(
+            self._skin(), chosen, table, unknowns, directions
         )
         return result
 
-    def _twin(self, table: Tensor) -> ModuleType:
+    def _twin(self, *given: Tensor) -> ModuleType:
         """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
-        if is_plain(table, self.actor.vertices, self.weights):
+        if is_plain(*given, self.actor.vertices, self.weights):
             from perfcap.actor import _skinned_points_numba
 
             return _skinned_points_numba

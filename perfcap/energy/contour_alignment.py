@@ -9,7 +9,6 @@ from torch import Tensor, nn
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
-from perfcap.geometry.product import multiply_views
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -34,8 +33,8 @@ class ContourAlignment(Energy[Any]):
 
     Args:
         points: (*b, F, C * P, 3), those of all views one after the other, as a function of a state:
-            ``SkinnedPoints`` or ``EmbeddedPoints``, or anything with ``forward`` and one of
-            ``linearize`` and ``linearize_blocks``.
+            ``SkinnedPoints`` or ``EmbeddedPoints``, or another module with their
+            ``linearize(state, directions)`` or ``linearize_blocks(state)``.
         cameras: C views, (C,) or (F, C) or (*b, F, C).
         correspondences: (*b, F, C, P).
         weight: of the mean, a number or (*b,).
@@ -89,10 +88,8 @@ class ContourAlignment(Energy[Any]):
         """Closed form where the points have one: derivative of the camera times theirs."""
         if not hasattr(self.points, "linearize"):
             return super().linearize(state)
-        points, frame = self.points.linearize(state)
-        residual, rows = self._linearize(points)
-        product = multiply_views(rows[..., None, :, None, :], frame)
-        return Linearization(residual, product.squeeze(-4))
+        residual, rows = self._linearize(self.points(state))
+        return Linearization(residual, self.points.linearize(state, rows.unsqueeze(-2))[1])
 
     def linearize_blocks(self, state: Any) -> BlockLinearization:
         """Closed form for points that each see a few blocks of a frame's unknowns."""

@@ -111,6 +111,16 @@ def test_derivative_agrees_with_forward_mode() -> None:
     torch.testing.assert_close(points.linearize(motion)[1], exact, rtol=1e-9, atol=1e-9)
 
 
+def test_derivative_along_directions() -> None:
+    motion, random = poses("random"), torch.Generator().manual_seed(5)
+    points = SkinnedPoints(ACTOR, *choose(BATCH, FRAMES))
+    directions = torch.randn(BATCH, FRAMES, POINTS, 2, 3, generator=random, dtype=F64)
+    expected = directions @ points.linearize(motion)[1]
+    for state in (motion, watched(motion)):
+        found = points.linearize(state, directions)[1].detach()
+        torch.testing.assert_close(found, expected, rtol=0, atol=1e-13)
+
+
 def test_batch_equals_loop_and_shared_points_need_no_axes() -> None:
     motion = poses("random")
     corners, weights = choose(BATCH, FRAMES)
