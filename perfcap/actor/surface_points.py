@@ -37,7 +37,7 @@ class SkinnedPoints(nn.Module):
         super().__init__()
         _check(corners, weights, len(actor.vertices))
         self.actor = actor
-        self.register_buffer("corners", corners)
+        self.register_buffer("corners", corners.to(actor.skin.pivots))
         self.register_buffer("weights", weights.to(actor.vertices))
         names = ("joints", "joint_weights", "pivots")
         for name, rows in zip(names, actor.skin.rows(), strict=True):
