@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, TypeVar
 
 import torch
 from torch import Tensor
 
 from perfcap.geometry.rotation import compose_rotvec
 from perfcap.solve.energy import Step
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class Motion:
     rotation: Tensor
     angles: Tensor
     shape: Tensor | None = None
+    _known: dict[object, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         lead = self.angles.shape[:-1]
@@ -54,6 +58,17 @@ class Motion:
     def frames(self) -> int:
         """F."""
         return self.angles.shape[-2]
+
+    def once(self, key: object, compute: Callable[[], _T]) -> _T:
+        """What follows from this motion and ``key`` alone: computed when first asked for.
+
+        Several energies want the same kinematics. The motion keeps the result as long as it
+        lives; motions made from it start anew.
+        """
+        if key not in self._known:
+            self._known[key] = compute()
+        result: _T = self._known[key]
+        return result
 
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector."""

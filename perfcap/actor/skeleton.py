@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-
 import torch
 from torch import Tensor, nn
 
@@ -57,8 +55,11 @@ class Skeleton(nn.Module):
 
     def forward(self, motion: Motion) -> Pose:
         """Posed joints and landmarks of a motion (*b, F)."""
-        pose: Pose = self._kinematics(motion).place(self.tree, motion)
-        return pose
+        if not self._is_plain(motion):
+            return _kinematics_torch.place(self.tree, motion)
+        from perfcap.actor import _kinematics_numba
+
+        return _kinematics_numba.place(self.tree, motion)
 
     def linearize(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor | None]:
         """Landmarks (*b, F, L, 3) and their derivatives in closed form.
@@ -69,15 +70,13 @@ class Skeleton(nn.Module):
                 (*b, F, L, 3, 6 + A): an angle moves a point by axis x (point - joint).
             shared: derivative in the shape, (*b, F, L, 3, S), None without shape.
         """
-        derivative: tuple[Tensor, Tensor, Tensor | None]
-        derivative = self._kinematics(motion).linearize(self.tree, motion)
-        return derivative
+        if not self._is_plain(motion):
+            return _kinematics_torch.linearize(self.tree, motion)
+        from perfcap.actor import _kinematics_numba
 
-    def _kinematics(self, motion: Motion) -> ModuleType:
-        """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
-        constants = self.tree.bone_vectors
-        if is_plain(constants, motion.translation, motion.rotation, motion.angles, motion.shape):
-            from perfcap.actor import _kinematics_numba
+        return motion.once(self, lambda: _kinematics_numba.linearize(self.tree, motion))
 
-            return _kinematics_numba
-        return _kinematics_torch
+    def _is_plain(self, motion: Motion) -> bool:
+        """Whether compiled loops may be used: only numbers are asked for, on the CPU."""
+        unknowns = motion.translation, motion.rotation, motion.angles, motion.shape
+        return is_plain(self.tree.bone_vectors, *unknowns)

@@ -10,10 +10,11 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
-_SHORTEST = 1e-9  # a bone of no length has no direction
+SHORTEST = 1e-9  # a bone of no length has no direction
 
 
 class JointPosition(Energy[Motion]):
@@ -46,6 +47,7 @@ class JointPosition(Energy[Motion]):
     coupling = Coupling.FRAME
     sees_shared = True
     direction: Tensor
+    bones: Tensor
     chain: Tensor
     scale: Tensor
     share: Tensor
@@ -70,8 +72,9 @@ class JointPosition(Energy[Motion]):
         self.register_buffer("scale", scale)
         self.register_buffer("share", scale.square() / scale.square().sum())
         bones = bone_vectors(points) @ cameras.rotation  # R^T b for every row vector b
-        length = bones.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+        length = bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
         self.register_buffer("direction", bones / length)
+        self.register_buffer("bones", bone_vectors(torch.eye(count).to(points)))
         self.register_buffer("chain", bone_chains().to(points))
         trusted = detections.trusted3d.to(points)
         self.register_buffer("confidence", trusted[..., None].expand(points.shape[:-1]).flatten(-2))
@@ -83,28 +86,40 @@ class JointPosition(Energy[Motion]):
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: centred joint derivatives, the same for every view."""
         joints, frame, shared = self.actor.skeleton.linearize(motion)
-        bones = bone_vectors(joints)
-        along = bones / bones.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
         return Linearization(
             self._residual(joints),
-            self._derivative(frame, along),
-            None if shared is None else self._derivative(shared, along),
+            self._derivative(joints, frame),
+            None if shared is None else self._derivative(joints, shared),
         )
 
     def _residual(self, joints: Tensor) -> Residual:
+        if self._compiled_for(joints):
+            from perfcap.energy import _joint_position_numba
+
+            return Residual(_joint_position_numba.residual(self, joints), self.confidence)
         length = bone_vectors(joints).norm(dim=-1)[..., None, :, None]  # *b F 1 J 1
         predicted = self.chain @ (length * self.direction)  # *b F C J 3
         error = self._centre(joints.unsqueeze(-3) - predicted)
         return Residual(error.flatten(-3, -2), self.confidence)
 
-    def _derivative(self, jacobian: Tensor, along: Tensor) -> Tensor:
+    def _derivative(self, joints: Tensor, jacobian: Tensor) -> Tensor:
         """Of the residual, (*b, F, C * 16, 3, D), from that of the joints, (*b, F, 16, 3, D)."""
-        bones = bone_vectors(jacobian.flatten(-2)).reshape(jacobian.shape)
-        length = (along[..., None] * bones).sum(-2)[..., None, :, None, :]  # *b F 1 J 1 D
+        if self._compiled_for(joints) and is_plain(joints, jacobian):
+            from perfcap.energy import _joint_position_numba
+
+            return _joint_position_numba.derivative(self, joints, jacobian)
+        bones = bone_vectors(joints)
+        along = bones / bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
+        turned = bone_vectors(jacobian.flatten(-2)).reshape(jacobian.shape)
+        length = (along[..., None] * turned).sum(-2)[..., None, :, None, :]  # *b F 1 J 1 D
         lengthened = (length * self.direction[..., None]).flatten(-2)  # *b F C J 3D
         moved = jacobian.flatten(-2).unsqueeze(-3) - self.chain @ lengthened
         views, size = moved.shape[-3], jacobian.shape[-4:]
         return self._centre(moved).reshape(*moved.shape[:-3], views * size[1], *size[2:])
+
+    def _compiled_for(self, joints: Tensor) -> bool:
+        """Whether only numbers are asked for, of as many frames as there are predictions."""
+        return self.direction.shape[:-3] == joints.shape[:-2] and is_plain(joints, self.direction)
 
     def _centre(self, points: Tensor) -> Tensor:
         """Points or derivatives (..., J, n) minus their weighted mean, in ``unit``."""

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import aligned, rotvec_to_quaternion
 from perfcap.solve.energy import WindowEnergy
 from perfcap.temporal.subspace import dct_basis
@@ -65,6 +66,10 @@ class Trajectory(WindowEnergy[Motion]):
 
     def linearize_features(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Features and their derivative (*b, F, 3 + 4 + A, 6 + A), block-diagonal."""
+        if is_plain(motion.translation, motion.rotation, motion.angles):
+            from perfcap.energy import _trajectory_numba
+
+            return _trajectory_numba.linearize_features(self, motion)
         features = self.features(motion)
         count = motion.angles.shape[-1]
         jacobian = features.new_zeros(*features.shape, 6 + count)

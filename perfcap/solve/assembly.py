@@ -12,6 +12,7 @@ from perfcap.solve.energy import Coupling, Energy, Linearization, Objective, Sta
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
 from perfcap.solve.products import apply_transposed
+from perfcap.solve.rows import add_rows
 
 
 def assemble(objective: Objective, state: State) -> NormalEquations:
@@ -109,25 +110,24 @@ class _Blocks:
 
     def add(self, energy: Energy[Any], linear: Linearization, layout: Layout) -> None:
         """Add ``w J' diag(confidence * slope) (J, r)`` of one energy (reweighted least squares)."""
-        rows = layout.per_element(linear.frame).flatten(2, 3)  # B F Gd D
+        jacobian = layout.per_element(linear.frame)  # B F G d D
         residual = layout.per_element(linear.residual.value)  # B F G d
-        weight = _row_weight(energy, linear, layout).expand_as(residual).flatten(2)  # B F Gd
-        pull = weight * residual.flatten(2)
-        weighted = weight.unsqueeze(-1) * rows
-        self.curvature += weighted.mT @ rows
-        self.gradient += apply_transposed(rows, pull)
+        weight = _row_weight(energy, linear, layout)  # B F G
+        add_rows(jacobian, residual, weight, self.curvature, self.gradient)
         if linear.shared is not None and layout.shared_dim:
             shared = layout.per_element(linear.shared).flatten(2, 3)  # B F Gd S
-            self.border += weighted.mT @ shared
-            self.shared_curvature += (shared.mT @ (weight.unsqueeze(-1) * shared)).sum(1)
-            self.shared_gradient += apply_transposed(shared, pull).sum(1)
+            weights = weight.unsqueeze(-1).expand_as(residual).flatten(2)
+            weighted = weights.unsqueeze(-1) * shared
+            self.border += jacobian.flatten(2, 3).mT @ weighted
+            self.shared_curvature += (shared.mT @ weighted).sum(1)
+            self.shared_gradient += apply_transposed(weighted, residual.flatten(2)).sum(1)
 
 
 def _row_weight(energy: Energy[Any], linear: Linearization, layout: Layout) -> Tensor:
-    """Weight times confidence times kernel slope of each group, (B, F, G, 1)."""
+    """Weight times confidence times kernel slope of each group, (B, F, G)."""
     residual = linear.residual
     slope = energy.kernel.slope(residual.squared_norm())
     if residual.confidence is not None:
         slope = residual.confidence * slope
     weight = _weight(energy, layout, slope)[:, None, None]
-    return (weight * layout.per_element(slope)).unsqueeze(-1)
+    return weight * layout.per_element(slope)

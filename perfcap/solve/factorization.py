@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from perfcap.solve.frame_factors import factorize_frames
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.products import apply, apply_transposed
@@ -171,19 +172,12 @@ def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:
     identity so that they stay finite.
     """
     frame_damping, shared_damping = equations.layout.split(damping)
-    stacked = torch.cat(
-        [window.jacobian for window in equations.windows] + [equations.curvature], -2
-    )
-    features = stacked.shape[-2] - equations.layout.frame_dim
-    jacobian, curvature = stacked[..., :features, :], stacked[..., features:, :]
-    curvature.diagonal(dim1=-2, dim2=-1).add_(frame_damping)
-    total = curvature + jacobian.mT @ jacobian if equations.windows else curvature
-    cholesky, info = torch.linalg.cholesky_ex(total)
-    valid = (info == 0).all(-1)
-    cholesky = _identity_where(~valid, cholesky)
+    jacobian = _stacked_features(equations)
+    cholesky, solved, defect, valid = factorize_frames(equations.curvature, frame_damping, jacobian)
+    valid = valid.all(-1)
     window = shared = None
     if equations.windows:
-        window, positive = _window_part(equations, cholesky, stacked)
+        window, positive = _window_part(equations, jacobian, solved, defect)
         valid = valid & positive
     if equations.layout.shared_dim:
         shared, positive = _shared_part(equations, cholesky, window, shared_damping)
@@ -191,18 +185,19 @@ def factorize(equations: NormalEquations, damping: Tensor) -> Factorization:
     return Factorization(equations.layout, cholesky, window, shared, valid)
 
 
+def _stacked_features(equations: NormalEquations) -> Tensor:
+    """Jacobians of all window energies, (B, F, E, D)."""
+    if len(equations.windows) == 1:
+        return equations.windows[0].jacobian
+    none = equations.curvature[..., :0, :]
+    return torch.cat([none, *(window.jacobian for window in equations.windows)], -2)
+
+
 def _window_part(
-    equations: NormalEquations, cholesky: Tensor, stacked: Tensor
+    equations: NormalEquations, jacobian: Tensor, solved: Tensor, defect: Tensor
 ) -> tuple[WindowPart, Tensor]:
-    """Low-rank part from J above the damped curvature, (B, F, E + D, D), and where it is valid."""
+    """Low-rank part from what the frames give, and where it is positive definite."""
     sizes = [window.jacobian.shape[-2] for window in equations.windows]
-    jacobian = stacked[..., : sum(sizes), :]
-    solved = torch.cholesky_solve(jacobian.mT, cholesky)  # B F D E
-    # one product for J Y and A Y, one for G^2 + Y' A Y: fewer, larger products run faster
-    product = stacked @ solved
-    product[..., : sum(sizes), :].neg_().diagonal(dim1=-2, dim2=-1).add_(1)
-    left = torch.cat((product[..., : sum(sizes), :], solved), -2)
-    defect = left.mT @ product
     bases = tuple(window.basis for window in equations.windows)
     capacitance = _capacitance(bases, sizes, defect)
     seen = [

@@ -104,3 +104,11 @@ def test_sizes_of_the_tangent() -> None:
 def test_mismatched_parts_are_refused() -> None:
     with pytest.raises(ValueError, match="motion rotation has shape"):
         Motion(torch.zeros(3, 3), torch.zeros(2, 3), torch.zeros(3, 27))
+
+
+def test_what_follows_from_a_motion_is_computed_once() -> None:
+    motion, calls = random_motion(SKELETON, 2), []
+    for _ in range(2):
+        assert motion.once("count", lambda: calls.append(1) or len(calls)) == 1
+    moved = motion[0:1]
+    assert moved.once("count", lambda: calls.append(1) or len(calls)) == 2
