@@ -1,28 +1,27 @@
-"""The video with the captured person drawn on it."""
+"""The video with the captured person drawn on it: as an outline, or as the textured character."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.pixel_map import PixelMap
 from perfcap.io.clip import Clip
-from perfcap.io.video_writer import VideoWriter
+from perfcap.pipeline.appearance import Appearance
+from perfcap.pipeline.footage import Image, Painter, write_footage
 from perfcap.pipeline.performance import Performance
-from perfcap.render import OverlayStyle, draw_overlay, rasterize
+from perfcap.pipeline.scene import daylight, upright
+from perfcap.render import OverlayStyle, ProjectedMesh, draw_overlay, rasterize, render
 
-_BATCH = 16  # frames in memory at once
-_TALLEST, _WIDEST = 1080, 1920  # of the written video, pixels
 _STYLE = OverlayStyle(tint=0.12)
+_DIMMED = (0.45 * np.arange(256)).astype(np.uint8)  # of each brightness, behind the character
 
-Image = NDArray[np.uint8]
+Progress = Callable[[int, int], None]
 
 
 def save_overlay(
@@ -30,101 +29,76 @@ def save_overlay(
     performance: Performance,
     clip: Clip,
     pixel_map: PixelMap,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write the input with outline, skeleton and detections; several views side by side.
 
     Args:
         path: of the video, H.264.
-        performance: the capture of the clip's frames.
+        performance: the capture of the clip's frames; its surface gives the outline.
         clip: the frames.
         pixel_map: from the clip's pixels to the calibration's.
         progress: called with (frames done, frames).
     """
-    total = min(len(clip), performance.frames)
-    done = 0
-    with VideoWriter(path, clip.fps, crf=21) as writer:
-        for views in clip.iter_views(_BATCH):
-            count = min(len(views[0]), total - done)
-            for row in _draw(performance, pixel_map, [v[:count] for v in views], done):
-                writer.write(_fit(row))
-            done += count
-            if progress is not None:
-                progress(done, total)
-            if done >= total:
-                break
+    cameras = pixel_map.cameras(performance.cameras, clip.sizes)
+    faces = torch.as_tensor(performance.actor.template.faces.copy())
 
-
-def _draw(
-    performance: Performance, pixel_map: PixelMap, views: list[Image], start: int
-) -> list[Image]:
-    """Frames ``start ...`` of all views, drawn on, one picture a frame."""
-    span = slice(start, start + len(views[0]))
-    motion = performance.motion[span]
-    actor, cameras = performance.actor, performance.cameras.frames(span)
-    with torch.no_grad():
-        vertices = actor.surface(motion)  # F V 3
-        points = cameras.project(actor.joints(motion)).transpose(0, 1)  # C F 16 2
+    def prepare(span: slice) -> Painter:
+        pixels, depth = _projected(cameras.frames(span), performance.shown[span])
+        joints = performance.actor.joints(performance.motion[span])
+        points = cameras.frames(span).project(joints).double().numpy(force=True)
         seen = performance.detections.frames(span)
-        detected = seen.joints2d.transpose(0, 1)
-        points, detected = (
-            pixel_map.to_video(p.flatten(1, 2)).reshape(p.shape) for p in (points, detected)
-        )
-    faces = torch.as_tensor(actor.template.faces.copy())
-    rows: list[list[Image]] = [[] for _ in range(motion.angles.shape[0])]
-    for view, frames in enumerate(views):
-        masks = _masks(cameras, view, vertices, faces, pixel_map, frames.shape[1:3])
-        for index, frame in enumerate(frames):
-            picture = draw_overlay(
-                frame,
-                masks[index].numpy(),
-                points[view, index].double().numpy(force=True),
-                detected[view, index].double().numpy(force=True),
-                seen.confidence2d[index, view].double().numpy(force=True),
-                _STYLE,
-            )
-            rows[index].append(picture)
-    return [_side_by_side(row) for row in rows]
+        detected = pixel_map.to_video(seen.joints2d).double().numpy(force=True)
+        confidence = seen.confidence2d.double().numpy(force=True)
+
+        def paint(frame: int, view: int, image: Image) -> Image:
+            size = (image.shape[0], image.shape[1])
+            drawn = rasterize(pixels[frame, view], depth[frame, view], faces, size)
+            at = (frame, view)
+            marks = (points[at], detected[at], confidence[at])
+            return draw_overlay(image, drawn.mask.numpy(), *marks, _STYLE)
+
+        return paint
+
+    with torch.no_grad():
+        write_footage(path, clip, performance.frames, prepare, progress)
 
 
-def _masks(
-    cameras: Camera,
-    view: int,
-    vertices: Tensor,
-    faces: Tensor,
+def save_textured(
+    path: Path,
+    performance: Performance,
+    clip: Clip,
     pixel_map: PixelMap,
-    size: tuple[int, ...],
-) -> Tensor:
-    """Silhouettes of the posed mesh in the pixels of a view's video, (F, H, W)."""
-    camera = cameras.select([view])
-    local = camera.to_camera(vertices)  # F 1 V 3
-    pixels = camera.project_camera(local)[:, 0]
-    flat = pixels.new_zeros(len(pixel_map.matrices), pixels.shape[0] * pixels.shape[1], 2)
-    flat[view] = pixels.flatten(0, 1)
-    in_video = pixel_map.to_video(flat)[view].reshape(pixels.shape)
-    return rasterize(in_video, local[:, 0, :, 2], faces, (size[0], size[1])).mask
+    progress: Progress | None = None,
+) -> None:
+    """Write the textured character over the dimmed input; arguments as of ``save_overlay``."""
+    cameras = pixel_map.cameras(performance.cameras, clip.sizes)
+    appearance = Appearance.of(performance.actor.template)
+    lighting = daylight(upright(performance.joints().cpu()))
+
+    def prepare(span: slice) -> Painter:
+        vertices = performance.shown[span].float().cpu()[:, appearance.representative]
+        pixels, depth = _projected(cameras.frames(span), vertices)
+
+        def paint(frame: int, view: int, image: Image) -> Image:
+            mesh = ProjectedMesh(
+                vertices[frame],
+                appearance.faces,
+                pixels[frame, view],
+                depth[frame, view],
+                (image.shape[0], image.shape[1]),
+            )
+            behind = torch.from_numpy(_DIMMED[image])
+            picture: Image = render(mesh, appearance.texture, behind, lighting).image.numpy()
+            return picture
+
+        return paint
+
+    with torch.no_grad():
+        write_footage(path, clip, performance.frames, prepare, progress)
 
 
-def _side_by_side(pictures: list[Image]) -> Image:
-    if len(pictures) == 1:
-        return pictures[0]
-    height = min(picture.shape[0] for picture in pictures)
-    scaled = [
-        cv2.resize(
-            p, (round(p.shape[1] * height / p.shape[0]), height), interpolation=cv2.INTER_AREA
-        )
-        for p in pictures
-    ]
-    joined: Image = np.concatenate(scaled, 1)
-    return joined
-
-
-def _fit(picture: Image) -> Image:
-    """Shrunk to what a screen shows; never enlarged."""
-    height, width = picture.shape[:2]
-    scale = min(1.0, _TALLEST / height, _WIDEST / width)
-    if scale == 1.0:
-        return picture
-    size = (round(width * scale), round(height * scale))
-    shrunk: Image = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    return shrunk
+def _projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
+    """Pixels (f, C, V, 2) and depth (f, C, V) of vertices (f, V, 3), on the CPU."""
+    local = cameras.to_camera(vertices.to(cameras.intrinsics))
+    return cameras.project_camera(local).cpu(), local[..., 2].cpu()

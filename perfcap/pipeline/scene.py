@@ -1,0 +1,111 @@
+"""Where up, ahead, the ground and the light are around a captured person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.pipeline.surface import BLOCK, SurfaceFrames
+from perfcap.render import DAYLIGHT, Lighting
+
+_HEAD = LANDMARKS.index("head_top")
+_ANKLES = [LANDMARKS.index(name) for name in ("l_ankle", "r_ankle")]
+_HIPS = [LANDMARKS.index(name) for name in ("l_hip", "r_hip")]
+_GROUND = 0.05  # quantile over frames of the lowest vertex: most frames touch the ground
+_LOOKED_AT = 200  # frames at most
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Directions are unit vectors (3,) in the world.
+
+    Attributes:
+        up: against gravity.
+        ahead: where the person looks at first, level.
+        ground: height of the ground along ``up``, m.
+    """
+
+    up: Tensor
+    ahead: Tensor
+    ground: float
+
+    @classmethod
+    def around(cls, joints: Tensor, surface: SurfaceFrames, up: Tensor | None = None) -> Self:
+        """The scene of a capture.
+
+        Args:
+            joints: landmarks, (F, 16, 3) m.
+            surface: vertices of the F frames.
+            up: known direction; the axis along which the person stands if None.
+        """
+        up = upright(joints) if up is None else up.to(joints)
+        lowest = []
+        step = BLOCK * max(1, surface.frames // _LOOKED_AT)
+        for start in range(0, surface.frames, step):
+            some = surface[start : start + BLOCK].to(joints)
+            lowest.append((some @ up).amin(-1))
+        ground = torch.quantile(torch.cat(lowest), _GROUND)
+        return cls(up, facing(joints[0], up), float(ground))
+
+    @property
+    def lighting(self) -> Lighting:
+        """Daylight from ahead of the person."""
+        return daylight(self.up, self.ahead)
+
+
+def upright(joints: Tensor) -> Tensor:
+    """The world axis, or its opposite, along which a person stands on average, (3,).
+
+    Calibrations have y or z up, or y down as images do; files rarely say which.
+
+    Args:
+        joints: landmarks, (F, 16, 3).
+    """
+    body = (joints[:, _HEAD] - joints[:, _ANKLES].mean(1)).mean(0)
+    axis = body.abs().argmax()
+    up = torch.zeros_like(body)
+    up[axis] = torch.sign(body[axis]) if body[axis] != 0 else 1.0
+    return up
+
+
+def facing(joints: Tensor, up: Tensor) -> Tensor:
+    """Level direction (3,) that a person of landmarks (16, 3) faces."""
+    left = joints[_HIPS[0]] - joints[_HIPS[1]]
+    ahead = torch.linalg.cross(left, up)
+    if not float(ahead.norm()) > 1e-6:  # lying on a side: any level direction
+        ahead = torch.linalg.cross(torch.nn.functional.one_hot(up.abs().argmin(), 3).to(up), up)
+    return torch.nn.functional.normalize(ahead, dim=0)
+
+
+def daylight(up: Tensor, ahead: Tensor | None = None) -> Lighting:
+    """The usual light, with its sun above and to the left of what is ``ahead``."""
+    if ahead is None:
+        ahead = facing(torch.zeros(len(LANDMARKS), 3).to(up), up)
+    side = torch.linalg.cross(up, ahead)
+    across, over, along = DAYLIGHT.towards_sun
+    sun = (across * side + over * up + along * ahead).tolist()
+    return replace(DAYLIGHT, towards_sun=(sun[0], sun[1], sun[2]), up=_triple(up))
+
+
+def axis(name: str) -> Tensor:
+    """A direction by name, such as ``y`` or ``-z``, (3,) float64.
+
+    Raises:
+        InputError: another name.
+    """
+    letter = name.removeprefix("-").removeprefix("+")
+    if letter not in ("x", "y", "z") or len(name) > 2:
+        raise InputError(f"--up {name}: expected x, y, z, or one of them with a minus sign")
+    direction = torch.zeros(3, dtype=torch.float64)
+    direction["xyz".index(letter)] = -1.0 if name.startswith("-") else 1.0
+    return direction
+
+
+def _triple(direction: Tensor) -> tuple[float, float, float]:
+    x, y, z = direction.tolist()
+    return x, y, z
