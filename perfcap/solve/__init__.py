@@ -18,9 +18,12 @@ from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
 from perfcap.solve.minimize import Method, solve
 from perfcap.solve.solution import Solution, Status
+from perfcap.solve.sparse import BlockLinearization
+from perfcap.solve.truncated_newton import TruncatedNewton
 
 __all__ = [
     "Adam",
+    "BlockLinearization",
     "Bounds",
     "Coupling",
     "Energy",
@@ -38,6 +41,7 @@ __all__ = [
     "State",
     "Status",
     "Step",
+    "TruncatedNewton",
     "Vector",
     "WindowEnergy",
     "forward_mode",

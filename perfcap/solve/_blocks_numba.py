@@ -1,0 +1,179 @@
+"""Products with the curvature of dense blocks as compiled loops, for the CPU.
+
+Says the same as ``_blocks_torch.py``, which tests hold it equal to. The matrix is never formed: a
+group of two rows and eight blocks would fill in 36 of its blocks, and a product reads the group's
+Jacobian once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.solve._coarse_numba import add_outer
+from perfcap.solve.sparse import CoarseSpace
+
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class BlockCurvature:
+    """``J' W J``; see ``sparse.Curvature``. ``unknowns`` has q entries of no meaning.
+
+    The length of a tuple is known when the kernels are compiled, and so are the lengths of their
+    innermost loops, which are then unrolled.
+    """
+
+    blocks: Indices  # (P, G, k), -1 for none
+    jacobian: Floats  # (P, G, k, d, q)
+    residual: Floats  # (P, G, d)
+    weight: Floats  # (P, G)
+    unknowns: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, blocks: Tensor, jacobian: Tensor, residual: Tensor, weight: Tensor
+    ) -> BlockCurvature:
+        """From tensors; contiguous, as another layout would compile the kernels once more."""
+        return cls(
+            blocks.contiguous().numpy(),
+            jacobian.detach().contiguous().numpy(),
+            residual.detach().contiguous().numpy(),
+            weight.detach().contiguous().numpy(),
+            (0,) * jacobian.shape[-1],
+        )
+
+    def add_gradient(self, gradient: Tensor) -> None:
+        """See ``sparse.Curvature``."""
+        _add_gradient(self.blocks, self.jacobian, self.residual, self.weight, gradient.numpy())
+
+    def add_diagonal(self, diagonal: Tensor) -> None:
+        """See ``sparse.Curvature``."""
+        _add_diagonal(self.blocks, self.jacobian, self.weight, diagonal.numpy(), self.unknowns)
+
+    def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
+        """See ``sparse.Curvature``."""
+        _add_product(
+            self.blocks,
+            self.jacobian,
+            self.weight,
+            direction.numpy(),
+            product.numpy(),
+            running.numpy(),
+            self.unknowns,
+        )
+
+    def add_coarse(self, space: CoarseSpace, matrix: Tensor) -> None:
+        """See ``sparse.Curvature``."""
+        _add_coarse(
+            self.blocks,
+            self.jacobian,
+            self.weight,
+            space.group.numpy(),
+            space.modes.numpy(),
+            matrix.numpy(),
+            (0,) * space.modes.shape[-1],
+        )
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_gradient(
+    blocks: Indices, jacobian: Floats, residual: Floats, weight: Floats, gradient: Floats
+) -> None:
+    problems, groups, slots, rows, unknowns = jacobian.shape
+    for p in range(problems):
+        for g in range(groups):
+            if weight[p, g] == 0:
+                continue
+            for a in range(slots):
+                i = blocks[p, g, a]
+                if i < 0:
+                    continue
+                for r in range(rows):
+                    pull = weight[p, g] * residual[p, g, r]
+                    for c in range(unknowns):
+                        gradient[p, i, c] += jacobian[p, g, a, r, c] * pull
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_diagonal(
+    blocks: Indices, jacobian: Floats, weight: Floats, diagonal: Floats, unknowns: tuple[int, ...]
+) -> None:
+    problems, groups, slots, rows, _ = jacobian.shape
+    for p in range(problems):
+        for g in range(groups):
+            if weight[p, g] == 0:
+                continue
+            for a in range(slots):
+                i = blocks[p, g, a]
+                for b in range(slots):
+                    if i < 0 or blocks[p, g, b] != i:
+                        continue
+                    for r in range(rows):
+                        for c in range(len(unknowns)):
+                            scaled = weight[p, g] * jacobian[p, g, a, r, c]
+                            for e in range(len(unknowns)):
+                                diagonal[p, i, c, e] += scaled * jacobian[p, g, b, r, e]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_product(
+    blocks: Indices,
+    jacobian: Floats,
+    weight: Floats,
+    direction: Floats,
+    product: Floats,
+    running: Flags,
+    unknowns: tuple[int, ...],
+) -> None:
+    """Row by row: the change of the residual, then what it pulls at."""
+    problems, groups, slots, rows, _ = jacobian.shape
+    for p in range(problems):
+        for g in range(groups if running[p] else 0):
+            for r in range(rows if weight[p, g] != 0 else 0):
+                change = weight[p, g] * 0
+                for a in range(slots):
+                    i = blocks[p, g, a]
+                    for c in range(len(unknowns) if i >= 0 else 0):
+                        change += jacobian[p, g, a, r, c] * direction[p, i, c]
+                change *= weight[p, g]
+                for a in range(slots):
+                    i = blocks[p, g, a]
+                    for c in range(len(unknowns) if i >= 0 else 0):
+                        product[p, i, c] += jacobian[p, g, a, r, c] * change
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_coarse(
+    blocks: Indices,
+    jacobian: Floats,
+    weight: Floats,
+    group: Indices,
+    modes: Floats,
+    matrix: Floats,
+    counts: tuple[int, ...],
+) -> None:
+    problems, groups, slots, rows, unknowns = jacobian.shape
+    own, moved = np.empty(slots, np.int64), np.empty((slots, rows, len(counts)), modes.dtype)
+    for p in range(problems):
+        for g in range(groups):
+            if weight[p, g] == 0:
+                continue
+            moved[:] = 0
+            for a in range(slots):
+                i = blocks[p, g, a]
+                own[a] = group[i] if i >= 0 else -1
+                if own[a] < 0:
+                    continue
+                for r in range(rows):
+                    for c in range(unknowns):
+                        for m in range(len(counts)):
+                            moved[a, r, m] += jacobian[p, g, a, r, c] * modes[p, i, c, m]
+            add_outer(matrix[p], own, moved, weight[p, g], counts)

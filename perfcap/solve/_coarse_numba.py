@@ -1,0 +1,104 @@
+"""Coarse corrections as compiled loops, for the CPU.
+
+Says the same as ``_coarse_torch.py``, which tests hold it equal to. Lengths of tuples are known
+when the kernels are compiled, so the innermost loops are unrolled; their entries mean nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class CoarseCorrection:
+    """See ``_coarse_torch.CoarseCorrection``."""
+
+    def __init__(self, group: Tensor, modes: Tensor, inverse: Tensor) -> None:
+        self.group, self.modes, self.inverse = group.numpy(), modes.numpy(), inverse.numpy()
+        self.lengths = tuple((0,) * count for count in modes.shape[-2:])
+
+    def add(self, residual: Tensor, image: Tensor, running: Tensor) -> None:
+        """See ``coarse.CoarseCorrection``."""
+        arrays = residual.numpy(), image.numpy(), running.numpy()
+        _correct(self.group, self.modes, self.inverse, *arrays, *self.lengths)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _correct(
+    group: Indices,
+    modes: Floats,
+    inverse: Floats,
+    residual: Floats,
+    image: Floats,
+    running: Flags,
+    unknowns: tuple[int, ...],
+    counts: tuple[int, ...],
+) -> None:
+    size = inverse.shape[1]
+    pull, moved = np.empty(size, residual.dtype), np.empty(size, residual.dtype)
+    for p in range(len(residual)):
+        if not running[p]:
+            continue
+        pull[:] = 0
+        moved[:] = 0
+        for i in range(len(group)):
+            if group[i] >= 0:
+                first = group[i] * len(counts)
+                for c in range(len(unknowns)):
+                    for m in range(len(counts)):
+                        pull[first + m] += modes[p, i, c, m] * residual[p, i, c]
+        for n in range(size):  # by columns, which vectorises
+            for m in range(size):
+                moved[m] += inverse[p, n, m] * pull[n]
+        _prolong(group, modes[p], moved, image[p], unknowns, counts)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _prolong(
+    group: Indices,
+    modes: Floats,
+    moved: Floats,
+    image: Floats,
+    unknowns: tuple[int, ...],
+    counts: tuple[int, ...],
+) -> None:
+    """Add to the blocks what their groups move."""
+    for i in range(len(group)):
+        if group[i] >= 0:
+            first = group[i] * len(counts)
+            for c in range(len(unknowns)):
+                for m in range(len(counts)):
+                    image[i, c] += modes[i, c, m] * moved[first + m]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def add_outer(
+    matrix: Floats, groups: Indices, rows: Floats, weight: float, counts: tuple[int, ...]
+) -> None:
+    """Add what one group of residuals has, see ``_coarse_torch.add_outer``.
+
+    ``matrix`` is (C, r, C, r), ``groups`` (k,) and ``rows`` (k, d, r); both are overwritten.
+    """
+    for a in range(len(groups)):  # slots of one group move as one
+        for b in range(a):
+            if groups[a] >= 0 and groups[b] == groups[a]:
+                rows[b] += rows[a]
+                groups[a] = -1
+    for a in range(len(groups)):
+        for b in range(len(groups)):
+            i, j = groups[a], groups[b]
+            if j < 0 or i < j:
+                continue
+            for d in range(rows.shape[1]):
+                for m in range(len(counts)):
+                    scaled = weight * rows[a, d, m]
+                    for n in range(len(counts)):
+                        matrix[i, m, j, n] += scaled * rows[b, d, n]

@@ -1,0 +1,133 @@
+"""Truncated, block-Jacobi preconditioned conjugate gradients over many problems at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+
+import torch
+from torch import Tensor
+
+from perfcap.solve.coarse import CoarseCorrection
+from perfcap.solve.sparse import SparseEquations, is_compiled
+
+
+@dataclass(frozen=True)
+class Descent:
+    """An inexact minimum of the damped quadratic models.
+
+    Args:
+        step: where it is, (P, M, q).
+        promised: the decrease of the energy that the undamped model promises there, (P,).
+        rounds: products with the matrix it took, (P,).
+    """
+
+    step: Tensor
+    promised: Tensor
+    rounds: Tensor
+
+
+@dataclass(frozen=True)
+class Search:
+    """Conjugate gradients under way; every tensor is written in place.
+
+    Args:
+        damping: what is added to the diagonal of the matrix, (P, M, q).
+        preconditioner: inverses of the damped diagonal blocks, (P, M, q, q).
+        step: sum of what was gone so far, (P, M, q).
+        residual: what is left of the right side there, (P, M, q).
+        direction: to go next, (P, M, q).
+        product: H direction, without the damping, then the preconditioned residual; zero between
+            rounds, (P, M, q).
+        slope: preconditioned square of the residual, (P,).
+        enough: slope at which a problem ends, (P,).
+        running: problems that have not ended, (P,).
+        rounds: rounds that problems ran, (P,).
+    """
+
+    damping: Tensor
+    preconditioner: Tensor
+    step: Tensor
+    residual: Tensor
+    direction: Tensor
+    product: Tensor
+    slope: Tensor
+    enough: Tensor
+    running: Tensor
+    rounds: Tensor
+
+
+def conjugate_gradients(
+    equations: SparseEquations,
+    damping: Tensor,
+    running: Tensor,
+    forcing: float,
+    limit: int,
+    coarse: CoarseCorrection | None = None,
+) -> Descent:
+    """Solve ``(H + diag(damping)) d = -g`` of each problem, roughly (Dembo and Steihaug 1983).
+
+    Args:
+        equations: H and g of P problems.
+        damping: (P, M, q), positive.
+        running: problems to solve; the others keep a step of zero, (P,).
+        forcing: a problem ends once its residual, measured by the preconditioner, is below this
+            times what it was.
+        limit: most rounds.
+        coarse: second level of the preconditioner.
+    """
+    search = _start(equations, damping, running, forcing, coarse)
+    rounds = _twin(search.step).Rounds(search)
+    for _ in range(limit):
+        if not bool(search.running.any()):
+            break
+        for curvature in equations.curvatures:
+            curvature.add_product(search.direction, search.product, search.running)
+        rounds.go()
+        if coarse is not None:
+            coarse.add(search.residual, search.product, search.running)
+        rounds.turn()
+    step = search.step
+    # H d = -g - residual - damping d, so that no further product is needed
+    undamped = damping * step + search.residual - equations.gradient
+    return Descent(step, (step * undamped).sum((-2, -1)), search.rounds)
+
+
+def _start(
+    equations: SparseEquations,
+    damping: Tensor,
+    running: Tensor,
+    forcing: float,
+    coarse: CoarseCorrection | None,
+) -> Search:
+    """At a step of zero, downhill as the preconditioner sees it."""
+    residual = torch.where(running[:, None, None], -equations.gradient, 0)
+    preconditioner = torch.empty_like(equations.diagonal)
+    _twin(residual).invert(equations.diagonal, damping, running, preconditioner)
+    direction = (preconditioner @ residual.unsqueeze(-1)).squeeze(-1)
+    if coarse is not None:
+        coarse.add(residual, direction, running)
+    slope = (residual * direction).sum((-2, -1))
+    return Search(
+        damping=damping,
+        preconditioner=preconditioner,
+        step=torch.zeros_like(residual),
+        residual=residual,
+        direction=direction,
+        product=torch.zeros_like(residual),
+        slope=slope,
+        enough=forcing**2 * slope,
+        running=running & (slope > 0),
+        rounds=torch.zeros_like(running, dtype=torch.int64),
+    )
+
+
+def _twin(like: Tensor) -> ModuleType:
+    """Compiled loops on the CPU, torch on GPUs."""
+    if is_compiled(like):
+        from perfcap.solve import _search_numba
+
+        return _search_numba
+    from perfcap.solve import _search_torch
+
+    return _search_torch
