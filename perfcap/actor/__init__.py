@@ -4,6 +4,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import human_rig
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Hinge, Rig
@@ -17,6 +18,7 @@ __all__ = [
     "Actor",
     "Deformation",
     "DeformationGraph",
+    "EmbeddedPoints",
     "Hinge",
     "Motion",
     "Pose",

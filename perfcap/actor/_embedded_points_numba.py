@@ -1,0 +1,108 @@
+"""Chosen points of a deformed surface as compiled loops, for plain tensors on the CPU.
+
+Says the same as ``_embedded_points_torch.py``, which tests hold it equal to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor._embedded_points_torch import Embedding
+from perfcap.actor.deformation import Deformation
+from perfcap.geometry._rotation_numba import rotvec_to_matrix
+
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.int64]
+
+
+def place(embedding: Embedding, deformation: Deformation) -> Tensor:
+    """See ``_embedded_points_torch.place``."""
+    return _place_points(embedding, deformation)[0]
+
+
+def linearize(embedding: Embedding, deformation: Deformation) -> tuple[Tensor, Tensor]:
+    """See ``_embedded_points_torch.linearize``."""
+    points, turned = _place_points(embedding, deformation)
+    derivative = embedding.arm.new_empty(*embedding.arm.shape, 6)
+    share = _rows(embedding.share, *embedding.share.shape[-2:])
+    _derive(turned, share, derivative.flatten(0, -5).numpy())
+    return points, derivative
+
+
+def _place_points(embedding: Embedding, deformation: Deformation) -> tuple[Tensor, Floats]:
+    """Points, and the arms that their nodes have turned, (P, N, k, 3)."""
+    points = embedding.base.new_empty(embedding.base.shape)
+    count, slots = embedding.blocks.shape[-2:]
+    arm = _rows(embedding.arm, count, slots, 3)
+    turned = np.empty_like(arm)
+    _place(
+        _rows(embedding.base, count, 3),
+        _rows(embedding.blocks, count, slots),
+        arm,
+        _rows(embedding.share, count, slots),
+        _rows(deformation.rotation, deformation.nodes, 3),
+        _rows(deformation.translation, deformation.nodes, 3),
+        turned,
+        points.flatten(0, -3).numpy(),
+    )
+    return points, turned
+
+
+def _rows(tensor: Tensor, *shape: int) -> NDArray[Any]:
+    """(P, *shape), contiguous, as another memory layout would compile the kernels once more."""
+    rows = tensor.detach().flatten(0, tensor.dim() - len(shape) - 1)
+    return np.ascontiguousarray(rows.numpy())
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _place(
+    base: Floats,
+    blocks: Indices,
+    arm: Floats,
+    share: Floats,
+    rotation: Floats,
+    translation: Floats,
+    turned: Floats,
+    points: Floats,
+) -> None:
+    turn = np.empty((rotation.shape[1], 3, 3), arm.dtype)
+    for p in range(len(base)):
+        for i in range(len(turn)):
+            rotvec_to_matrix(rotation[p], i, turn[i])
+        for n in range(base.shape[1]):
+            for c in range(3):
+                points[p, n, c] = base[p, n, c]
+            for a in range(blocks.shape[2]):
+                i = blocks[p, n, a]
+                for c in range(3):
+                    if i < 0:
+                        turned[p, n, a, c] = 0
+                        continue
+                    image = (
+                        turn[i, c, 0] * arm[p, n, a, 0]
+                        + turn[i, c, 1] * arm[p, n, a, 1]
+                        + turn[i, c, 2] * arm[p, n, a, 2]
+                    )
+                    turned[p, n, a, c] = image
+                    shift = share[p, n, a] * translation[p, i, c]
+                    points[p, n, c] += image - arm[p, n, a, c] + shift
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _derive(turned: Floats, share: Floats, derivative: Floats) -> None:
+    """Write ``-[turned]`` and ``share I`` side by side, (P, N, k, 3, 6)."""
+    problems, points, slots, _ = turned.shape
+    derivative[:] = 0
+    for p in range(problems):
+        for n in range(points):
+            for a in range(slots):
+                for c in range(3):
+                    d, e = (c + 1) % 3, (c + 2) % 3
+                    derivative[p, n, a, c, d] = turned[p, n, a, e]
+                    derivative[p, n, a, c, e] = -turned[p, n, a, d]
+                    derivative[p, n, a, c, 3 + c] = share[p, n, a]
