@@ -4,6 +4,7 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
+from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.stabilization import Stabilization
 from perfcap.energy.trajectory import Trajectory
 
@@ -13,6 +14,7 @@ __all__ = [
     "JointPosition",
     "PosePrior",
     "Reprojection",
+    "Rigidity",
     "Stabilization",
     "Trajectory",
 ]
