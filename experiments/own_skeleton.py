@@ -20,6 +20,7 @@ from perfcap.geometry.rotation import compose_rotvec, rotvec_to_matrix
 from perfcap.io.actor import load_actor
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.presets import CaptureConfig
 
 # m of the landmarks a radian: an angle that moves them less cannot be told from them
 _SEEN = 0.003
@@ -73,7 +74,7 @@ def run(config: Experiment) -> Report:
     }
     rows = []
     for name, settings in variants.items():
-        result = capture(actor, camera, detections, _RATE, settings)
+        result = capture(actor, camera, detections, _RATE, CaptureConfig(settings))
         wrong = torch.rad2deg((result.motion.angles - truth.angles).abs())
         apart = 1000 * (result.joints() - actor.joints(truth)).norm(dim=-1)
         values = (

@@ -17,8 +17,9 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.metrics import acceleration_error, joint_errors, limit_violations
 from perfcap.metrics.joints import root_aligned
-from perfcap.pipeline.config import MONOPERFCAP, PoseConfig
+from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.stage import Stage
 
 # joints (F, 16, 3) in the world and, where there is one, the motion behind them
@@ -76,7 +77,7 @@ def _variants(recording: Recording, config: Experiment) -> dict[str, Result]:
     exact = exact_detections(recording)
     runs: Mapping[str, tuple[Detections, PoseConfig, Stage]] = {
         "each frame": (recording.detections, PoseConfig(), Stage.INITIALIZE),
-        "MONOPERFCAP": (recording.detections, MONOPERFCAP, Stage.TRACK_MOTION),
+        "MONOPERFCAP": (recording.detections, MONOPERFCAP_POSE, Stage.TRACK_MOTION),
         **(
             {n: (recording.detections, c, Stage.TRACK_MOTION) for n, c in ablations().items()}
             if config.ablations
@@ -87,7 +88,12 @@ def _variants(recording: Recording, config: Experiment) -> dict[str, Result]:
     }
     for name, (detections, settings, until) in runs.items():
         result = capture(
-            recording.actor, recording.cameras, detections, recording.rate, settings, until=until
+            recording.actor,
+            recording.cameras,
+            detections,
+            recording.rate,
+            CaptureConfig(settings),
+            until=until,
         )
         found[name] = (result.joints(), result.motion)
     motion = fit_rig(recording.actor, recording.truth)

@@ -22,7 +22,7 @@ from report import Report, Table
 from solver_peers import Trace, ceres_trace, dense_trace, scipy_trace
 from window_problem import Problem, gaussian, windows
 
-from perfcap.pipeline.config import MONOPERFCAP
+from perfcap.pipeline.config import MONOPERFCAP_POSE
 from perfcap.solve import Adam, LevenbergMarquardt, Method, solve
 
 _GENEROUS = 300  # steps
@@ -60,7 +60,7 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     detector = gaussian if config.noise == "gaussian" else detect
     sequences = windows(config.windows, seed=config.seed, detector=detector)
-    problems = [Problem.of(sequence, MONOPERFCAP) for sequence in sequences]
+    problems = [Problem.of(sequence, MONOPERFCAP_POSE) for sequence in sequences]
     peers, notes = _peer_traces(problems[: config.slow])
     best = [_best(problem) for problem in problems]
     for traces in peers.values():

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from perfcap.energy import JointPosition, Reprojection, Trajectory
     from perfcap.geometry import Camera
     from perfcap.io import Clip, load_actor, read_cameras, read_detections
-    from perfcap.pipeline import MONOPERFCAP, Performance, PoseConfig, Stage, capture
+    from perfcap.pipeline import MONOPERFCAP, CaptureConfig, Performance, Stage, capture
     from perfcap.solve import Adam, Energy, LevenbergMarquardt, Objective, Residual, Solution
 
 __version__ = "0.1.0"
@@ -25,6 +25,7 @@ __all__ = [
     "Actor",
     "Adam",
     "Camera",
+    "CaptureConfig",
     "Clip",
     "Detections",
     "Energy",
@@ -34,7 +35,6 @@ __all__ = [
     "Motion",
     "Objective",
     "Performance",
-    "PoseConfig",
     "Reprojection",
     "Residual",
     "Skeleton",
@@ -54,7 +54,7 @@ _HOMES = {
     "perfcap.energy": ("JointPosition", "Reprojection", "Trajectory"),
     "perfcap.geometry": ("Camera",),
     "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_detections"),
-    "perfcap.pipeline": ("MONOPERFCAP", "Performance", "PoseConfig", "Stage", "capture"),
+    "perfcap.pipeline": ("MONOPERFCAP", "CaptureConfig", "Performance", "Stage", "capture"),
     "perfcap.solve": (
         *("Adam", "Energy", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
     ),

@@ -23,10 +23,10 @@ from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor
 from perfcap.io.gltf import load_template
-from perfcap.pipeline.config import PRESETS
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay
 from perfcap.pipeline.performance import FILES, REPORT, Performance, make_folder
+from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")

@@ -1,8 +1,6 @@
 """The job, stage by stage."""
 
 from perfcap.pipeline.config import (
-    MONOPERFCAP,
-    PRESETS,
     BoneConfig,
     PoseConfig,
     PositionConfig,
@@ -14,6 +12,7 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay
 from perfcap.pipeline.performance import Performance, StageReport
+from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 
@@ -21,6 +20,7 @@ __all__ = [
     "MONOPERFCAP",
     "PRESETS",
     "BoneConfig",
+    "CaptureConfig",
     "Performance",
     "PoseConfig",
     "PositionConfig",

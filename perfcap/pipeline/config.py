@@ -2,7 +2,7 @@
 
 An energy is a sum of squared residuals measured in *units*: a weight of 1 and a unit of one
 standard deviation make it a negative log likelihood (times two), which is how the defaults are
-set. The paper's weights were tuned in pixels and millimetres; ``MONOPERFCAP`` restates them.
+set. The paper's weights were tuned in pixels and millimetres; ``MONOPERFCAP_POSE`` restates them.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class PoseConfig:
 # = 600 per rad, K = 8, no robust kernel. Multiplied by |B| N_d = 50 * 16: the means over frames
 # and joints become sums, and E_d, a mean over frames only, keeps a factor of 16. The size of the
 # paper's image is not stated; its pixel is taken as 1/500 of the person's height, 0.2 %.
-MONOPERFCAP = PoseConfig(
+MONOPERFCAP_POSE = PoseConfig(
     reprojection=ReprojectionConfig(weight=1.0, deviation=0.2, scale=None),
     position=PositionConfig(weight=0.1, deviation=(0.001,) * 16, scale=None),
     trajectory=TrajectoryConfig(
@@ -109,4 +109,3 @@ MONOPERFCAP = PoseConfig(
     prior=PriorConfig(weight=1e-6),
     clean=0.0,
 )
-PRESETS = {"default": PoseConfig(), "monoperfcap": MONOPERFCAP}

@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from torch import Tensor
 
@@ -14,13 +14,13 @@ from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import MotionProblem, WindowReport, track_motion
 from perfcap.solve import Status
@@ -34,7 +34,7 @@ def capture(
     cameras: Camera,
     detections: Detections,
     rate: float,
-    config: PoseConfig | None = None,
+    config: CaptureConfig | None = None,
     *,
     until: Stage = Stage.TRACK_MOTION,
     solve_bones: bool = False,
@@ -59,26 +59,27 @@ def capture(
     Raises:
         InputError: nobody is detected, or the shapes do not fit.
     """
-    config = config or PoseConfig()
+    config = config or CaptureConfig()
     tell = progress or (lambda stage, done, total: None)
     clock = _Clock(tell)
     like = detections.joints2d
     cameras = cameras.to(like)
     actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
     pixel_unit = 0.01 * person_height(detections)
-    config = relaxed(config, detections, pixel_unit)
+    config = replace(config, pose=relaxed(config.pose, detections, pixel_unit))
+    pose = config.pose
     bones: Tensor | None = None
     if solve_bones:
         with clock.stage("bone_lengths"):
-            bones = solve_bone_lengths(actor, cameras, detections, config, pixel_unit)
+            bones = solve_bone_lengths(actor, cameras, detections, pose, pixel_unit)
             actor = actor.resized(bones)
     with clock.stage("initialize"):
-        prepared = prepare(actor, cameras, detections, config.position.gate)
-        motion, seen = initialize(actor, cameras, prepared, config, pixel_unit)
+        prepared = prepare(actor, cameras, detections, pose.position.gate)
+        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit)
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion"):
-            problem = MotionProblem(actor, cameras, prepared.detections, config, pixel_unit, rate)
+            problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
             motion, windows = track_motion(
                 problem, motion, lambda done, total: tell("track_motion", done, total)
             )

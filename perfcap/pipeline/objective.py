@@ -45,13 +45,13 @@ def pose_objective(
     r, p = config.reprojection, config.position
     energies: dict[str, Energy[Motion]] = {
         "joints2d": Reprojection(
-            actor, cameras, detections, r.weight, _kernel(r.scale), r.deviation * pixel_unit
+            actor, cameras, detections, r.weight, kernel(r.scale), r.deviation * pixel_unit
         )
     }
     if detections.joints3d is not None and bool(detections.trusted3d.any()):
         unit = detections.joints3d.new_tensor(p.deviation)
         energies["joints3d"] = JointPosition(
-            actor, cameras, detections, p.weight, _kernel(p.scale), unit
+            actor, cameras, detections, p.weight, kernel(p.scale), unit
         )
     if trajectory is not None:
         energies["trajectory"] = trajectory
@@ -123,5 +123,6 @@ def person_height(detections: Detections) -> Tensor:
     return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
 
 
-def _kernel(scale: float | None) -> Kernel:
+def kernel(scale: float | None) -> Kernel:
+    """Geman-McClure with a scale, in units of the residual; quadratic without."""
     return Quadratic() if scale is None else GemanMcClure(scale)

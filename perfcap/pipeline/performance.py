@@ -24,8 +24,8 @@ from perfcap.io.atomic import writing
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
 from perfcap.io.surface_file import save_surface
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_blocks
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.solve import Status
@@ -69,7 +69,7 @@ class Performance:
     detections: Detections
     motion: Motion
     rate: float
-    config: PoseConfig
+    config: CaptureConfig
     gaps: tuple[tuple[int, int], ...] = ()
     windows: tuple[WindowReport, ...] = ()
     stages: tuple[StageReport, ...] = ()

@@ -107,7 +107,7 @@ def test_run_json_and_config_yaml_tell_the_run(captured: Path, take: TakeFiles) 
     assert set(window["terms"]) == {"joints2d", "joints3d", "trajectory", "prior"}
     assert {"perfcap", "python", "packages", "peak_memory_mib", "wall_s", "request"} <= set(run)
     config = yaml.safe_load((captured / "config.yaml").read_text())
-    assert config["window"] == 50 and config["reprojection"]["weight"] == 1.0
+    assert config["pose"]["window"] == 50 and config["pose"]["reprojection"]["weight"] == 1.0
 
 
 def test_overlay_shows_every_frame(captured: Path) -> None:
@@ -148,8 +148,8 @@ def test_until_initialize(take: TakeFiles, tmp_path: Path, perfcap: Command) -> 
 
 def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     assert perfcap(take.command(tmp_path, "--preset", "monoperfcap", "--no-overlay")).code == 0
-    config = yaml.safe_load((tmp_path / "config.yaml").read_text())
-    assert config["trajectory"]["rank"] == 8 and config["reprojection"]["scale"] is None
+    pose = yaml.safe_load((tmp_path / "config.yaml").read_text())["pose"]
+    assert pose["trajectory"]["rank"] == 8 and pose["reprojection"]["scale"] is None
 
 
 def test_resume_does_nothing_only_where_all_is_done(

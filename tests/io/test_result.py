@@ -14,7 +14,7 @@ from perfcap.errors import InputError
 from perfcap.io.gltf import load_template, save_animation
 from perfcap.io.result import read_result
 from perfcap.io.surface_file import save_surface
-from perfcap.pipeline import PoseConfig
+from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
 
@@ -24,7 +24,7 @@ FRAMES = 12
 @pytest.fixture(scope="module")
 def performance() -> Performance:
     take = make_take(FRAMES, turns=0.5)
-    parts = (take.actor, take.cameras, take.detections, take.truth, take.rate, PoseConfig())
+    parts = (take.actor, take.cameras, take.detections, take.truth, take.rate, CaptureConfig())
     skinned = SkinnedSurface(take.actor, take.truth)
     return Performance(*parts, surface=StoredSurface(skinned[:].float() + 0.05))
 

@@ -13,6 +13,7 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import CaptureConfig
 
 MIRRORED = [
     LANDMARKS.index({"l": "r", "r": "l"}[n[0]] + n[1:] if n[1] == "_" else n) for n in LANDMARKS
@@ -33,7 +34,7 @@ def clean(take: Take) -> Performance:
 def run(take: Take, detections: Detections) -> Performance:
     # the weights of noisy detections: relaxed ones would make the run without faults another one
     config = PoseConfig(clean=0.0)
-    return capture(take.actor, take.cameras, detections, take.rate, config)
+    return capture(take.actor, take.cameras, detections, take.rate, CaptureConfig(config))
 
 
 def swapped(take: Take) -> Detections:

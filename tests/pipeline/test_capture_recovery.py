@@ -8,18 +8,26 @@ import torch
 from takes import make_take
 
 from perfcap.actor.motion import Motion
-from perfcap.pipeline.config import MONOPERFCAP, PoseConfig
+from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import MotionProblem, track_motion
 
 
 def run(take: Any, config: PoseConfig | None = None, **options: Any) -> Performance:
-    return capture(take.actor, take.cameras, take.detections, take.rate, config, **options)
+    return capture(
+        take.actor,
+        take.cameras,
+        take.detections,
+        take.rate,
+        CaptureConfig(config or PoseConfig()),
+        **options,
+    )
 
 
 # Mean error allowed, mm. One view keeps the bias of what it cannot see (the spine bends, so its
@@ -84,7 +92,7 @@ def test_angles_never_leave_their_limits(until: Stage, dtype: torch.dtype) -> No
     random = torch.Generator().manual_seed(3)
     wild += 60 * torch.randn(wild.shape, generator=random, dtype=wild.dtype)
     detections = replace(take.detections, joints2d=wild).to(torch.zeros((), dtype=dtype))
-    config = replace(PoseConfig(), window=8, overlap=3)
+    config = CaptureConfig(PoseConfig(window=8, overlap=3))
     performance = capture(take.actor, take.cameras, detections, 30.0, config, until=until)
     skeleton, angles = performance.actor.skeleton, performance.motion.angles
     assert angles.dtype == dtype
@@ -112,7 +120,7 @@ def test_a_batch_of_windows_equals_one_by_one() -> None:
 
 def test_published_constants_run_too() -> None:
     take = make_take(50)
-    performance = run(take, MONOPERFCAP)
+    performance = run(take, MONOPERFCAP_POSE)
     assert performance.complete
     assert take.error_mm(performance.joints()).mean() < 40
 

@@ -7,7 +7,7 @@ import torch
 from takes import make_take
 
 from perfcap.detect.detections import Detections
-from perfcap.pipeline.config import MONOPERFCAP, PoseConfig
+from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.jitter import jitter, relaxed
 from perfcap.pipeline.objective import person_height
 
@@ -61,4 +61,4 @@ def test_too_short_to_tell(frames: int) -> None:
 
 
 def test_published_weights_stay() -> None:
-    assert relaxed(MONOPERFCAP, DETECTIONS, UNIT) is MONOPERFCAP
+    assert relaxed(MONOPERFCAP_POSE, DETECTIONS, UNIT) is MONOPERFCAP_POSE

@@ -12,7 +12,7 @@ from takes import Take, make_take, shrunk, write_video
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap
 from perfcap.io.clip import Clip
-from perfcap.pipeline import PoseConfig
+from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
@@ -24,7 +24,7 @@ FRAMES, SIZE = 5, (120, 160)
 def performance(views: int = 1, moving: bool = False) -> Performance:
     take: Take = make_take(FRAMES, views=views, moving=moving)
     cameras = shrunk(take.cameras, SIZE)
-    return Performance(take.actor, cameras, take.detections, take.truth, take.rate, PoseConfig())
+    return Performance(take.actor, cameras, take.detections, take.truth, take.rate, CaptureConfig())
 
 
 def aside(captured: Performance, offset: float) -> Performance:

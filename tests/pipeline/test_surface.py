@@ -13,7 +13,7 @@ from takes import make_take
 from perfcap.errors import InputError
 from perfcap.io.gltf_document import open_document
 from perfcap.io.surface_file import open_surface
-from perfcap.pipeline import PoseConfig
+from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, surface_blocks
 
@@ -24,7 +24,7 @@ FRAMES = 20
 def performance() -> Performance:
     take = make_take(FRAMES)
     return Performance(
-        take.actor, take.cameras, take.detections, take.truth, take.rate, PoseConfig()
+        take.actor, take.cameras, take.detections, take.truth, take.rate, CaptureConfig()
     )
 
 
