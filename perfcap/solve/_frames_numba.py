@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.solve._products_numba import add_gram, factorize_square, solve_square
+from perfcap.solve._products_numba import add_gram, factorize_square, solve_lower, solve_upper
 
 Floats = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -36,6 +36,14 @@ def factorize_frames(
         valid.numpy().reshape(count),
     )
     return cholesky, solved, defect, valid
+
+
+def solve_frames(cholesky: Tensor, right: Tensor) -> Tensor:
+    """See ``frame_factors.solve_frames``."""
+    count, dim = right.shape[:-1].numel(), right.shape[-1]
+    solved = right.contiguous().clone()
+    _solve_frames(_rows(cholesky, count, dim, dim), _rows(solved, count, dim))
+    return solved
 
 
 def _rows(tensor: Tensor, *shape: int) -> Floats:
@@ -66,7 +74,8 @@ def _factorize(
         valid[n] = valid[n] and factorize_square(upper)
         if valid[n]:
             _transpose(upper, cholesky[n])
-            solve_square(upper, cholesky[n], solved[n])  # Y = M^-1 J'
+            solve_lower(upper, solved[n])
+            solve_upper(upper, cholesky[n], solved[n])  # Y = M^-1 J'
             _set(missing, -1)
             add_gram(missing, turned, solved[n])  # J Y - I
             _set(pulled, 0)
@@ -111,3 +120,22 @@ def _set(matrix: Floats, diagonal: int) -> None:
     for i in range(len(matrix)):
         for j in range(matrix.shape[1]):
             matrix[i, j] = diagonal if i == j else 0
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+def _solve_frames(cholesky: Floats, solved: Floats) -> None:
+    """In place, along the rows of the factors; a frame of zeros is its own solution."""
+    dim = solved.shape[1]
+    for n in range(len(solved)):
+        root, x = cholesky[n], solved[n]
+        if not x.any():
+            continue
+        for i in range(dim):
+            inner = x[i]
+            for k in range(i):
+                inner -= root[i, k] * x[k]
+            x[i] = inner / root[i, i]
+        for i in range(dim - 1, -1, -1):
+            x[i] /= root[i, i]
+            for k in range(i):
+                x[k] -= root[i, k] * x[i]

@@ -75,8 +75,8 @@ def factorize_square(upper: Floats) -> bool:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def solve_square(upper: Floats, lower: Floats, right: Floats) -> None:
-    """``(U'U)^-1`` times a matrix, in place, with L = U'."""
+def solve_lower(upper: Floats, right: Floats) -> None:
+    """``(U')^-1`` times a matrix, in place."""
     size, one = len(right), right.dtype.type(1)
     for i in range(size):
         scale = one / upper[i, i]
@@ -86,6 +86,12 @@ def solve_square(upper: Floats, lower: Floats, right: Floats) -> None:
         add_one(right, upper, right, i, i + 1, end, True)
         if i + 1 == end and end < size:
             add_eight(right, upper, right, end - 8, end, size, True)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def solve_upper(upper: Floats, lower: Floats, right: Floats) -> None:
+    """``U^-1`` times a matrix, in place, with L = U'."""
+    size, one = len(right), right.dtype.type(1)
     for i in range(size - 1, -1, -1):
         scale = one / upper[i, i]
         for j in range(right.shape[1]):
@@ -97,3 +103,22 @@ def solve_square(upper: Floats, lower: Floats, right: Floats) -> None:
         elif i == start:
             for k in range(start, size):
                 add_one(right, lower, right, k, 0, start, True)
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+def solve_upper_vector(upper: Floats, right: Floats) -> None:
+    """``U^-1`` times a vector, in place, along the rows of U."""
+    for i in range(len(right) - 1, -1, -1):
+        rest = right[i]
+        for k in range(i + 1, len(right)):
+            rest -= upper[i, k] * right[k]
+        right[i] = rest / upper[i, i]
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+def dot(left: Floats, right: Floats) -> Any:
+    """Of vectors."""
+    total = left.dtype.type(0)  # a plain zero would make float32 float64
+    for i in range(len(left)):
+        total += left[i] * right[i]
+    return total

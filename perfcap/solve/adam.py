@@ -9,7 +9,7 @@ from typing import Generic
 import torch
 from torch import Tensor
 
-from perfcap.solve.bounds import Bounds, step_box
+from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.layout import Layout
 from perfcap.solve.solution import Solution, Status
@@ -43,10 +43,11 @@ class Adam:
         """Minimise from an initial state within the bounds; see ``solve``."""
         with torch.no_grad():
             run = _Run.start(objective, initial)
+            box = step_box(bounds, initial, run.layout)
             for count in range(1, self.max_steps + 1):
                 if not bool(run.running.any()):
                     break
-                run = _advance(run, self, count, objective, bounds)
+                run = _advance(run, self, count, objective, box)
         return run.solution()
 
 
@@ -82,7 +83,7 @@ class _Run(Generic[StateType]):
 
 
 def _advance(
-    run: _Run[StateType], settings: Adam, count: int, objective: Objective, bounds: Bounds | None
+    run: _Run[StateType], settings: Adam, count: int, objective: Objective, box: StepBox | None
 ) -> _Run[StateType]:
     """Take one step with every running element."""
     first, second = settings.decay
@@ -92,8 +93,8 @@ def _advance(
     direction = mean / (1 - first**count) / spread.clamp(min=torch.finfo(mean.dtype).tiny)
     full = -settings.learning_rate * direction
     step = 0.5 * (1 + math.cos(math.pi * (count - 1) / settings.max_steps)) * full
-    box = step_box(bounds, run.state, run.layout)
     if box is not None:
+        box = box.at_state(run.state, run.layout)
         full, step = box.clamp(full), box.clamp(step)
     promise = -(run.gradient * full).sum(-1)
     converged = run.running & (promise.abs() <= settings.tolerance * _total(run.terms))

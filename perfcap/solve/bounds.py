@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -87,6 +87,10 @@ class StepBox:
     def highest(self) -> Tensor:
         """Largest step."""
         return self.upper - self.at
+
+    def at_state(self, state: State, layout: Layout) -> StepBox:
+        """The same bounds, seen from another state."""
+        return replace(self, at=layout.flatten(state.coordinates()))
 
     def clamp(self, step: Tensor) -> Tensor:
         """The nearest step in the box whose sum with the coordinates stays in it to the last bit.

@@ -16,6 +16,7 @@ import math
 import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.bounds import StepBox
 from perfcap.solve.factorization import Factorization
 from perfcap.solve.inverse_columns import InverseColumns
@@ -48,24 +49,9 @@ def box_step(
     Returns:
         The step, and the multipliers of the bounds that hold it (positive: upper), both (B, N).
     """
-    step, multipliers, columns = newton, torch.zeros_like(newton), None
-    held = multipliers if warm is None else _bounded_sides(warm, box)
-    joining = fresh = held != 0
-    solved = torch.ones_like(joining[:, 0])
-    tolerance = _tolerance(newton, box)
-    for _ in range(_ROUNDS):
-        if bool(joining.any()):
-            columns = _with_columns(columns, factorization, fresh)
-            support = joining | (multipliers != 0)
-            multipliers, solved = _multipliers(columns, newton, box, held, support, tolerance)
-            step = newton - factorization.solve(multipliers)
-        side = _side(step, box)
-        joining = _peaks(_violation(step, box), tolerance, equations.layout) & (side != held)
-        if not bool(joining.any()):
-            break
-        fresh = joining & (held == 0)
-        held = torch.where(joining, side, held)
-    solved = solved & ~joining.any(-1)
+    none = torch.zeros_like(newton)
+    held = none if warm is None else _bounded_sides(warm, box)
+    step, multipliers, solved = _hold_bounds(factorization, newton, box, held)
     # what a multiplier holds is on its bound but for rounding; put it there
     step = torch.where(multipliers > 0, box.highest, step)
     step = box.clamp(torch.where(multipliers < 0, box.lowest, step))
@@ -73,6 +59,34 @@ def box_step(
         descent = _feasible_descent(equations, damping, box, step)
         step = torch.where(solved.unsqueeze(-1), step, descent)
     return step, multipliers
+
+
+def _hold_bounds(
+    factorization: Factorization, newton: Tensor, box: StepBox, held: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Step and multipliers (B, N), from bounds held at first, and whether they are exact (B,)."""
+    tolerance, layout = _tolerance(newton, box), factorization.layout
+    if is_plain(newton, box.lowest, box.highest) and factorization.shared is None:
+        from perfcap.solve import _box_numba
+
+        limits = _ROUNDS, _PIVOTS
+        return _box_numba.box_steps(factorization, newton, box, held, tolerance, limits)
+    step, multipliers, columns = newton, torch.zeros_like(newton), None
+    joining = fresh = held != 0
+    solved = torch.ones_like(joining[:, 0])
+    for _ in range(_ROUNDS):
+        if bool(joining.any()):
+            columns = _with_columns(columns, factorization, fresh)
+            support = joining | (multipliers != 0)
+            multipliers, solved = _multipliers(columns, newton, box, held, support, tolerance)
+            step = newton - factorization.solve(multipliers)
+        side = _side(step, box)
+        joining = _peaks(_violation(step, box), tolerance, layout) & (side != held)
+        if not bool(joining.any()):
+            break
+        fresh = joining & (held == 0)
+        held = torch.where(joining, side, held)
+    return step, multipliers, solved & ~joining.any(-1)
 
 
 def _bounded_sides(multipliers: Tensor, box: StepBox) -> Tensor:

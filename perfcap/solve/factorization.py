@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from perfcap.solve.frame_factors import factorize_frames
+from perfcap.solve.frame_factors import factorize_frames, solve_frames
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.products import apply, apply_transposed
@@ -65,12 +65,12 @@ class Factorization:
         data = equations.frame_gradient
         pulls = torch.cat([window.pull() for window in equations.windows], -1)  # B F E
         prior = apply_transposed(self.window.jacobian, pulls)  # B F D
-        solved = torch.cholesky_solve(torch.stack((data, prior), -1), self.cholesky)
+        solved = solve_frames(self.cholesky, data)
         # U' M^-1 of the prior's gradient is taken as B y' - G y', exactly zero where B y' is
-        features = apply(self.window.jacobian, solved[..., 0]) - apply(self.window.defect, pulls)
+        features = apply(self.window.jacobian, solved) - apply(self.window.defect, pulls)
         in_basis = [window.pull_in_basis().flatten(1) for window in equations.windows]
         right = self.window.to_basis(features) + torch.cat(in_basis, -1)
-        solved = solved.sum(-1) + self.window.correction(right)
+        solved = solved + solve_frames(self.cholesky, prior) + self.window.correction(right)
         return -self._eliminate(solved, equations.shared_gradient)
 
     def frame_half(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
@@ -241,7 +241,7 @@ def _shared_part(
 
 def _solve_frames(cholesky: Tensor, window: WindowPart | None, right: Tensor) -> Tensor:
     """The frames' part of H^-1 on frames (B, F, D)."""
-    solved = _cholesky_solve(right, cholesky)
+    solved = solve_frames(cholesky, right)
     if window is None:
         return solved
     return solved + window.correction(window.to_basis(apply(window.jacobian, solved)))

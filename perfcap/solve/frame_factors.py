@@ -41,3 +41,12 @@ def factorize_frames(
     product[..., :features, :].neg_().diagonal(dim1=-2, dim2=-1).add_(1)
     left = torch.cat((product[..., :features, :], solved), -2)
     return cholesky, solved, left.mT @ product, valid
+
+
+def solve_frames(cholesky: Tensor, right: Tensor) -> Tensor:
+    """``M^-1`` times vectors (B, F, D), of lower factors (B, F, D, D)."""
+    if is_plain(cholesky, right):
+        from perfcap.solve import _frames_numba
+
+        return _frames_numba.solve_frames(cholesky, right)
+    return torch.cholesky_solve(right.unsqueeze(-1), cholesky).squeeze(-1)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.assembly import assemble
-from perfcap.solve.bounds import Bounds, step_box
+from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.box_step import box_step
 from perfcap.solve.damping import Damping, damping_scale
 from perfcap.solve.energy import Objective, StateType
@@ -47,11 +47,11 @@ class LevenbergMarquardt:
     ) -> Solution[StateType]:
         """Minimise from an initial state within the bounds; see ``solve``."""
         with torch.no_grad():
-            run = _start(self, objective, initial)
+            run = _start(self, objective, initial, bounds)
             for _ in range(self.max_steps):
                 if not bool(run.running.any()):
                     break
-                run = _advance(run, self, objective, bounds)
+                run = _advance(run, self, objective)
         return run.solution()
 
 
@@ -60,12 +60,13 @@ class _Run(Generic[StateType]):
     """Where every batch element is; tensors are (B,) unless said otherwise.
 
     ``terms`` and ``energy`` belong to ``state``. ``equations`` do too while an element runs, and
-    are finite in any case. ``multipliers`` (B, N) warm-start the bounds. ``smooth`` says that no
-    step of the last round was rejected.
+    are finite in any case. ``multipliers`` (B, N) warm-start the bounds, which ``box`` holds as
+    seen from some state. ``smooth`` says that no step of the last round was rejected.
     """
 
     state: StateType
     layout: Layout
+    box: StepBox | None
     equations: NormalEquations
     terms: dict[str, Tensor]
     energy: Tensor
@@ -103,13 +104,16 @@ class _Trial(Generic[StateType]):
     accepted: Tensor
 
 
-def _start(settings: LevenbergMarquardt, objective: Objective, state: StateType) -> _Run[StateType]:
+def _start(
+    settings: LevenbergMarquardt, objective: Objective, state: StateType, bounds: Bounds | None
+) -> _Run[StateType]:
     equations = assemble(objective, state)
     finite, energy = equations.finite(), equations.energy
     status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
     return _Run(
         state=state,
         layout=equations.layout,
+        box=step_box(bounds, state, equations.layout),
         equations=equations.where(finite, equations.zeros()),
         terms=equations.terms,
         energy=energy,
@@ -124,10 +128,10 @@ def _start(settings: LevenbergMarquardt, objective: Objective, state: StateType)
 
 
 def _advance(
-    run: _Run[StateType], settings: LevenbergMarquardt, objective: Objective, bounds: Bounds | None
+    run: _Run[StateType], settings: LevenbergMarquardt, objective: Objective
 ) -> _Run[StateType]:
     """Try one step of every running element."""
-    trial = _try(run, objective, bounds)
+    trial = _try(run, objective)
     status = _judge(run, trial, settings)
     rejected = run.running & ~trial.accepted
     moved = replace(
@@ -142,7 +146,7 @@ def _advance(
     return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
 
 
-def _try(run: _Run[StateType], objective: Objective, bounds: Bounds | None) -> _Trial[StateType]:
+def _try(run: _Run[StateType], objective: Objective) -> _Trial[StateType]:
     """Solve the damped model within the bounds and evaluate the energy at its minimum.
 
     While steps succeed the trial is linearized at once, which gives its energy too; after a
@@ -155,8 +159,8 @@ def _try(run: _Run[StateType], objective: Objective, bounds: Bounds | None) -> _
     valid = run.running & factorization.valid & newton.isfinite().all(-1)
     newton = torch.where(valid.unsqueeze(-1), newton, 0)
     step, multipliers = newton, run.multipliers
-    box = step_box(bounds, run.state, layout)
-    if box is not None:
+    if run.box is not None:
+        box = run.box.at_state(run.state, layout)
         warm = torch.where(valid.unsqueeze(-1), multipliers, 0)
         step, multipliers = box_step(run.equations, factorization, damping, newton, box, warm)
         valid = valid & step.isfinite().all(-1)

@@ -63,6 +63,22 @@ def test_warm_start_gives_the_same_step():
         torch.testing.assert_close(again, cold, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("width", [1.0, 0.1, 0.01])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("warm", [False, True])
+def test_compiled_loops_give_the_same_step(kind, width, warm):
+    _, _, equations, damping, box = subproblem(kind, width)
+    factorization = factorize(equations, damping)
+    newton = factorization.newton_step(equations)
+    newton[0, :3] *= 3
+    signs = torch.randn(newton.shape, generator=torch.Generator().manual_seed(5)).double().sign()
+    given = equations, factorization, damping
+    compiled = box_step(*given, newton, box, signs if warm else None)
+    plain = box_step(*given, newton.clone().requires_grad_(), box, signs if warm else None)
+    for own, other in zip(compiled, plain, strict=True):
+        torch.testing.assert_close(own, other.detach(), rtol=1e-7, atol=1e-9 * newton.abs().max())
+
+
 def test_equal_bounds_fix_a_coordinate():
     _, _, equations, damping, box = subproblem("stiff window", 0.1)
     box = StepBox(box.at, box.lower.clone(), box.upper.clone())

@@ -1,0 +1,301 @@
+"""Box-constrained steps as compiled loops, for plain tensors on the CPU.
+
+Says the same as ``box_step.py`` in torch, which tests hold it equal to, one batch element after
+the other. Steps are taken from the columns of the inverse that are at hand anyway, so a round
+costs a fraction of a solve. There are no shared unknowns here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.solve._nonnegative_numba import solve_nonnegative
+from perfcap.solve._products_numba import dot, solve_lower, solve_upper_vector
+from perfcap.solve.bounds import StepBox
+from perfcap.solve.factorization import Factorization
+
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.int64]
+
+
+class _Model(NamedTuple):
+    """A factorization: H^-1 = M^-1 + M^-1 U (R' R)^-1 U' M^-1 with R x R upper ``root``."""
+
+    cholesky: Floats  # lower factors of M_f, (B, F, D, D)
+    solved: Floats  # Y, (B, F, D, E)
+    bases: Floats  # of all window energies, one above the other, (K, F)
+    time: Indices  # row of the bases that each row of the root belongs to, (R,)
+    feature: Indices  # the feature, likewise, (R,)
+    root: Floats  # (B, R, R)
+
+
+class _Columns(NamedTuple):
+    """``E' H^-1 E`` and its halves for unit vectors E; see ``InverseColumns``."""
+
+    unknowns: Indices  # (m,)
+    own: Floats  # (m, D)
+    common: Floats  # (m, R)
+    block: Floats  # (m, m)
+
+
+def box_steps(
+    factorization: Factorization,
+    newton: Tensor,
+    box: StepBox,
+    held: Tensor,
+    tolerance: Tensor,
+    limits: tuple[int, int],
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Steps and multipliers (B, N), and whether they are exact (B,).
+
+    Args:
+        factorization: without shared unknowns.
+        newton: the unconstrained minimiser, (B, N).
+        box: bounds on the step.
+        held: sides of the bounds to begin with, 0 for none, (B, N).
+        tolerance: violations that are rounding, (B, 1).
+        limits: most rounds of joining bounds, and of each nonnegative program.
+    """
+    step, multipliers = newton.clone(), torch.zeros_like(newton)
+    exact = torch.zeros_like(newton[:, 0], dtype=torch.bool)
+    given = (_plain(x) for x in (newton, box.lowest, box.highest, held.clone(), tolerance))
+    outcome = step.numpy(), multipliers.numpy(), exact.numpy()
+    _solve_all(_model(factorization), *given, *limits, *outcome)
+    return step, multipliers, exact
+
+
+def _model(factorization: Factorization) -> _Model:
+    cholesky, window = factorization.cholesky, factorization.window
+    bases = () if window is None else window.bases
+    sizes = [] if window is None else window.sizes
+    time, feature = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for k, (basis, size) in enumerate(zip(bases, sizes, strict=True)):
+        first = sum(map(len, bases[:k])), sum(sizes[:k])
+        time.append(np.repeat(np.arange(first[0], first[0] + len(basis)), size))
+        feature.append(np.tile(np.arange(first[1], first[1] + size), len(basis)))
+    batch, frames = cholesky.shape[:2]
+    return _Model(
+        _plain(cholesky),
+        _plain(cholesky[..., :0] if window is None else window.solved),
+        _plain(torch.cat((cholesky.new_empty(0, frames), *bases))),
+        np.concatenate(time),
+        np.concatenate(feature),
+        _plain(cholesky.new_empty(batch, 0, 0) if window is None else window.cholesky.mT),
+    )
+
+
+def _plain(tensor: Tensor) -> NDArray[Any]:
+    """Contiguous, as another memory layout would compile the kernels once more."""
+    return np.ascontiguousarray(tensor.detach().numpy())
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _solve_all(
+    model: _Model,
+    newton: Floats,
+    lowest: Floats,
+    highest: Floats,
+    held: Floats,
+    tolerance: Floats,
+    rounds: int,
+    pivots: int,
+    step: Floats,
+    multipliers: Floats,
+    exact: NDArray[np.bool_],
+) -> None:
+    """All batch elements; ``held`` is used up, ``step`` comes as ``newton``."""
+    dim = model.cholesky.shape[2]
+    for b in range(len(newton)):
+        columns = _no_columns(model)
+        joins = held[b] != 0
+        fresh = np.flatnonzero(joins)
+        solved = True
+        for _ in range(rounds):
+            if joins.any():
+                columns = _with_columns(model, b, columns, fresh)
+                solved = _hold(
+                    columns,
+                    newton[b],
+                    lowest[b],
+                    highest[b],
+                    held[b],
+                    joins,
+                    tolerance[b, 0],
+                    pivots,
+                    multipliers[b],
+                )
+                step[b] = newton[b]
+                _pull_back(model, b, columns, multipliers[b], step[b])
+            fresh = _join(step[b], lowest[b], highest[b], held[b], joins, tolerance[b, 0], dim)
+            if not joins.any():
+                break
+        exact[b] = solved and not joins.any()
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _no_columns(model: _Model) -> _Columns:
+    nothing = np.empty((0, 0), model.root.dtype)
+    dim, rows = model.cholesky.shape[2], model.root.shape[1]
+    return _Columns(
+        np.empty(0, np.int64), nothing.reshape(0, dim), nothing.reshape(0, rows), nothing
+    )
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _with_columns(model: _Model, b: int, columns: _Columns, fresh: Indices) -> _Columns:
+    """The columns, and those at ``fresh`` unknowns after them."""
+    if len(fresh) == 0:
+        return columns
+    old, dim = len(columns.unknowns), model.cholesky.shape[2]
+    size = old + len(fresh)
+    index = np.empty(size, np.int64)
+    own = np.zeros((size, dim), model.root.dtype)
+    common = np.empty((size, model.root.shape[1]), model.root.dtype)
+    block = np.empty((size, size), model.root.dtype)
+    index[:old], own[:old], common[:old] = columns.unknowns, columns.own, columns.common
+    block[:old, :old] = columns.block
+    index[old:] = fresh
+    _halve_frames(model.cholesky[b], fresh, own[old:])
+    _halve_windows(model, b, fresh, common[old:])
+    for i in range(old, size):
+        for j in range(i + 1):
+            product = dot(common[i], common[j])
+            if index[i] // dim == index[j] // dim:
+                product += dot(own[i], own[j])
+            block[i, j] = block[j, i] = product
+    return _Columns(index, own, common, block)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _halve_frames(cholesky: Floats, fresh: Indices, own: Floats) -> None:
+    """``L_f^-1 e`` of unit vectors, by rows that come as zeros: nothing precedes their entry."""
+    dim = cholesky.shape[1]
+    for m in range(len(fresh)):
+        root, first, x = cholesky[fresh[m] // dim], fresh[m] % dim, own[m]
+        x[first] = 1
+        for i in range(first, dim):
+            for k in range(first, i):
+                x[i] -= root[i, k] * x[k]
+            x[i] /= root[i, i]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _halve_windows(model: _Model, b: int, fresh: Indices, common: Floats) -> None:
+    """``(R')^-1 U' M^-1 e`` of unit vectors, by rows."""
+    dim, rows = model.cholesky.shape[2], len(model.time)
+    right = np.empty((rows, len(fresh)), common.dtype)
+    for m in range(len(fresh)):
+        frame, inner = fresh[m] // dim, fresh[m] % dim
+        for r in range(rows):
+            seen = model.solved[b, frame, inner, model.feature[r]]
+            right[r, m] = model.bases[model.time[r], frame] * seen
+    solve_lower(model.root[b], right)
+    for m in range(len(fresh)):
+        for r in range(rows):
+            common[m, r] = right[r, m]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _hold(
+    columns: _Columns,
+    newton: Floats,
+    lowest: Floats,
+    highest: Floats,
+    held: Floats,
+    joins: NDArray[np.bool_],
+    tolerance: float,
+    pivots: int,
+    multipliers: Floats,
+) -> bool:
+    """Multipliers that keep the held bounds; whether they are exact."""
+    index = columns.unknowns
+    size = len(index)
+    matrix, excess = np.empty_like(columns.block), np.empty(size, newton.dtype)
+    support, value = np.empty(size, np.bool_), np.empty(size, newton.dtype)
+    for i in range(size):
+        n = index[i]
+        bound = highest[n] if held[n] > 0 else lowest[n]
+        excess[i] = held[n] * (newton[n] - bound)
+        support[i] = joins[n] or multipliers[n] != 0
+        for j in range(size):
+            matrix[i, j] = held[n] * held[index[j]] * columns.block[i, j]
+    exact: bool = solve_nonnegative(matrix, excess, tolerance, support, pivots, value)
+    multipliers[:] = 0
+    for i in range(size):
+        multipliers[index[i]] = held[index[i]] * value[i]
+    return exact
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _pull_back(model: _Model, b: int, columns: _Columns, multipliers: Floats, step: Floats) -> None:
+    """``step -= H^-1 multipliers``, from the halves of its columns."""
+    frames, dim = model.cholesky.shape[1], model.cholesky.shape[2]
+    rows, features = len(model.time), model.solved.shape[3]
+    pull = np.zeros((frames, dim), step.dtype)
+    across = np.zeros(rows, step.dtype)
+    for i in range(len(columns.unknowns)):
+        share = multipliers[columns.unknowns[i]]
+        if share != 0:
+            frame = columns.unknowns[i] // dim
+            for k in range(dim):
+                pull[frame, k] += share * columns.own[i, k]
+            for r in range(rows):
+                across[r] += share * columns.common[i, r]
+    solve_upper_vector(model.root[b], across)
+    spread = np.zeros((frames, features), step.dtype)
+    for r in range(rows):
+        for frame in range(frames):
+            spread[frame, model.feature[r]] += model.bases[model.time[r], frame] * across[r]
+    for frame in range(frames):
+        _solve_transposed(model.cholesky[b, frame], pull[frame])
+        for i in range(dim):
+            own = dot(model.solved[b, frame, i], spread[frame])
+            step[frame * dim + i] -= pull[frame, i] + own
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _solve_transposed(lower: Floats, right: Floats) -> None:
+    """``(L')^-1`` times a vector, in place, along the rows of L; zeros are their own solution."""
+    if not right.any():
+        return
+    for i in range(len(right) - 1, -1, -1):
+        right[i] /= lower[i, i]
+        for k in range(i):
+            right[k] -= lower[i, k] * right[i]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _join(
+    step: Floats,
+    lowest: Floats,
+    highest: Floats,
+    held: Floats,
+    joins: NDArray[np.bool_],
+    tolerance: float,
+    dim: int,
+) -> Indices:
+    """Find the bounds that join, hold them, and return those that were not held yet.
+
+    They are the worst among their neighbours in time.
+    """
+    violation = np.maximum(step - highest, lowest - step)
+    size, count = len(step), 0
+    fresh = np.empty(size, np.int64)
+    for n in range(size):
+        worst = violation[n] > tolerance
+        worst = worst and (n < dim or violation[n] >= violation[n - dim])
+        worst = worst and (n + dim >= size or violation[n] >= violation[n + dim])
+        side = 1 if step[n] - highest[n] > lowest[n] - step[n] else -1
+        joins[n] = worst and side != held[n]
+        if joins[n]:
+            if held[n] == 0:
+                fresh[count] = n
+                count += 1
+            held[n] = side
+    return fresh[:count]
