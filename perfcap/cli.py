@@ -85,6 +85,38 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Render:
+    """Draw a finished capture from any camera, as a video."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture; nothing else is needed."""
+    out: Path
+    """The video, .mp4."""
+    orbit: float | None = None
+    """Degrees that the camera goes around the person; 360 if no camera is given."""
+    camera: Path | None = None
+    """See it from the camera of a calibration file, fixed or moving, instead."""
+    view: str | None = None
+    """Which view of that file; the first if not given."""
+    size: tuple[int, int] | None = None
+    """Width and height in pixels; 720 720, or the camera's."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+    freeze: int | None = None
+    """Show this frame only, while the camera moves."""
+    seconds: float | None = None
+    """How long a frozen frame is shown; 4."""
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the world points up; auto: the one along which the person stands."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.render import RenderRequest, run_render
+
+        return run_render(RenderRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
 class Doctor:
     """Check the installation and, before any solve, the inputs."""
 
@@ -108,6 +140,7 @@ Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Capture, tyro.conf.subcommand("capture")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 
@@ -115,7 +148,7 @@ Command = (
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
-    command: Demo | Capture | Evaluate | Doctor = tyro.cli(
+    command: Demo | Capture | Evaluate | Render | Doctor = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,

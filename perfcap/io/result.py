@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
@@ -74,6 +75,11 @@ class Result:
         vertices: NDArray[np.float32] = posed.float().numpy()
         return vertices
 
+    @property
+    def shown(self) -> ResultFrames:
+        """The vertices as tensors, for drawing."""
+        return ResultFrames(self)
+
     def blocks(self, size: int = BLOCK) -> Iterator[NDArray[np.float32]]:
         """Vertices of all frames in order, ``size`` frames at a time."""
         for start in range(0, self.frames, size):
@@ -83,6 +89,21 @@ class Result:
     def _skin(self) -> SkinWeights:
         template = self.template
         return SkinWeights(torch.tensor(template.weights), torch.tensor(template.weight_bones))
+
+
+@dataclass(frozen=True, eq=False)
+class ResultFrames:
+    """``frames[span]`` are the vertices of a span of frames, (f, V, 3) float32 m."""
+
+    result: Result
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.result.frames
+
+    def __getitem__(self, span: slice) -> Tensor:
+        return torch.from_numpy(self.result.vertices(span))
 
 
 def read_result(folder: str | Path) -> Result:

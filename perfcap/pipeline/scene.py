@@ -16,7 +16,7 @@ from perfcap.render import DAYLIGHT, Lighting
 _HEAD = LANDMARKS.index("head_top")
 _ANKLES = [LANDMARKS.index(name) for name in ("l_ankle", "r_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("l_hip", "r_hip")]
-_GROUND = 0.05  # quantile over frames of the lowest vertex: most frames touch the ground
+_GROUND = 0.3  # quantile over frames of the lowest vertex: feet sink in rather than float
 _LOOKED_AT = 200  # frames at most
 
 
@@ -35,22 +35,30 @@ class Scene:
     ground: float
 
     @classmethod
-    def around(cls, joints: Tensor, surface: SurfaceFrames, up: Tensor | None = None) -> Self:
+    def around(
+        cls,
+        joints: Tensor,
+        surface: SurfaceFrames,
+        up: Tensor | None = None,
+        shown: slice = slice(None),
+    ) -> Self:
         """The scene of a capture.
 
         Args:
             joints: landmarks, (F, 16, 3) m.
             surface: vertices of the F frames.
             up: known direction; the axis along which the person stands if None.
+            shown: consecutive frames that matter: the ground is the one under these.
         """
         up = upright(joints) if up is None else up.to(joints)
-        lowest = []
-        step = BLOCK * max(1, surface.frames // _LOOKED_AT)
-        for start in range(0, surface.frames, step):
-            some = surface[start : start + BLOCK].to(joints)
-            lowest.append((some @ up).amin(-1))
+        first, stop, _ = shown.indices(surface.frames)
+        step = BLOCK * max(1, (stop - first) // _LOOKED_AT)
+        lowest = [
+            (surface[start : min(start + BLOCK, stop)].to(joints) @ up).amin(-1)
+            for start in range(first, stop, step)
+        ]
         ground = torch.quantile(torch.cat(lowest), _GROUND)
-        return cls(up, facing(joints[0], up), float(ground))
+        return cls(up, facing(joints[first], up), float(ground))
 
     @property
     def lighting(self) -> Lighting:

@@ -98,12 +98,15 @@ def shade_ground(
     up = unit(lighting.up, vertices)
     towards_sun = cone(unit(lighting.towards_sun, vertices), SUN_SPREAD, sun)
     overhead = cosine_hemisphere(up, sky)
-    sun_taken = _covered(camera, vertices, faces, towards_sun, up, ground)[..., None]
-    sky_taken = _covered(camera, vertices, faces, overhead, up, ground)[..., None]
+    sun_taken = _covered(camera, vertices, faces, towards_sun, up, ground)
+    sky_taken = _covered(camera, vertices, faces, overhead, up, ground)
+    row, column = torch.nonzero(sun_taken + sky_taken, as_tuple=True)
     sun_light, sky_light = lighting.parts(up[None].float())
-    taken = sun_taken * sun_light + sky_taken * sky_light
-    darker = to_srgb(to_linear(image) * (1 - taken / lighting.on(up[None].float())))
-    return torch.where(sun_taken + sky_taken > 0, darker, image)
+    taken = sun_taken[row, column, None] * sun_light + sky_taken[row, column, None] * sky_light
+    left = 1 - taken / lighting.on(up[None].float())
+    darker = image.clone()
+    darker[row, column] = to_srgb(to_linear(image[row, column]) * left)
+    return darker
 
 
 def cone(axis: Tensor, half_angle: float, count: int) -> Tensor:

@@ -1,0 +1,119 @@
+"""``perfcap render``: a finished capture as a video from any camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from perfcap.app.console import progress_bars
+from perfcap.app.inputs import parse_frames
+from perfcap.errors import InputError
+from perfcap.io.calibration import read_cameras
+from perfcap.io.result import Result, read_result
+from perfcap.io.view_names import find_view
+from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
+from perfcap.pipeline.free_view import free_view, save_free_view
+from perfcap.pipeline.scene import Scene, axis
+
+_SIZE = (720, 720)  # px, height and width
+_TURN = 360.0  # degrees
+_SECONDS = 4.0  # of a frozen frame
+_LONGEST = 600.0  # s
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """What the command line asks for; see ``perfcap render --help``."""
+
+    folder: Path
+    out: Path
+    orbit: float | None = None
+    camera: Path | None = None
+    view: str | None = None
+    size: tuple[int, int] | None = None
+    frames: str | None = None
+    freeze: int | None = None
+    seconds: float | None = None
+    up: str = "auto"
+
+
+def run_render(request: RenderRequest) -> int:
+    """Write the video; returns the exit code.
+
+    Raises:
+        InputError: bad input, in one line; nothing has been written then.
+    """
+    _check(request)
+    result = read_result(request.folder)
+    rows = _rows(request, result)
+    joints = torch.from_numpy(result.joints)
+    up = None if request.up == "auto" else axis(request.up)
+    scene = Scene.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
+    path = _path(request, result, scene, rows)
+    pictures = free_view(result.template, result.shown, scene, path)
+    with progress_bars() as tell:
+        save_free_view(
+            request.out,
+            pictures,
+            len(path),
+            result.rate,
+            lambda done, total: tell("render", done, total),
+        )
+    return 0
+
+
+def _check(request: RenderRequest) -> None:
+    if request.out.suffix.lower() != ".mp4":
+        raise InputError(f"--out {request.out}: expected the name of a video that ends in .mp4")
+    if not request.out.parent.is_dir():
+        raise InputError(f"--out {request.out}: no folder {request.out.parent}; make it first")
+    if request.camera is not None and request.orbit is not None:
+        raise InputError(
+            "--orbit and --camera: expected one of them; the camera of a file is fixed"
+        )
+    if request.view is not None and request.camera is None:
+        raise InputError(f"--view {request.view}: names a view of --camera FILE, which is missing")
+    if request.freeze is not None and request.frames is not None:
+        raise InputError("--frames and --freeze: expected one of them; a frozen frame is alone")
+    if request.seconds is not None and request.freeze is None:
+        raise InputError("--seconds: is the length of a frozen frame; add --freeze FRAME")
+    if request.seconds is not None and not 0 < request.seconds <= _LONGEST:
+        raise InputError(f"--seconds {request.seconds}: expected more than 0, at most {_LONGEST:g}")
+
+
+def _rows(request: RenderRequest, result: Result) -> list[int]:
+    """The frame of the result that each picture shows; options count as the video does."""
+    numbers = result.frame_numbers.tolist()
+    held = f"{request.folder} holds frames {numbers[0]} to {numbers[-1]}"
+    if request.freeze is not None:
+        if request.freeze not in numbers:
+            raise InputError(f"--freeze {request.freeze}: {held}; expected one of them")
+        length = _SECONDS if request.seconds is None else request.seconds
+        return [numbers.index(request.freeze)] * max(1, round(length * result.rate))
+    part = parse_frames(request.frames)
+    stop = numbers[-1] + 1 if part.stop is None else part.stop
+    rows = [row for row, number in enumerate(numbers) if part.start <= number < stop]
+    if not rows:
+        raise InputError(f"--frames {request.frames}: {held}; expected a part of them")
+    return rows
+
+
+def _path(request: RenderRequest, result: Result, scene: Scene, rows: Sequence[int]) -> CameraPath:
+    size = None if request.size is None else (request.size[1], request.size[0])
+    if request.camera is None:
+        joints = torch.from_numpy(result.joints)
+        degrees = _TURN if request.orbit is None else request.orbit
+        return orbit(joints, scene, rows, size or _SIZE, result.rate, degrees)
+    rig = read_cameras(request.camera, None if size is None else [size])
+    view = 0
+    if request.view is not None:
+        found = find_view(request.view, rig.names)
+        if found is None:
+            known = ", ".join(rig.names)
+            raise InputError(f"--view {request.view}: {request.camera} has the views {known}")
+        view = found
+    numbers = result.frame_numbers[list(rows)].tolist()
+    return calibrated(rig.cameras.select([view]), rows, numbers, size)
