@@ -15,7 +15,7 @@ from perfcap.io.calibration import read_cameras
 from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
-from perfcap.pipeline.free_view import free_view, save_free_view
+from perfcap.pipeline.free_view import draw_free_view, save_free_view
 from perfcap.pipeline.scene import Scene, axis
 
 _SIZE = (720, 720)  # px, height and width
@@ -53,7 +53,7 @@ def run_render(request: RenderRequest) -> int:
     up = None if request.up == "auto" else axis(request.up)
     scene = Scene.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
     path = _path(request, result, scene, rows)
-    pictures = free_view(result.template, result.shown, scene, path)
+    pictures = draw_free_view(result.template, result.shown, scene, path)
     with progress_bars() as tell:
         save_free_view(
             request.out,

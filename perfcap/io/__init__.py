@@ -6,6 +6,9 @@ from perfcap.io.calibration import CameraRig, PixelMap, read_cameras, read_pixel
 from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.gltf import load_template, save_animation
+from perfcap.io.mask_files import save_masks
+from perfcap.io.result import Result, read_result
+from perfcap.io.surface_file import SurfaceFile, open_surface, save_surface
 from perfcap.io.video_writer import VideoWriter
 
 __all__ = [
@@ -13,15 +16,21 @@ __all__ = [
     "CameraRig",
     "Clip",
     "PixelMap",
+    "Result",
+    "SurfaceFile",
     "VideoWriter",
     "find_actor",
     "load_actor",
     "load_bvh",
     "load_template",
     "models_folder",
+    "open_surface",
     "read_cameras",
     "read_detections",
     "read_pixel_map",
+    "read_result",
     "save_animation",
     "save_bvh",
+    "save_masks",
+    "save_surface",
 ]

@@ -1,5 +1,6 @@
 """The job, stage by stage."""
 
+from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
 from perfcap.pipeline.config import (
     BoneConfig,
     PoseConfig,
@@ -8,31 +9,44 @@ from perfcap.pipeline.config import (
     ReprojectionConfig,
     TrajectoryConfig,
 )
+from perfcap.pipeline.free_view import draw_free_view, save_free_view
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
-from perfcap.pipeline.overlay import save_overlay
+from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
+from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import WindowReport
 
 __all__ = [
     "MONOPERFCAP",
     "PRESETS",
     "BoneConfig",
+    "CameraPath",
     "CaptureConfig",
     "Performance",
     "PoseConfig",
     "PositionConfig",
     "PriorConfig",
     "ReprojectionConfig",
+    "Scene",
+    "SkinnedSurface",
     "Stage",
     "StageReport",
+    "StoredSurface",
+    "SurfaceFrames",
     "TrajectoryConfig",
     "WindowReport",
     "angle_bounds",
+    "calibrated",
     "capture",
+    "draw_free_view",
+    "orbit",
     "pose_objective",
+    "save_free_view",
     "save_overlay",
+    "save_textured",
     "trajectory_prior",
 ]

@@ -82,7 +82,7 @@ class Moment:
         return picture
 
 
-def free_view(
+def draw_free_view(
     template: Template, surface: SurfaceFrames, scene: Scene, path: CameraPath
 ) -> Iterator[Image]:
     """Pictures (H, W, 3) of a capture along a camera path, drawn by all cores.
@@ -106,7 +106,7 @@ def save_free_view(
     rate: float,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write the pictures of ``free_view`` as an H.264 video.
+    """Write the pictures of ``draw_free_view`` as an H.264 video.
 
     Raises:
         InputError: the place cannot be written.

@@ -12,7 +12,7 @@ from takes import sway
 
 from perfcap.pipeline import free_view as module
 from perfcap.pipeline.camera_path import CameraPath, orbit
-from perfcap.pipeline.free_view import Studio, free_view, save_free_view
+from perfcap.pipeline.free_view import Studio, draw_free_view, save_free_view
 from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
 from perfcap.render import ProjectedMesh
@@ -30,7 +30,7 @@ def path(frames: list[int], degrees: float = 360.0) -> CameraPath:
 
 
 def pictures(frames: list[int]) -> np.ndarray:
-    return np.stack(list(free_view(PERSON.template, SURFACE, SCENE, path(frames))))
+    return np.stack(list(draw_free_view(PERSON.template, SURFACE, SCENE, path(frames))))
 
 
 def test_the_person_is_where_the_camera_sees_them() -> None:
@@ -86,7 +86,7 @@ def test_a_frozen_frame_is_read_and_lit_once(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(
         module, "visibility", lambda *a, real=module.visibility: lit.append(0) or real(*a)
     )
-    list(free_view(PERSON.template, Counting(), SCENE, path([9] * 5)))
+    list(draw_free_view(PERSON.template, Counting(), SCENE, path([9] * 5)))
     assert len(lit) == 1 and len(calls) == 2
 
 
@@ -102,7 +102,7 @@ def test_long_captures_are_read_in_blocks() -> None:
 
     joints = JOINTS[:1].expand(200, -1, -1)
     seen = orbit(joints, SCENE, range(50, 90), (16, 16), 30.0)
-    assert len(list(free_view(PERSON.template, Long(), SCENE, seen))) == 40
+    assert len(list(draw_free_view(PERSON.template, Long(), SCENE, seen))) == 40
     assert max(len(span) for span in spans) <= 16 and len(spans) <= 4
 
 
@@ -112,7 +112,7 @@ def test_cameras_in_or_far_from_the_person_are_harmless(away: float) -> None:
     eye = JOINTS[0].mean(0) + torch.tensor([0.0, 0.0, away], dtype=torch.float64)
     shift = -(here.cameras.rotation @ eye[:, None]).squeeze(-1)
     inside = CameraPath(here.frames, replace(here.cameras, translation=shift))
-    (picture,) = free_view(PERSON.template, SURFACE, SCENE, inside)
+    (picture,) = draw_free_view(PERSON.template, SURFACE, SCENE, inside)
     assert picture.shape == (*SIZE, 3)
 
 
@@ -120,7 +120,7 @@ def test_the_video_holds_every_picture(tmp_path: Path) -> None:
     file = tmp_path / "a view.mp4"
     told: list[tuple[int, int]] = []
     seen = path([0, 5, 10])
-    drawn = free_view(PERSON.template, SURFACE, SCENE, seen)
+    drawn = draw_free_view(PERSON.template, SURFACE, SCENE, seen)
     save_free_view(file, drawn, 3, 25.0, lambda *at: told.append(at))
     with av.open(str(file)) as container:
         stream = container.streams.video[0]
