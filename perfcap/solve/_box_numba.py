@@ -113,11 +113,10 @@ def _solve_all(
     dim = model.cholesky.shape[2]
     for b in range(len(newton)):
         columns = _no_columns(model)
-        joins = held[b] != 0
-        fresh = np.flatnonzero(joins)
-        solved = True
+        joins, fresh = _begin(held[b])
+        solved, joining = True, len(fresh) > 0
         for _ in range(rounds):
-            if joins.any():
+            if joining:
                 columns = _with_columns(model, b, columns, fresh)
                 solved = _hold(
                     columns,
@@ -130,20 +129,36 @@ def _solve_all(
                     pivots,
                     multipliers[b],
                 )
-                step[b] = newton[b]
+                _copy(newton[b], step[b])
                 _pull_back(model, b, columns, multipliers[b], step[b])
             fresh = _join(step[b], lowest[b], highest[b], held[b], joins, tolerance[b, 0], dim)
-            if not joins.any():
+            joining = joins.any()
+            if not joining:
                 break
-        exact[b] = solved and not joins.any()
+        exact[b] = solved and not joining
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _begin(held: Floats) -> tuple[NDArray[np.bool_], Indices]:
+    """Which bounds are held at first, as flags and as indices."""
+    joins, fresh, count = np.zeros(len(held), np.bool_), np.empty(len(held), np.int64), 0
+    for n in range(len(held)):
+        if held[n] != 0:
+            joins[n] = True
+            fresh[count] = n
+            count += 1
+    return joins, fresh[:count]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _no_columns(model: _Model) -> _Columns:
-    nothing = np.empty((0, 0), model.root.dtype)
-    dim, rows = model.cholesky.shape[2], model.root.shape[1]
+    dtype = model.root.dtype
+    dim, rows = model.cholesky.shape[2], len(model.time)
     return _Columns(
-        np.empty(0, np.int64), nothing.reshape(0, dim), nothing.reshape(0, rows), nothing
+        np.empty(0, np.int64),
+        np.empty((0, dim), dtype),
+        np.empty((0, rows), dtype),
+        np.empty((0, 0), dtype),
     )
 
 
@@ -156,11 +171,15 @@ def _with_columns(model: _Model, b: int, columns: _Columns, fresh: Indices) -> _
     size = old + len(fresh)
     index = np.empty(size, np.int64)
     own = np.zeros((size, dim), model.root.dtype)
-    common = np.empty((size, model.root.shape[1]), model.root.dtype)
+    common = np.empty((size, len(model.time)), model.root.dtype)
     block = np.empty((size, size), model.root.dtype)
-    index[:old], own[:old], common[:old] = columns.unknowns, columns.own, columns.common
-    block[:old, :old] = columns.block
-    index[old:] = fresh
+    for i in range(old):
+        index[i] = columns.unknowns[i]
+        _copy(columns.own[i], own[i])
+        _copy(columns.common[i], common[i])
+        _copy(columns.block[i], block[i])
+    for i in range(old, size):
+        index[i] = fresh[i - old]
     _halve_frames(model.cholesky[b], fresh, own[old:])
     _halve_windows(model, b, fresh, common[old:])
     for i in range(old, size):
@@ -170,6 +189,13 @@ def _with_columns(model: _Model, b: int, columns: _Columns, fresh: Indices) -> _
                 product += dot(own[i], own[j])
             block[i, j] = block[j, i] = product
     return _Columns(index, own, common, block)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _copy(source: Floats, target: Floats) -> None:
+    """Into the beginning of a row; assigning slices would take seconds to compile."""
+    for i in range(len(source)):
+        target[i] = source[i]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -261,9 +287,7 @@ def _pull_back(model: _Model, b: int, columns: _Columns, multipliers: Floats, st
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _solve_transposed(lower: Floats, right: Floats) -> None:
-    """``(L')^-1`` times a vector, in place, along the rows of L; zeros are their own solution."""
-    if not right.any():
-        return
+    """``(L')^-1`` times a vector, in place, along the rows of L."""
     for i in range(len(right) - 1, -1, -1):
         right[i] /= lower[i, i]
         for k in range(i):
@@ -284,9 +308,10 @@ def _join(
 
     They are the worst among their neighbours in time.
     """
-    violation = np.maximum(step - highest, lowest - step)
     size, count = len(step), 0
-    fresh = np.empty(size, np.int64)
+    violation, fresh = np.empty_like(step), np.empty(size, np.int64)
+    for n in range(size):
+        violation[n] = max(step[n] - highest[n], lowest[n] - step[n])
     for n in range(size):
         worst = violation[n] > tolerance
         worst = worst and (n < dim or violation[n] >= violation[n - dim])

@@ -124,12 +124,10 @@ def _set(matrix: Floats, diagonal: int) -> None:
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
 def _solve_frames(cholesky: Floats, solved: Floats) -> None:
-    """In place, along the rows of the factors; a frame of zeros is its own solution."""
+    """In place, along the rows of the factors."""
     dim = solved.shape[1]
     for n in range(len(solved)):
         root, x = cholesky[n], solved[n]
-        if not x.any():
-            continue
         for i in range(dim):
             inner = x[i]
             for k in range(i):

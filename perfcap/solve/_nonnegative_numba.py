@@ -25,7 +25,8 @@ def solve_nonnegative(
 ) -> bool:
     """``NonnegativeProgram.solve`` into ``value``; a guess of the ``support`` is used up."""
     best = np.empty_like(value)
-    value[:] = 0
+    for i in range(len(value)):
+        value[i] = 0
     for _ in range(rounds):
         if not _minimize_on(matrix, target, support, best):
             return False
@@ -40,19 +41,23 @@ def solve_nonnegative(
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _minimize_on(matrix: Floats, target: Floats, support: Flags, best: Floats) -> bool:
     """Minimum over the entries of the support, zero elsewhere; False if there is none."""
-    index = np.flatnonzero(support)
-    upper = np.empty((len(index), len(index)), matrix.dtype)
-    right = np.empty((len(index), 1), matrix.dtype)
-    for i in range(len(index)):
+    index, count = np.empty(len(support), np.int64), 0
+    for i in range(len(support)):
+        best[i] = 0
+        if support[i]:
+            index[count] = i
+            count += 1
+    upper = np.empty((count, count), matrix.dtype)
+    right = np.empty((count, 1), matrix.dtype)
+    for i in range(count):
         right[i, 0] = target[index[i]]
-        for j in range(len(index)):
+        for j in range(count):
             upper[i, j] = matrix[index[i], index[j]]
     if not factorize_square(upper):
         return False
     solve_lower(upper, right)
     solve_upper_vector(upper, right[:, 0])
-    best[:] = 0
-    for i in range(len(index)):
+    for i in range(count):
         best[index[i]] = right[i, 0]
     return True
 
