@@ -65,7 +65,7 @@ def occluding_contour(
     depth: Floats,
     mesh: MeshEdges,
     label_map: LabelMap,
-    spacing: float = 2.5,
+    spacing: float = 3.0,
     gap: float = 0.03,
 ) -> ModelContour:
     """Visible contour points of a projected mesh.

@@ -72,13 +72,14 @@ def support(
     """
     if not len(chosen):
         return np.zeros(0)
-    # a third of the points, which come in no order along the contour, tell as much as all
+    # a part of the points, which come in no order along the contour, tell as much as all
     asked = np.arange(0, len(points), _EVERY)
     ranks = [*range(1, min(neighbours, len(asked)) + 1)]
     gap, index = cKDTree(points[asked]).query(points[chosen], k=ranks, distance_upper_bound=radius)
     none = np.isinf(gap)
     index = np.where(none, chosen[:, None], asked[np.where(none, 0, index)])
-    alike = np.einsum("nkx,nx->nk", normals[index], normals[chosen]) > 0.5
+    x, y = normals.T
+    alike = x[index] * x[chosen, None] + y[index] * y[chosen, None] > 0.5
     near = (index != chosen[:, None]) & alike & (counts[index] | ~counts[chosen][:, None])
     with np.errstate(invalid="ignore"):
         allowed = tolerance[0] + tolerance[1] * np.where(near, gap, 0.0)
@@ -112,7 +113,8 @@ def crosses(
         (N,).
     """
     through = np.zeros(len(chosen), bool)
-    far = np.flatnonzero(np.linalg.norm(movement[chosen], axis=1) > margin)
+    # no limb is thinner than twice that
+    far = np.flatnonzero(np.linalg.norm(movement[chosen], axis=1) > 2 * margin)
     if not len(far):
         return through
     tree = cKDTree(np.concatenate([points, scale * normals], 1))
