@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -25,19 +24,17 @@ import torch
 from demo_clip import stage
 from demo_clip.choreography import carry_over, fit, low_pass, smooth
 from numpy.typing import NDArray
-from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import load_actor
 from perfcap.io.clip import Clip
 from perfcap.io.video_writer import VideoWriter
+from perfcap.pipeline.appearance import Appearance
 from perfcap.render import (
     ProjectedMesh,
-    Texture,
     draw_overlay,
     render,
     shade_ground,
@@ -58,28 +55,6 @@ SUPERSAMPLING = 3
 MARGIN = 20  # px between the dancer's landmarks and the border
 
 
-@dataclass(frozen=True)
-class Skin:
-    """What is drawn of an actor: welded faces for the light, split ones for the texture."""
-
-    representative: Tensor
-    faces: Tensor
-    texture: Texture
-
-    @classmethod
-    def of(cls, template: Template) -> Skin:
-        """The skin of a textured template."""
-        if template.texture is None or template.uv is None:
-            raise SystemExit(f"actor {template.name!r} has no texture; the demo needs one")
-        welded, representative = template.weld()
-        encoded = np.frombuffer(template.texture, np.uint8)
-        image = cv2.cvtColor(cv2.imdecode(encoded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-        split = torch.tensor(template.faces)
-        uv = torch.tensor(template.uv, dtype=torch.float32)
-        texture = Texture.from_image(torch.tensor(image), uv, split)
-        return cls(torch.tensor(representative), torch.tensor(welded)[split], texture)
-
-
 def dance(library: Path, clip: str, start: int, frames: int, actor: Actor) -> Motion:
     """Frames of a recorded clip, at RATE, danced by the actor."""
     recorded = low_pass(cmu.landmarks(library, clip, step=1).numpy(), RECORDED_RATE)
@@ -97,7 +72,7 @@ def dance(library: Path, clip: str, start: int, frames: int, actor: Actor) -> Mo
 def film(actor: Actor, motion: Motion, camera: Camera, seed: int) -> Iterator[Image]:
     """Pictures (H, W, 3) of the motion, one a frame."""
     rng = np.random.default_rng(seed)
-    skin = Skin.of(actor.template)
+    skin = Appearance.of(actor.template)
     plate, floor = stage.plate(camera, seed)
     faces, lighting = skin.faces, stage.LIGHTING
     for frame in range(motion.frames):
