@@ -51,9 +51,9 @@ class Matching:
     turn: float = 0.05
     slide: float = 0.008
     slope: float = 0.7
-    agreement: tuple[float, float] = (0.004, 0.3)
+    agreement: tuple[float, float] = (0.004, 0.5)
     neighbours: tuple[int, float] = (16, 0.12)
-    support: tuple[float, float] = (0.7, 0.9)
+    support: tuple[float, float] = (0.6, 0.9)
     margin: float = 0.008
     both_ways: bool = True
     pruned: bool = True

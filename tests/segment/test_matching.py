@@ -218,7 +218,7 @@ def test_spoilt_contours_pull_at_nothing(share: float, adds: bool) -> None:
             if name == "pruned":
                 kept += pairs.confidence[good].sum()
                 possible += (1 - share) * match(model, clean).confidence.sum()
-    assert wrong["pruned"] < max(0.4 * wrong["unpruned"], 0.03)
+    assert wrong["pruned"] < max(0.5 * wrong["unpruned"], 0.03)
     assert kept > 0.75 * possible
 
 
