@@ -25,12 +25,19 @@ def place(embedding: Embedding, deformation: Deformation) -> Tensor:
     return _place_points(embedding, deformation)[0]
 
 
-def linearize(embedding: Embedding, deformation: Deformation) -> tuple[Tensor, Tensor]:
+def linearize(
+    embedding: Embedding, deformation: Deformation, directions: Tensor
+) -> tuple[Tensor, Tensor]:
     """See ``_embedded_points_torch.linearize``."""
     points, turned = _place_points(embedding, deformation)
-    derivative = embedding.arm.new_empty(*embedding.arm.shape, 6)
-    share = _rows(embedding.share, *embedding.share.shape[-2:])
-    _derive(turned, share, derivative.flatten(0, -5).numpy())
+    count, along = directions.shape[-3:-1]
+    derivative = embedding.arm.new_empty(*embedding.arm.shape[:-1], along, 6)
+    _derive(
+        turned,
+        _rows(embedding.share, *embedding.share.shape[-2:]),
+        _rows(directions, count, along, 3),
+        derivative.flatten(0, -5).numpy(),
+    )
     return points, derivative
 
 
@@ -94,15 +101,18 @@ def _place(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _derive(turned: Floats, share: Floats, derivative: Floats) -> None:
-    """Write ``-[turned]`` and ``share I`` side by side, (P, N, k, 3, 6)."""
-    problems, points, slots, _ = turned.shape
-    derivative[:] = 0
+def _derive(turned: Floats, share: Floats, directions: Floats, derivative: Floats) -> None:
+    """Write ``turned x direction`` and ``share direction`` side by side, (P, N, k, Q, 6)."""
+    problems, points, slots, along, _ = derivative.shape
     for p in range(problems):
         for n in range(points):
             for a in range(slots):
-                for c in range(3):
-                    d, e = (c + 1) % 3, (c + 2) % 3
-                    derivative[p, n, a, c, d] = turned[p, n, a, e]
-                    derivative[p, n, a, c, e] = -turned[p, n, a, d]
-                    derivative[p, n, a, c, 3 + c] = share[p, n, a]
+                x, y, z = turned[p, n, a, 0], turned[p, n, a, 1], turned[p, n, a, 2]
+                for q in range(along):
+                    u, v, w = directions[p, n, q, 0], directions[p, n, q, 1], directions[p, n, q, 2]
+                    derivative[p, n, a, q, 0] = y * w - z * v
+                    derivative[p, n, a, q, 1] = z * u - x * w
+                    derivative[p, n, a, q, 2] = x * v - y * u
+                    derivative[p, n, a, q, 3] = share[p, n, a] * u
+                    derivative[p, n, a, q, 4] = share[p, n, a] * v
+                    derivative[p, n, a, q, 5] = share[p, n, a] * w

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.deformation import Deformation
-from perfcap.geometry.rotation import rotvec_to_matrix, skew
+from perfcap.geometry.rotation import rotvec_to_matrix
 
 
 class Embedding(NamedTuple):
@@ -25,12 +25,15 @@ def place(embedding: Embedding, deformation: Deformation) -> Tensor:
     return _place(embedding, deformation)[0]
 
 
-def linearize(embedding: Embedding, deformation: Deformation) -> tuple[Tensor, Tensor]:
-    """Points, and their derivative (*b, F, N, k, 3, 6) in rotations and translations."""
+def linearize(
+    embedding: Embedding, deformation: Deformation, directions: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Points, and their derivative along directions (*b, F, N, Q, 3), (*b, F, N, k, Q, 6)."""
     points, turned = _place(embedding, deformation)
-    eye = torch.eye(3).to(turned)
-    move = embedding.share[..., None, None] * eye
-    return points, torch.cat((-skew(turned), move), -1)
+    along = directions.unsqueeze(-3).expand(*turned.shape[:-1], *directions.shape[-2:])
+    # along . (w x arm) = (arm x along) . w
+    turn = torch.linalg.cross(turned.unsqueeze(-2).expand_as(along), along)
+    return points, torch.cat((turn, embedding.share[..., None, None] * along), -1)
 
 
 def _place(embedding: Embedding, deformation: Deformation) -> tuple[Tensor, Tensor]:

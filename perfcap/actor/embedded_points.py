@@ -59,24 +59,36 @@ class EmbeddedPoints(nn.Module):
         points: Tensor = self._twin(deformation).place(self._embedding(), deformation)
         return points
 
-    def linearize_blocks(self, deformation: Deformation) -> tuple[Tensor, Tensor, Tensor]:
+    def linearize_blocks(
+        self, deformation: Deformation, directions: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Points and their derivative in closed form.
+
+        Args:
+            deformation: where.
+            directions: (*b, F, N, Q, 3), to get the derivative of ``directions . point`` only;
+                saves time and memory over the derivative of all three coordinates.
 
         Returns:
             points: in the world, (*b, F, N, 3), metres.
             blocks: nodes that a point sees, (*b, F, N, k), -1 for none.
             derivative: of the point in each node's rotation and translation, zero where there is
-                none, (*b, F, N, k, 3, 6).
+                none, (*b, F, N, k, 3, 6), or (*b, F, N, k, Q, 6) along directions.
         """
-        points, derivative = self._twin(deformation).linearize(self._embedding(), deformation)
+        if directions is None:
+            directions = torch.eye(3).to(self.base).expand(*self.base.shape, 3)
+        points, derivative = self._twin(deformation, directions).linearize(
+            self._embedding(), deformation, directions
+        )
         return points, self.blocks, derivative
 
     def _embedding(self) -> Embedding:
         return Embedding(self.base, self.blocks, self.arm, self.share)
 
-    def _twin(self, deformation: Deformation) -> ModuleType:
+    def _twin(self, deformation: Deformation, *more: Tensor) -> ModuleType:
         """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
-        if is_plain(self.arm, self.base, deformation.rotation, deformation.translation):
+        unknowns = deformation.rotation, deformation.translation
+        if is_plain(self.arm, self.base, *unknowns, *more):
             from perfcap.actor import _embedded_points_numba
 
             return _embedded_points_numba
@@ -116,20 +128,18 @@ def _merge(graph: DeformationGraph, posed: Tensor, corners: Tensor, weights: Ten
     share = weights.unsqueeze(-1) * graph.influence_weights[corners]
     lever = vertices.unsqueeze(-2) - _pick(graph.nodes(posed), nodes)
     arm = (share.unsqueeze(-1) * lever).flatten(-3, -2)
-    nodes, share = nodes.flatten(-2), share.flatten(-2)
-    used = share != 0
-    same = (nodes.unsqueeze(-1) == nodes.unsqueeze(-2)) & used.unsqueeze(-2)  # *b F N SK SK
-    first = used & ~same.tril(-1).any(-1)
-    front = first.sort(dim=-1, descending=True, stable=True)[1]
-    front = front[..., : max(1, int(first.sum(-1).max()) if first.numel() else 1)]
-    same = (same & first.unsqueeze(-1)).to(share)
-    slots = front.unsqueeze(-1).expand(*front.shape, 3)
-    return Embedding(
-        base,
-        torch.where(first, nodes, -1).gather(-1, front),
-        (same @ arm).gather(-2, slots),
-        (same @ share.unsqueeze(-1)).squeeze(-1).gather(-1, front),
-    )
+    seen, order = torch.where(share != 0, nodes, len(graph)).flatten(-2).sort(dim=-1)
+    parts = torch.cat((arm, share.flatten(-2).unsqueeze(-1)), -1)
+    parts = parts.gather(-2, order.unsqueeze(-1).expand_as(parts))
+    # runs of one node become a slot each; what is not used is the last run
+    fresh = torch.ones_like(seen)
+    fresh[..., 1:] = seen[..., 1:] != seen[..., :-1]
+    slot = fresh.cumsum(-1) - 1
+    slots = int(torch.where(seen < len(graph), slot + 1, 0).max()) if seen.numel() else 0
+    sums = torch.zeros_like(parts).scatter_add(-2, slot.unsqueeze(-1).expand_as(parts), parts)
+    blocks = torch.full_like(seen, -1).scatter(-1, slot, seen.where(seen < len(graph), -1))
+    sums, blocks = sums[..., :slots, :], blocks[..., :slots]
+    return Embedding(base, blocks.contiguous(), sums[..., :3].contiguous(), sums[..., 3])
 
 
 def _pick(values: Tensor, index: Tensor) -> Tensor:

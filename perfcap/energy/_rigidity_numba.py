@@ -57,9 +57,9 @@ class EdgeCurvature:
         self.turned, self.residual = _rows(turned), _rows(residual)
         self.weight = weight.detach().contiguous().numpy()
 
-    def add_gradient(self, gradient: Tensor) -> None:
+    def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
         """See ``solve.sparse.Curvature``."""
-        _add_gradient(
+        _add_equations(
             self.start,
             self.end,
             self.scale,
@@ -67,12 +67,8 @@ class EdgeCurvature:
             self.residual,
             self.weight,
             gradient.numpy(),
+            diagonal.numpy(),
         )
-
-    def add_diagonal(self, diagonal: Tensor) -> None:
-        """See ``solve.sparse.Curvature``."""
-        out = diagonal.numpy()
-        _add_diagonal(self.start, self.end, self.scale, self.turned, self.weight, out)
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
         """See ``solve.sparse.Curvature``."""
@@ -161,25 +157,6 @@ def _pull(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_gradient(
-    start: Indices,
-    end: Indices,
-    scale: float,
-    turned: Floats,
-    residual: Floats,
-    weight: Floats,
-    gradient: Floats,
-) -> None:
-    for p in range(len(turned)):
-        out = gradient[p]
-        for g in range(len(start)):
-            w = weight[p, g]
-            edge = turned[p, g, 0], turned[p, g, 1], turned[p, g, 2]
-            pull = w * residual[p, g, 0], w * residual[p, g, 1], w * residual[p, g, 2]
-            _pull(out, start[g], end[g], scale, edge, pull)
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _add_product(
     start: Indices,
     end: Indices,
@@ -207,16 +184,24 @@ def _add_product(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_diagonal(
-    start: Indices, end: Indices, scale: float, turned: Floats, weight: Floats, diagonal: Floats
+def _add_equations(
+    start: Indices,
+    end: Indices,
+    scale: float,
+    turned: Floats,
+    residual: Floats,
+    weight: Floats,
+    gradient: Floats,
+    diagonal: Floats,
 ) -> None:
-    """With e the turned edge: |e|^2 I - e e', -s [e] and s^2 I."""
+    """The blocks of an edge e are |e|^2 I - e e', -s [e] and s^2 I."""
     for p in range(len(turned)):
         for g in range(len(start)):
             i, j, w = start[g], end[g], weight[p, g]
-            edge = turned[p, g]
-            out = diagonal[p, i]
-            square = edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2]
+            x, y, z = turned[p, g, 0], turned[p, g, 1], turned[p, g, 2]
+            pull = w * residual[p, g, 0], w * residual[p, g, 1], w * residual[p, g, 2]
+            _pull(gradient[p], i, j, scale, (x, y, z), pull)
+            edge, square, out = (x, y, z), x * x + y * y + z * z, diagonal[p, i]
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3
                 out[a, a] += w * (square - edge[a] * edge[a])
@@ -242,12 +227,13 @@ def _add_coarse(
     matrix: Floats,
     counts: tuple[int, ...],
 ) -> None:
+    """Edges within a group, which move with it, are left out."""
     own, rows = np.empty(2, np.int64), np.empty((2, 3, len(counts)), modes.dtype)
     for p in range(len(turned)):
         for g in range(len(start)):
             i, j = start[g], end[g]
             own[0], own[1] = group[i], group[j]
-            for a in range(3):
+            for a in range(3 if own[0] != own[1] else 0):
                 b, c = (a + 1) % 3, (a + 2) % 3
                 for m in range(len(counts)):
                     cross = (
@@ -255,4 +241,5 @@ def _add_coarse(
                     )
                     rows[0, a, m] = scale * modes[p, i, 3 + a, m] - cross
                     rows[1, a, m] = -scale * modes[p, j, 3 + a, m]
-            add_outer(matrix[p], own, rows, weight[p, g], counts)
+            if own[0] != own[1]:
+                add_outer(matrix[p], own, rows, weight[p, g], counts)

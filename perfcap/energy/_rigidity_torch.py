@@ -39,12 +39,9 @@ class EdgeCurvature:
         self.start, self.end, self.scale = start, end, scale
         self.turned, self.residual, self.weight = turned, residual, weight
 
-    def add_gradient(self, gradient: Tensor) -> None:
-        """See ``Curvature``."""
-        self._pull(gradient, self.residual)
-
-    def add_diagonal(self, diagonal: Tensor) -> None:
+    def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
         """See ``Curvature``; with e the turned edge, |e|^2 I - e e', -s [e] and s^2 I."""
+        self._pull(gradient, self.residual)
         e, weight = self.turned, self.weight[..., None, None]
         eye = torch.eye(3).to(e)
         turn = e.square().sum(-1)[..., None, None] * eye - e.unsqueeze(-1) * e.unsqueeze(-2)
@@ -63,7 +60,7 @@ class EdgeCurvature:
         self._pull(product, move - torch.linalg.cross(turn[:, self.start], self.turned))
 
     def add_coarse(self, space: CoarseSpace, matrix: Tensor) -> None:
-        """See ``Curvature``."""
+        """See ``Curvature``; edges within a group, which move with it, are left out."""
         turn, shift = space.modes[..., :3, :], space.modes[..., 3:, :]  # P M 3 r
         edge = self.turned.unsqueeze(-1)
         at_start = self.scale * shift[:, self.start] - torch.linalg.cross(
@@ -71,7 +68,7 @@ class EdgeCurvature:
         )
         rows = torch.stack((at_start, -self.scale * shift[:, self.end]), 2)  # P E 2 3 r
         groups = space.group[torch.stack((self.start, self.end), -1)]
-        rows = torch.where((groups >= 0)[..., None, None], rows, 0)
+        groups = torch.where(groups[:, :1] == groups[:, 1:], -1, groups)
         add_outer(matrix, groups.expand(len(matrix), -1, -1), rows, self.weight)
 
     def _pull(self, out: Tensor, change: Tensor) -> None:

@@ -34,7 +34,7 @@ class ContourAlignment(Energy[Any]):
     Args:
         points: (*b, F, C * P, 3), those of all views one after the other, as a function of a state:
             ``SkinnedPoints`` or ``EmbeddedPoints``, or another module with their
-            ``linearize(state, directions)`` or ``linearize_blocks(state)``.
+            ``linearize(state, directions)`` or ``linearize_blocks(state, directions)``.
         cameras: C views, (C,) or (F, C) or (*b, F, C).
         correspondences: (*b, F, C, P).
         weight: of the mean, a number or (*b,).
@@ -95,9 +95,8 @@ class ContourAlignment(Energy[Any]):
         """Closed form for points that each see a few blocks of a frame's unknowns."""
         from perfcap.solve.sparse import BlockLinearization
 
-        points, blocks, derivative = self.points.linearize_blocks(state)  # *b F N k 3 q
-        residual, rows = self._linearize(points)
-        jacobian = (rows[..., None, :, None] * derivative).sum(-2, keepdim=True)
+        residual, rows = self._linearize(self.points(state))
+        _, blocks, jacobian = self.points.linearize_blocks(state, rows.unsqueeze(-2))
         return BlockLinearization(residual, blocks, jacobian)
 
     def _by_view(self, points: Tensor) -> list[tuple[Camera, Tensor]]:

@@ -50,13 +50,17 @@ class BlockCurvature:
             (0,) * jacobian.shape[-1],
         )
 
-    def add_gradient(self, gradient: Tensor) -> None:
+    def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
         """See ``sparse.Curvature``."""
-        _add_gradient(self.blocks, self.jacobian, self.residual, self.weight, gradient.numpy())
-
-    def add_diagonal(self, diagonal: Tensor) -> None:
-        """See ``sparse.Curvature``."""
-        _add_diagonal(self.blocks, self.jacobian, self.weight, diagonal.numpy(), self.unknowns)
+        _add_equations(
+            self.blocks,
+            self.jacobian,
+            self.residual,
+            self.weight,
+            gradient.numpy(),
+            diagonal.numpy(),
+            self.unknowns,
+        )
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
         """See ``sparse.Curvature``."""
@@ -84,43 +88,26 @@ class BlockCurvature:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_gradient(
-    blocks: Indices, jacobian: Floats, residual: Floats, weight: Floats, gradient: Floats
-) -> None:
-    problems, groups, slots, rows, unknowns = jacobian.shape
-    for p in range(problems):
-        for g in range(groups):
-            if weight[p, g] == 0:
-                continue
-            for a in range(slots):
-                i = blocks[p, g, a]
-                if i < 0:
-                    continue
-                for r in range(rows):
-                    pull = weight[p, g] * residual[p, g, r]
-                    for c in range(unknowns):
-                        gradient[p, i, c] += jacobian[p, g, a, r, c] * pull
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_diagonal(
-    blocks: Indices, jacobian: Floats, weight: Floats, diagonal: Floats, unknowns: tuple[int, ...]
+def _add_equations(
+    blocks: Indices,
+    jacobian: Floats,
+    residual: Floats,
+    weight: Floats,
+    gradient: Floats,
+    diagonal: Floats,
+    unknowns: tuple[int, ...],
 ) -> None:
     problems, groups, slots, rows, _ = jacobian.shape
     for p in range(problems):
         for g in range(groups):
-            if weight[p, g] == 0:
-                continue
-            for a in range(slots):
+            for a in range(slots if weight[p, g] != 0 else 0):
                 i = blocks[p, g, a]
-                for b in range(slots):
-                    if i < 0 or blocks[p, g, b] != i:
-                        continue
-                    for r in range(rows):
-                        for c in range(len(unknowns)):
-                            scaled = weight[p, g] * jacobian[p, g, a, r, c]
-                            for e in range(len(unknowns)):
-                                diagonal[p, i, c, e] += scaled * jacobian[p, g, b, r, e]
+                for r in range(rows if i >= 0 else 0):
+                    for c in range(len(unknowns)):
+                        scaled = weight[p, g] * jacobian[p, g, a, r, c]
+                        gradient[p, i, c] += scaled * residual[p, g, r]
+                        for e in range(len(unknowns)):
+                            diagonal[p, i, c, e] += scaled * jacobian[p, g, a, r, e]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -30,16 +30,11 @@ class BlockCurvature:
         self.pull = torch.where(weight[..., None] != 0, weight[..., None] * residual, 0)
         self.weight = weight
 
-    def add_gradient(self, gradient: Tensor) -> None:
+    def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
         """See ``sparse.Curvature``."""
         self._scatter(gradient, torch.einsum("pgkdq,pgd->pgkq", self.jacobian, self.pull))
-
-    def add_diagonal(self, diagonal: Tensor) -> None:
-        """See ``sparse.Curvature``; a block that a group names twice has products across too."""
         weighted = self.weight[..., None, None, None] * self.jacobian
-        same = self.blocks[..., :, None] == self.blocks[..., None, :]
-        mate = (same.to(weighted) @ self.jacobian.flatten(-2)).view_as(self.jacobian)
-        self._scatter(diagonal, weighted.mT @ mate)
+        self._scatter(diagonal, weighted.mT @ self.jacobian)
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
         """See ``sparse.Curvature``."""

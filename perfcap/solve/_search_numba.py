@@ -42,7 +42,6 @@ class Rounds:
         """See ``_search_torch.Rounds``."""
         _go(
             self.damping,
-            self.preconditioner,
             self.step,
             self.residual,
             self.direction,
@@ -52,6 +51,11 @@ class Rounds:
             self.rounds,
             self.unknowns,
         )
+        self.precondition()
+
+    def precondition(self) -> None:
+        """See ``_search_torch.Rounds``."""
+        _precondition(self.preconditioner, self.residual, self.product, self.running, self.unknowns)
 
     def turn(self) -> None:
         """See ``_search_torch.Rounds``."""
@@ -114,7 +118,6 @@ def _from_factor(factor: Floats, inverse: Floats, unknowns: tuple[int, ...]) -> 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _go(
     damping: Floats,
-    preconditioner: Floats,
     step: Floats,
     residual: Floats,
     direction: Floats,
@@ -143,10 +146,23 @@ def _go(
             for c in range(len(unknowns)):
                 step[p, i, c] += length * direction[p, i, c]
                 residual[p, i, c] -= length * product[p, i, c]
-                product[p, i, c] = 0
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _precondition(
+    preconditioner: Floats,
+    residual: Floats,
+    image: Floats,
+    running: Flags,
+    unknowns: tuple[int, ...],
+) -> None:
+    for p in range(len(residual)):
+        for i in range(residual.shape[1] if running[p] else 0):
+            for c in range(len(unknowns)):
+                image[p, i, c] = 0
             for e in range(len(unknowns)):
                 for c in range(len(unknowns)):
-                    product[p, i, c] += preconditioner[p, i, e, c] * residual[p, i, e]
+                    image[p, i, c] += preconditioner[p, i, e, c] * residual[p, i, e]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
@@ -165,7 +181,7 @@ def _turn(
         for i in range(residual.shape[1]):
             for c in range(residual.shape[2]):
                 now += image[p, i, c] * residual[p, i, c]
-        ratio = now / before
+        ratio = now / before if before > 0 else before * 0
         for i in range(residual.shape[1]):
             for c in range(residual.shape[2]):
                 direction[p, i, c] = image[p, i, c] + ratio * direction[p, i, c]

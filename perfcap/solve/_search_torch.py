@@ -46,14 +46,22 @@ class Rounds:
         search.step.add_(torch.where(running, length * search.direction, 0))
         search.residual.sub_(torch.where(running, length * product, 0))
         search.rounds.add_(search.running)
+        self.precondition()
+
+    def precondition(self) -> None:
+        """Write the residual as the diagonal blocks see it to ``product``."""
+        search = self.search
         image = (search.preconditioner @ search.residual.unsqueeze(-1)).squeeze(-1)
         search.product.copy_(image)
 
     def turn(self) -> None:
-        """Find the direction conjugate to those before, from the preconditioned residual."""
+        """Find the direction conjugate to those before, from the preconditioned residual.
+
+        The first one, for which ``slope`` is zero, is that residual.
+        """
         search, running = self.search, self.search.running
         slope = (search.residual * search.product).sum((-2, -1))
-        ratio = torch.where(running, slope / search.slope, 0)[:, None, None]
+        ratio = torch.where(search.slope > 0, slope / search.slope, 0)[:, None, None]
         search.direction.mul_(ratio).add_(search.product)
         search.slope.copy_(torch.where(running, slope, search.slope))
         running.logical_and_(slope > search.enough)

@@ -76,48 +76,42 @@ def conjugate_gradients(
         limit: most rounds.
         coarse: second level of the preconditioner.
     """
-    search = _start(equations, damping, running, forcing, coarse)
+    search = _start(equations, damping, running)
     rounds = _twin(search.step).Rounds(search)
-    for _ in range(limit):
-        if not bool(search.running.any()):
+    rounds.precondition()
+    for count in range(limit + 1):
+        if coarse is not None:
+            coarse.add(search.residual, search.product, search.running)
+        rounds.turn()
+        if count == 0:
+            search.enough.copy_(forcing**2 * search.slope)
+        if count == limit or not bool(search.running.any()):
             break
         for curvature in equations.curvatures:
             curvature.add_product(search.direction, search.product, search.running)
         rounds.go()
-        if coarse is not None:
-            coarse.add(search.residual, search.product, search.running)
-        rounds.turn()
     step = search.step
     # H d = -g - residual - damping d, so that no further product is needed
     undamped = damping * step + search.residual - equations.gradient
     return Descent(step, (step * undamped).sum((-2, -1)), search.rounds)
 
 
-def _start(
-    equations: SparseEquations,
-    damping: Tensor,
-    running: Tensor,
-    forcing: float,
-    coarse: CoarseCorrection | None,
-) -> Search:
-    """At a step of zero, downhill as the preconditioner sees it."""
+def _start(equations: SparseEquations, damping: Tensor, running: Tensor) -> Search:
+    """At a step of zero, without a direction yet."""
     residual = torch.where(running[:, None, None], -equations.gradient, 0)
     preconditioner = torch.empty_like(equations.diagonal)
     _twin(residual).invert(equations.diagonal, damping, running, preconditioner)
-    direction = (preconditioner @ residual.unsqueeze(-1)).squeeze(-1)
-    if coarse is not None:
-        coarse.add(residual, direction, running)
-    slope = (residual * direction).sum((-2, -1))
+    none = torch.zeros_like(equations.energy)
     return Search(
         damping=damping,
         preconditioner=preconditioner,
         step=torch.zeros_like(residual),
         residual=residual,
-        direction=direction,
+        direction=torch.zeros_like(residual),
         product=torch.zeros_like(residual),
-        slope=slope,
-        enough=forcing**2 * slope,
-        running=running & (slope > 0),
+        slope=none,
+        enough=none.clone(),
+        running=running.clone(),
         rounds=torch.zeros_like(running, dtype=torch.int64),
     )
 

@@ -70,7 +70,8 @@ class Residual:
 
     def squared_norm(self) -> Tensor:
         """Confidence times squared norm of each group, (*b, F, G)."""
-        squared = self.value.square().sum(-1)
+        # a sum over so short an axis takes three times as long
+        squared = torch.einsum("...d,...d->...", self.value, self.value)
         return squared if self.confidence is None else self.confidence * squared
 
 

@@ -50,11 +50,12 @@ class Curvature(Protocol):
     Every method adds to a tensor in place: the sums over energies run hundreds of times a solve.
     """
 
-    def add_gradient(self, gradient: Tensor) -> None:
-        """Add ``J' W r`` to (P, M, q)."""
+    def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
+        """Add ``J' W r`` to (P, M, q), the blocks of ``J' W J`` on its diagonal to (P, M, q, q).
 
-    def add_diagonal(self, diagonal: Tensor) -> None:
-        """Add the blocks of ``J' W J`` on its diagonal to (P, M, q, q)."""
+        The blocks scale and precondition: where a group names a block twice, what is across may
+        be left out.
+        """
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
         """Add ``J' W J direction`` to a product, (P, M, q), where ``running`` (P,) or anywhere."""
@@ -62,7 +63,7 @@ class Curvature(Protocol):
     def add_coarse(self, space: CoarseSpace, matrix: Tensor) -> None:
         """Add the lower triangle of ``B' J' W J B`` to (P, C, r, C, r), with B the modes.
 
-        Blocks on the diagonal are whole.
+        Blocks on the diagonal are whole. What the modes hardly change may be left out.
         """
 
 
@@ -126,11 +127,12 @@ def is_compiled(tensor: Tensor) -> bool:
 
 @dataclass(frozen=True)
 class Size:
-    """P problems of M blocks of q unknowns; the problems are frames, (*b, F)."""
+    """P problems of M blocks of q unknowns, typed as ``like``; problems are frames, (*b, F)."""
 
     frames: torch.Size
     blocks: int
     unknowns: int
+    like: Tensor
 
     @classmethod
     def of(cls, state: State) -> Size:
@@ -149,8 +151,9 @@ class Size:
                 f"state has {state.shared_dim} unknowns that frames share, expected none: every "
                 "frame is solved by itself; use LevenbergMarquardt"
             )
-        frames = state.coordinates().frame.shape[:-1]
-        return cls(frames, state.frame_dim // state.block_dim, state.block_dim)
+        frame = state.coordinates().frame
+        blocks = state.frame_dim // state.block_dim
+        return cls(frame.shape[:-1], blocks, state.block_dim, frame.new_empty(0))
 
     @property
     def problems(self) -> int:
@@ -161,6 +164,10 @@ class Size:
     def vector(self) -> tuple[int, int, int]:
         """Shape (P, M, q)."""
         return self.problems, self.blocks, self.unknowns
+
+    def zeros(self, *more: int) -> Tensor:
+        """Zeros (P, M, q, *more) of the state's type and device."""
+        return self.like.new_zeros(*self.vector, *more)
 
 
 @dataclass(frozen=True)
@@ -194,30 +201,26 @@ class SparseEquations:
         return sums.isfinite()
 
 
-def linearize(objective: Objective, state: State) -> SparseEquations:
-    """Linearize every energy at a state.
+def linearize(objective: Objective, state: State, size: Size) -> SparseEquations:
+    """Linearize every energy at a state of known size.
 
     Raises:
         InputError: an energy offers no ``linearize_blocks``, or couples frames.
     """
-    size = Size.of(state)
-    gradient = state.coordinates().frame.new_zeros(size.vector)
-    diagonal = gradient.new_zeros(*size.vector, size.unknowns)
+    gradient, diagonal = size.zeros(), size.zeros(size.unknowns)
     terms, curvatures = {}, []
     for name, energy, offers in _sparse_energies(objective):
         linear = offers.linearize_blocks(state)
         squared = linear.residual.squared_norm()
         terms[name] = _frame_costs(energy, squared, size)
         curvature = linear.curvature(_group_weight(energy, linear.residual, squared))
-        curvature.add_gradient(gradient)
-        curvature.add_diagonal(diagonal)
+        curvature.add_equations(gradient, diagonal)
         curvatures.append(curvature)
     return SparseEquations(terms, tuple(curvatures), gradient, diagonal)
 
 
-def evaluate(objective: Objective, state: State) -> dict[str, Tensor]:
+def evaluate(objective: Objective, state: State, size: Size) -> dict[str, Tensor]:
     """Energies of each problem by name, (P,)."""
-    size = Size.of(state)
     return {
         name: _frame_costs(energy, energy.residual(state).squared_norm(), size)
         for name, energy in objective.items()

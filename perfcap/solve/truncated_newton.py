@@ -11,7 +11,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.coarse import CoarseCorrection, coarse_correction, find_coarse_space
-from perfcap.solve.conjugate_gradient import conjugate_gradients
+from perfcap.solve.conjugate_gradient import Descent, conjugate_gradients
 from perfcap.solve.damping import Damping
 from perfcap.solve.energy import Objective, StateType, Step
 from perfcap.solve.solution import Solution, Status
@@ -63,10 +63,10 @@ class TruncatedNewton:
             )
         with torch.no_grad():
             run = _start(self, objective, initial)
-            for _ in range(self.max_steps):
+            for left in reversed(range(self.max_steps)):
                 if not bool(run.running.any()):
                     break
-                run = _advance(run, self, objective)
+                run = _advance(run, self, objective, final=left == 0)
         return run.solution()
 
 
@@ -116,10 +116,10 @@ class _Trial(Generic[StateType]):
 
 
 def _start(settings: TruncatedNewton, objective: Objective, state: StateType) -> _Run[StateType]:
-    equations = linearize(objective, state)
+    size = Size.of(state)
+    equations = linearize(objective, state, size)
     finite, energy = equations.finite(), equations.energy
     status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
-    size = Size.of(state)
     return _Run(
         state=state,
         size=size,
@@ -139,13 +139,16 @@ def _start(settings: TruncatedNewton, objective: Objective, state: StateType) ->
 
 
 def _advance(
-    run: _Run[StateType], settings: TruncatedNewton, objective: Objective
+    run: _Run[StateType], settings: TruncatedNewton, objective: Objective, final: bool
 ) -> _Run[StateType]:
-    """Try one step of every running problem."""
+    """Try one step of every running problem; after the final one there are no equations."""
     damping = _diagonal_damping(run)
     coarse, coarse_damping = _coarse(run, damping)
     run = replace(run, coarse=coarse, coarse_damping=coarse_damping)
-    trial = _try(run, damping, settings, objective)
+    descent = conjugate_gradients(
+        run.equations, damping, run.running, settings.forcing, settings.max_rounds, coarse
+    )
+    trial = _try(run, descent, settings, objective, final)
     status = _judge(run, trial, settings)
     rejected = run.running & ~trial.accepted
     moved = replace(
@@ -156,25 +159,30 @@ def _advance(
         running=run.running & (status == Status.MAX_STEPS),
         smooth=not bool(rejected.any()),
     )
-    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
+    return _move(moved, trial, objective, final) if bool(trial.accepted.any()) else moved
 
 
 def _try(
-    run: _Run[StateType], damping: Tensor, settings: TruncatedNewton, objective: Objective
+    run: _Run[StateType],
+    descent: Descent,
+    settings: TruncatedNewton,
+    objective: Objective,
+    final: bool,
 ) -> _Trial[StateType]:
-    """Minimise the damped model roughly and evaluate the energy there.
+    """Evaluate the energy at the end of a step.
 
-    While steps succeed the trial is linearized at once, which gives its energy too; after a
-    rejected one it is only evaluated, until a step succeeds again.
+    While steps succeed the trial is linearized at once, which gives its energy too. After a
+    rejected one it is only evaluated, until a step succeeds again; and so are steps that are
+    likely to be the last.
     """
-    descent = conjugate_gradients(
-        run.equations, damping, run.running, settings.forcing, settings.max_rounds, run.coarse
-    )
-    valid = run.running & descent.step.isfinite().all(-1).all(-1)
+    valid = run.running & descent.step.isfinite().flatten(1).all(-1)
     step = torch.where(valid[:, None, None], descent.step, 0)
     state = _moved(run.state, step, run.size)
-    equations = linearize(objective, state) if run.smooth else None
-    terms = equations.terms if equations is not None else evaluate(objective, state)
+    little = descent.promised * (1 + run.damping.value) <= _enough(run, settings)
+    equations = None
+    if run.smooth and not final and not bool((little | ~run.running).all()):
+        equations = linearize(objective, state, run.size)
+    terms = equations.terms if equations else evaluate(objective, state, run.size)
     energy = torch.stack(list(terms.values())).sum(0)
     gained = run.energy - energy
     return _Trial(
@@ -215,9 +223,8 @@ def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: TruncatedNe
     the undamped model could give. A rejected step counts only where its promise is below what the
     precision of the energy can show.
     """
-    resolution = 32 * torch.finfo(trial.step.dtype).eps
-    promise = trial.promised * (1 + run.damping.value)
-    enough = max(settings.tolerance, resolution) * run.energy
+    resolution = _resolution(run)
+    promise, enough = trial.promised * (1 + run.damping.value), _enough(run, settings)
     converged = trial.valid & (
         (trial.accepted & (promise <= enough) & (trial.gained <= enough))
         | (trial.accepted & (trial.energy <= resolution**2 * run.start_energy))
@@ -229,7 +236,19 @@ def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: TruncatedNe
     return torch.where(converged, Status.CONVERGED, status)
 
 
-def _move(run: _Run[StateType], trial: _Trial[StateType], objective: Objective) -> _Run[StateType]:
+def _resolution(run: _Run[StateType]) -> float:
+    """Relative change of an energy that its precision can show."""
+    return 32 * torch.finfo(run.energy.dtype).eps
+
+
+def _enough(run: _Run[StateType], settings: TruncatedNewton) -> Tensor:
+    """Decrease below which a problem has converged, (P,)."""
+    return max(settings.tolerance, _resolution(run)) * run.energy
+
+
+def _move(
+    run: _Run[StateType], trial: _Trial[StateType], objective: Objective, final: bool
+) -> _Run[StateType]:
     """Go to the trial state where it was accepted, and have its equations."""
     accepted, state, equations = trial.accepted, trial.state, trial.equations
     if not run.smooth:
@@ -241,9 +260,9 @@ def _move(run: _Run[StateType], trial: _Trial[StateType], objective: Objective) 
         terms={n: torch.where(accepted, trial.terms[n], run.terms[n]) for n in run.terms},
         energy=torch.where(accepted, trial.energy, run.energy),
     )
-    if not bool(run.running.any()):
+    if final or not bool(run.running.any()):
         return run
-    equations = equations or linearize(objective, state)
+    equations = equations or linearize(objective, state, run.size)
     lost = run.running & accepted & ~equations.finite()
     return replace(
         run,

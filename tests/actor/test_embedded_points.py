@@ -67,11 +67,19 @@ def test_a_node_is_seen_once(points):
     assert (blocks >= 0).sum(-1).amax() == blocks.shape[-1]
 
 
+def test_derivative_along_directions(points):
+    state = random_deformation((2,))
+    directions = torch.randn(2, 2, 11, 2, 3, dtype=torch.float64)
+    _, _, whole = points.linearize_blocks(state)
+    _, _, along = points.linearize_blocks(state, directions)
+    torch.testing.assert_close(along, directions.unsqueeze(-3) @ whole)
+
+
 def test_compiled_equals_plain_torch(points):
     state = random_deformation((2,))
-    embedding = points._embedding()
-    plain = _embedded_points_torch.linearize(embedding, state)
-    found, _, derivative = points.linearize_blocks(state)
+    embedding, directions = points._embedding(), torch.randn(2, 2, 11, 2, 3, dtype=torch.float64)
+    plain = _embedded_points_torch.linearize(embedding, state, directions)
+    found, _, derivative = points.linearize_blocks(state, directions)
     torch.testing.assert_close((found, derivative), plain, rtol=1e-12, atol=1e-12)
     torch.testing.assert_close(points(state), plain[0], rtol=1e-12, atol=1e-12)
 

@@ -223,10 +223,13 @@ class TwoNodePoints(torch.nn.Module):
     def forward(self, state: Deformation) -> Tensor:
         return self._moved(state).mean(-2)
 
-    def linearize_blocks(self, state: Deformation) -> tuple[Tensor, Tensor, Tensor]:
+    def linearize_blocks(
+        self, state: Deformation, directions: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
         turned = self._moved(state) - self._pick(state.translation)
         one = torch.eye(3, dtype=F64).expand(*turned.shape, 3)
-        return self(state), self.blocks, 0.5 * torch.cat((-skew(turned), one), -1)
+        slope = 0.5 * torch.cat((-skew(turned), one), -1)
+        return self(state), self.blocks, directions.unsqueeze(-3) @ slope
 
     def _pick(self, values: Tensor) -> Tensor:
         """Values (F, M, 3) at the blocks, (F, N, 2, 3)."""

@@ -103,16 +103,26 @@ class Sight(Energy[Blocks]):
 
 
 def block_toy(
-    *, batch=(), frames=3, blocks=9, unknowns=2, groups=14, seed=0, kernel=None, chain=Chain
+    *,
+    batch=(),
+    frames=3,
+    blocks=9,
+    unknowns=2,
+    groups=14,
+    seed=0,
+    kernel=None,
+    chain=Chain,
+    repeat=True,
 ) -> tuple[Objective, Blocks]:
-    """An objective and a state near its minimum."""
+    """An objective and a state near its minimum; groups name some blocks twice if ``repeat``."""
     random = torch.Generator().manual_seed(seed)
 
     def normal(*shape: int) -> Tensor:
         return torch.randn(*batch, frames, *shape, generator=random, dtype=torch.float64)
 
-    seen = torch.randint(0, blocks, (*batch, frames, groups, 3), generator=random)
-    seen[..., 0, :2] = 4  # one group names a block twice
+    seen = torch.rand(*batch, frames, groups, blocks, generator=random).argsort(-1)[..., :3]
+    if repeat:
+        seen[..., 0, :2] = 4
     confidence = torch.rand(*batch, frames, groups, generator=random, dtype=torch.float64)
     confidence[..., 1] = 0
     sight = Sight(

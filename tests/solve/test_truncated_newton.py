@@ -18,7 +18,7 @@ from perfcap.solve import (
     TruncatedNewton,
     solve,
 )
-from perfcap.solve.sparse import BlockLinearization, linearize
+from perfcap.solve.sparse import BlockLinearization, Size, linearize
 
 STRICT = TruncatedNewton(max_steps=100, tolerance=1e-14, forcing=1e-4)
 
@@ -166,5 +166,5 @@ def test_a_wrong_jacobian_stalls():
 def test_gradient_vanishes_at_the_end():
     objective, state = block_toy(batch=(2,))
     solution = solve(objective, state, STRICT)
-    there, here = (linearize(objective, s).gradient for s in (solution.state, state))
+    there, here = (linearize(objective, s, Size.of(s)).gradient for s in (solution.state, state))
     assert there.abs().max() < 1e-6 * here.abs().max()
