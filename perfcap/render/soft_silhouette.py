@@ -12,15 +12,38 @@ not overlap, correspondences between their contours pull; this does the rest.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor, nn
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.render._coverage import Borders, Coverage
+from perfcap.render._coverage import Borders, Coverage, cover
 from perfcap.render.label_map import LARGEST
 
 LARGEST_BAND = 64.0  # px
+
+
+@dataclass(frozen=True)
+class CoverageDerivative:
+    """The derivative of coverage, which is sparse, as N records.
+
+    Pixel p sees the point that is the share t of the way from vertex a to vertex b. When that
+    point moves by v, coverage of p changes by ``gradient . v``. A pixel that sees two outline
+    edges cross has two records, whose changes add up.
+
+    Attributes:
+        pixel: index into the flattened images (*b, H, W), (N,).
+        vertices: a and b, (N, 2); of welded vertices the first copy.
+        share: t, (N,).
+        gradient: 1/px, (N, 2).
+    """
+
+    pixel: Tensor
+    vertices: Tensor
+    share: Tensor
+    gradient: Tensor
 
 
 class SoftSilhouette(nn.Module):
@@ -49,6 +72,7 @@ class SoftSilhouette(nn.Module):
     edge_ends: Tensor
     weld: Tensor | None
     share: Tensor | None
+    representative: Tensor | None
 
     def __init__(
         self,
@@ -72,6 +96,7 @@ class SoftSilhouette(nn.Module):
         self._keep("weld", weld)
         copies = None if weld is None else torch.bincount(weld)
         self._keep("share", None if copies is None else (1 / copies.double())[weld])
+        self._keep("representative", None if weld is None else _first_copies(weld))
         self.places = len(copies) if copies is not None else int(ends.max()) + 1 if len(ends) else 0
 
     def forward(self, pixels: Tensor, depth: Tensor) -> Tensor:
@@ -110,6 +135,21 @@ class SoftSilhouette(nn.Module):
         coverage: Tensor = self(cameras.project_camera(local), local[..., 2])
         return coverage
 
+    def linearize(self, pixels: Tensor, depth: Tensor) -> tuple[Tensor, CoverageDerivative]:
+        """Coverage (*b, H, W) and its derivative, outside of any graph; arguments as of a call."""
+        self._check_input(pixels, depth)
+        vertices = depth.shape[-1]
+        mesh = self.borders(vertices)
+        flat = pixels.detach().reshape(-1, vertices, 2), depth.detach().reshape(-1, vertices)
+        coverage, records = cover(mesh, *flat)
+        pixel, ends = records.names[:, 0], records.names[:, 1:]
+        ends = ends % max(mesh.places, 1)  # they are counted on from image to image
+        if self.representative is not None:
+            ends = self.representative[ends]
+        share, gradient = records.values.to(coverage).tensor_split((1,), -1)
+        derivative = CoverageDerivative(pixel, ends, share[:, 0], gradient)
+        return coverage.view(*depth.shape[:-1], *self.size), derivative
+
     def borders(self, vertices: int) -> Borders:
         """What the kernels need to know of a mesh of that many vertices."""
         return Borders(
@@ -143,6 +183,13 @@ class SoftSilhouette(nn.Module):
                 f"pixels has {vertices} vertices but weld has {len(self.weld)}; give the vertices "
                 "that weld was made for"
             )
+
+
+def _first_copies(weld: Tensor) -> Tensor:
+    """First vertex at each place, (U,); that of a place without any means nothing."""
+    every = torch.arange(len(weld), device=weld.device)
+    first = torch.full((int(weld.max()) + 1,), len(weld), device=weld.device)
+    return first.scatter_reduce(0, weld, every, "amin")
 
 
 def require_size(cameras: Camera, size: tuple[int, int]) -> None:

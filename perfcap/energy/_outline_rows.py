@@ -1,0 +1,82 @@
+"""Squared differences of images as least squares of few rows: one small matrix an outline edge.
+
+Pixels of the band about a silhouette see two vertices each, those of the nearest outline edge. The
+products of all rows that see an edge are 5 by 5 numbers (four coordinates and the residual), and
+any square root of them has the same value, gradient and Gauss-Newton curvature as the pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.render.soft_silhouette import CoverageDerivative
+
+
+@dataclass(frozen=True)
+class OutlineRows:
+    """Residuals of the images of one frame, by outline edge.
+
+    Attributes:
+        view: image an edge is in, (E,).
+        ends: index of the two vertices of each edge into ``vertices``, (E, 2).
+        vertices: those of all edges, (N,).
+        products: of the rows (x and y of the first end, x and y of the second, residual) summed
+            over the pixels that see an edge, (E, 5, 5).
+        rest: squared residuals of pixels that see no edge, (C,).
+    """
+
+    view: Tensor
+    ends: Tensor
+    vertices: Tensor
+    products: Tensor
+    rest: Tensor
+
+    @classmethod
+    def of(cls, derivative: CoverageDerivative, residual: Tensor, scale: Tensor) -> OutlineRows:
+        """Rows of images: residual (C, H, W) is ``scale`` (C, H, W) times what coverage is off."""
+        flat = residual.flatten()
+        pixel = derivative.pixel
+        # a pixel with n records is n rows: sqrt(n) times each derivative, residual / sqrt(n). The
+        # value and the gradient stay as they are, and the curvature does not get smaller.
+        root = torch.bincount(pixel, minlength=len(flat))[pixel].to(flat).sqrt()
+        pull = derivative.gradient * (root * scale.flatten()[pixel])[:, None]
+        share = derivative.share[:, None]
+        rows = torch.cat([(1 - share) * pull, share * pull, (flat[pixel] / root)[:, None]], -1)
+        view = pixel // residual[0].numel()
+        names = torch.cat([view[:, None], derivative.vertices], -1)
+        edges, edge = torch.unique(names, dim=0, return_inverse=True)
+        products = rows.new_zeros(len(edges), 25)
+        products.index_add_(0, edge, (rows[:, :, None] * rows[:, None, :]).flatten(1))
+        vertices, ends = torch.unique(edges[:, 1:], return_inverse=True)
+        unseen = flat.square().index_fill(0, pixel, 0.0)
+        rest = unseen.view(len(residual), -1).sum(-1)
+        return cls(edges[:, 0], ends, vertices, products.view(-1, 5, 5), rest)
+
+    def contract(self, derivative: Tensor) -> Tensor:
+        """Products of rows in D other unknowns, (C, D + 1, D + 1), the residual last.
+
+        Args:
+            derivative: of the vertices' pixels in the unknowns, (C, N, 2, D).
+        """
+        unknowns = derivative.shape[-1]
+        total = derivative.new_zeros(len(self.rest), unknowns + 1, unknowns + 1)
+        for view, square in enumerate(total):
+            mine = self.view == view
+            chain = derivative[view, self.ends[mine]].flatten(1, 2)  # E 4 D
+            products = self.products[mine]
+            rows = (products[:, :4, :4] @ chain).flatten(0, 1)
+            square[:-1, :-1] = chain.flatten(0, 1).mT @ rows
+            square[:-1, -1] = chain.flatten(0, 1).mT @ products[:, :4, 4].flatten()
+            square[-1, :-1] = square[:-1, -1]
+            square[-1, -1] = self.rest[view] + products[:, 4, 4].sum()
+        return total
+
+
+def square_root(products: Tensor) -> Tensor:
+    """Symmetric matrices (..., n, n) whose products with themselves are these."""
+    values, vectors = torch.linalg.eigh(products)
+    root: Tensor = (vectors * values.clamp_min(0).sqrt().unsqueeze(-2)) @ vectors.mT
+    return root

@@ -1,0 +1,234 @@
+"""Overlap of the rendered silhouette and a mask, pixel by pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from perfcap.energy._outline_rows import OutlineRows, square_root
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.render.soft_silhouette import SoftSilhouette, require_size
+from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, State, Step
+from perfcap.solve.kernels import Kernel, Quadratic
+
+if TYPE_CHECKING:
+    from perfcap.solve.sparse import BlockLinearization
+
+Surface = Callable[[Any], Tensor]
+Points = Callable[[Tensor, Tensor], Any]
+
+
+class SilhouetteOverlap(Energy[Any]):
+    """Squared difference of coverage and mask (Liu 2013, Eq. 7 and 8; MuVS, Eq. 5; soft form).
+
+    A residual group is a view of a frame: ``sqrt(trust / area) * (coverage - mask)`` at each of
+    its pixels, with the area of the mask. Its squared norm is zero for a mask of the same softness
+    that fits, and 1 where nothing is drawn. A view with an empty mask counts for nothing.
+
+    As a loss it is differentiable in whatever the surface, the cameras and the masks come from,
+    with any first-order method. For Gauss-Newton methods it offers ``linearize`` (a skeleton's
+    motion, ``LevenbergMarquardt``) and ``linearize_blocks`` (a deformation graph,
+    ``TruncatedNewton``), whose few rows have the value, the gradient and the curvature of all
+    pixels. Only pixels within the band about the rendered outline pull, so it refines what already
+    overlaps to about a band's width: correspondences of contours come first.
+
+    Args:
+        surface: world vertices (*b, F, V, 3) of a state, such as ``actor.surface``.
+        silhouette: draws them, in the image size of all views.
+        cameras: C views, (C,) or (F, C) or (*b, F, C).
+        masks: what should be covered, (*b, F, C, H, W), bool or floats from 0 to 1.
+        trust: how much each pixel counts, of a shape that broadcasts to ``masks``; 1 if not given.
+        weight: of the energy.
+        kernel: acts on the squared norm of a view.
+        points: chosen points of the surface, made of vertices (*b, F, N, 1) and weights of the
+            same shape, with the derivatives that the method needs: ``partial(SkinnedPoints,
+            actor)`` or ``partial(EmbeddedPoints, graph, posed)``. Without it ``linearize``
+            differentiates the whole surface, which is much slower.
+
+    Raises:
+        InputError: shapes, types or sizes that do not fit.
+    """
+
+    coupling = Coupling.FRAME
+    masks: Tensor
+    scale: Tensor
+
+    def __init__(
+        self,
+        surface: Surface,
+        silhouette: SoftSilhouette,
+        cameras: Camera,
+        masks: Tensor,
+        trust: Tensor | None = None,
+        weight: float | Tensor = 1.0,
+        kernel: Kernel | None = None,
+        points: Points | None = None,
+    ) -> None:
+        super().__init__(weight, kernel)
+        _check(silhouette, cameras, masks, trust)
+        self.surface, self.silhouette, self.cameras = surface, silhouette, cameras
+        self.points = points
+        area = masks.sum((-2, -1), keepdim=True, dtype=_floating(masks))
+        scale = torch.where(area > 0, area.clamp_min(1e-6).rsqrt(), 0.0)
+        scale = scale if trust is None else scale * trust.to(scale).sqrt()
+        self.register_buffer("masks", masks, persistent=False)
+        self.register_buffer("scale", scale, persistent=False)
+
+    def residual(self, state: Any) -> Residual:
+        """(*b, F, C, H * W)."""
+        coverage = self.silhouette.seen_by(self.cameras, self.surface(state))
+        error = self.scale.to(coverage) * (coverage - self.masks.to(coverage))
+        return Residual(error.flatten(-2))
+
+    def linearize(self, state: Any) -> Linearization:
+        """Residual of as many rows a view as there are unknowns and one: (*b, F, C, D + 1).
+
+        Not the rows of ``residual``, but with their norm, and so with the same energy.
+        """
+        frames = self._outline_rows(state)
+        vertices = self._used(frames, state)
+        points, derivative = self._linearize_points(state, vertices)
+        slope = self.cameras.linearize(points)[1] @ derivative.unsqueeze(-4)  # *b F C N 2 D
+        by_frame = slope.reshape(-1, *slope.shape[-4:])
+        pairs = zip(frames, by_frame, strict=True)
+        products = torch.stack([rows.contract(each) for rows, each in pairs])
+        root = square_root(products).view(*slope.shape[:-3], *products.shape[-2:])
+        return Linearization(Residual(root[..., -1]), root[..., :-1])
+
+    def linearize_blocks(self, state: Any) -> BlockLinearization:
+        """Residual of five rows an outline edge, and one group for the pixels that see none.
+
+        Not the rows of ``residual``, but with their norm, and so with the same energy.
+
+        Raises:
+            InputError: there is a robust kernel, which would act on edges instead of views; or
+                there are no points.
+        """
+        from perfcap.solve.sparse import BlockLinearization
+
+        if self.points is None or not isinstance(self.kernel, Quadratic):
+            raise InputError(
+                f"SilhouetteOverlap has kernel {type(self.kernel).__name__} and points "
+                f"{self.points}; linearize_blocks needs the Quadratic kernel and points"
+            )
+        frames = self._outline_rows(state)
+        vertices = self._used(frames, state)
+        chosen = self.points(vertices.unsqueeze(-1), torch.ones_like(vertices.unsqueeze(-1)))
+        points, blocks, derivative = chosen.linearize_blocks(state)
+        slope = self.cameras.linearize(points)[1].flatten(0, -5)  # B C N 2 3
+        parts = zip(frames, slope, blocks.flatten(0, -3), derivative.flatten(0, -5), strict=True)
+        groups = [_block_groups(*each) for each in parts]
+        lead = state.coordinates().frame.shape[:-1]
+        value, names, jacobian = (
+            _stack(column, lead, fill)
+            for column, fill in zip(zip(*groups, strict=True), (0, -1, 0), strict=True)
+        )
+        return BlockLinearization(Residual(value), names, jacobian)
+
+    def _outline_rows(self, state: Any) -> list[OutlineRows]:
+        """Rows of every frame, *b and F in one; one frame's images at a time."""
+        local = self.cameras.to_camera(self.surface(state).detach())
+        pixels = self.cameras.project_camera(local).flatten(0, -4)  # B C V 2
+        depth = local[..., 2].flatten(0, -3)
+        shape = (*local.shape[:-2], *self.silhouette.size)
+        masks = self.masks.expand(shape).flatten(0, -4)
+        scale = self.scale.expand(shape).flatten(0, -4)
+        rows = []
+        for frame in range(len(pixels)):
+            coverage, derivative = self.silhouette.linearize(pixels[frame], depth[frame])
+            here = scale[frame].to(coverage)
+            error = here * (coverage - masks[frame].to(coverage))
+            rows.append(OutlineRows.of(derivative, error, here))
+        return rows
+
+    @staticmethod
+    def _used(frames: list[OutlineRows], state: State) -> Tensor:
+        """Vertices of each frame's outline (*b, F, N), padded with vertex 0; at least one."""
+        lead = state.coordinates().frame.shape[:-1]
+        used = _stack([rows.vertices for rows in frames], lead)
+        return used if used.shape[-1] else used.new_zeros(*lead, 1)
+
+    def _linearize_points(self, state: Any, vertices: Tensor) -> tuple[Tensor, Tensor]:
+        """Vertices (*b, F, N, 3) and their derivative (*b, F, N, 3, D)."""
+        if self.points is not None:
+            chosen = self.points(vertices.unsqueeze(-1), torch.ones_like(vertices.unsqueeze(-1)))
+            linear: tuple[Tensor, Tensor] = chosen.linearize(state)
+            return linear
+        here = state.coordinates()
+        index = vertices.unsqueeze(-1).expand(*vertices.shape, 3)
+
+        def moved(tangent: Tensor) -> tuple[Tensor, Tensor]:
+            # rows of a frame see that frame only, so all frames share one tangent
+            step = Step(tangent.expand_as(here.frame), torch.zeros_like(here.shared))
+            points = self.surface(state.retract(step)).gather(-2, index)
+            return points, points
+
+        zero = here.frame.new_zeros(state.frame_dim)
+        derivative, points = torch.func.jacfwd(moved, has_aux=True)(zero)
+        return points, derivative
+
+
+def _block_groups(
+    rows: OutlineRows, slope: Tensor, blocks: Tensor, derivative: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Groups of one frame: value (G, 5), blocks (G, 2 k), jacobian (G, 2 k, 5, q).
+
+    Args:
+        rows: of the frame.
+        slope: derivative of pixels in the vertices, (C, N, 2, 3).
+        blocks: that vertices see, (N, k).
+        derivative: of the vertices in them, (N, k, 3, q).
+    """
+    root = square_root(rows.products)  # E 5 5
+    names, jacobians = [], []
+    for end in range(2):
+        vertex = rows.ends[:, end]
+        toward = root[:, :, 2 * end : 2 * end + 2] @ slope[rows.view, vertex]  # E 5 3
+        names.append(blocks[vertex])
+        jacobians.append(toward.unsqueeze(1) @ derivative[vertex])
+    value, name, jacobian = root[..., -1], torch.cat(names, 1), torch.cat(jacobians, 1)
+    rest = torch.zeros_like(value[:1]) if len(value) else value.new_zeros(1, 5)
+    rest[0, 0] = rows.rest.sum().sqrt()
+    none = name.new_full((1, name.shape[1]), -1)
+    still = jacobian.new_zeros(1, *jacobian.shape[1:])
+    return torch.cat([value, rest]), torch.cat([name, none]), torch.cat([jacobian, still])
+
+
+def _stack(frames: Iterable[Tensor], lead: torch.Size, fill: float = 0) -> Tensor:
+    """Lists of different lengths as one tensor (*b, F, N, ...), padded at the end."""
+    padded = torch.nn.utils.rnn.pad_sequence(list(frames), batch_first=True, padding_value=fill)
+    return padded.reshape(*lead, *padded.shape[1:])
+
+
+def _floating(masks: Tensor) -> torch.dtype:
+    """Of the masks, or where they are bool one that the coverage's is cast from."""
+    return masks.dtype if masks.is_floating_point() else torch.float64
+
+
+def _check(
+    silhouette: SoftSilhouette, cameras: Camera, masks: Tensor, trust: Tensor | None
+) -> None:
+    require_size(cameras, silhouette.size)
+    if masks.shape[-3:] != (cameras.views, *silhouette.size) or masks.ndim < 4:
+        raise InputError(
+            f"masks has shape {tuple(masks.shape)}; expected (*b, F, {cameras.views}, "
+            f"{silhouette.size[0]}, {silhouette.size[1]}): the views and size of the silhouette"
+        )
+    if masks.dtype != torch.bool and not masks.is_floating_point():
+        raise InputError(f"masks has dtype {masks.dtype}; expected bool, or floats from 0 to 1")
+    low, high = (float(x) for x in masks.detach().aminmax()) if masks.numel() else (0.0, 1.0)
+    if not 0 <= low <= high <= 1:
+        raise InputError(f"masks has values from {low:g} to {high:g}; expected 0 to 1")
+    if trust is None:
+        return
+    sides = zip(trust.shape[::-1], masks.shape[::-1], strict=False)
+    fits = trust.ndim <= masks.ndim and all(one in (1, other) for one, other in sides)
+    if not fits or not bool((trust >= 0).all()):
+        raise InputError(
+            f"trust has shape {tuple(trust.shape)} and least {float(trust.min()):g}; expected "
+            f"weights from 0 on that broadcast to the masks, {tuple(masks.shape)}"
+        )

@@ -1,0 +1,202 @@
+"""Overlap of silhouettes: a loss for anything upstream, few rows for Gauss-Newton methods."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+import torch
+from checks import check_coupling, check_gradient, check_shapes
+from synthetic import actor, cameras, random_motion
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.actor.surface_points import SkinnedPoints
+from perfcap.energy.silhouette_overlap import SilhouetteOverlap
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.render.soft_silhouette import SoftSilhouette
+from perfcap.solve import Adam, LevenbergMarquardt, Objective, Step, solve
+from perfcap.solve.kernels import GemanMcClure
+
+F64 = torch.float64
+ACTOR = actor()
+SIZE = 64
+CAMERAS = cameras(2, SIZE, distance=3.0)
+SILHOUETTE = SoftSilhouette(torch.tensor(ACTOR.template.faces), (SIZE, SIZE))
+FAST = partial(SkinnedPoints, ACTOR)
+
+
+def truth(frames: int = 2, batch: tuple[int, ...] = ()) -> Motion:
+    return random_motion(ACTOR.skeleton, frames, batch, seed=3)
+
+
+def near(motion: Motion, size: float = 0.02) -> Motion:
+    random = torch.Generator().manual_seed(4)
+    frame = torch.randn(motion.coordinates().frame.shape, generator=random, dtype=F64)
+    return motion.retract(Step(size * frame, motion.coordinates().shared))
+
+
+def drawn(motion: Motion, camera: Camera = CAMERAS) -> Tensor:
+    return SILHOUETTE.seen_by(camera, ACTOR.surface(motion))
+
+
+def overlap(masks: Tensor, camera: Camera = CAMERAS, **settings: object) -> SilhouetteOverlap:
+    chosen = {"points": FAST} | settings
+    return SilhouetteOverlap(ACTOR.surface, SILHOUETTE, camera, masks, **chosen)
+
+
+def pixel_jacobian(energy: SilhouetteOverlap, motion: Motion) -> tuple[Tensor, Tensor]:
+    """Residuals of a single frame's pixels and their derivative, by forward mode."""
+    none = motion.coordinates().shared
+
+    def moved(step: Tensor) -> Tensor:
+        return energy.residual(motion.retract(Step(step.expand(1, -1), none))).value[0]
+
+    zero = torch.zeros(motion.frame_dim, dtype=F64)
+    return moved(zero), torch.func.jacfwd(moved)(zero)
+
+
+def test_zero_for_masks_that_fit() -> None:
+    motion = truth()
+    assert overlap(drawn(motion))(motion) == 0
+    assert overlap(drawn(motion))(near(motion)) > 1e-3
+
+
+def test_one_a_view_where_nothing_is_drawn() -> None:
+    motion = truth()
+    away = replace(motion, translation=motion.translation + 100)
+    masks = (drawn(motion) > 0.5).to(F64)
+    assert overlap(masks)(away) == pytest.approx(4, rel=1e-6)  # two frames in two views
+    weight = torch.tensor([1.0, 0.25], dtype=F64)[:, None, None]
+    assert overlap(masks, trust=weight)(away) == pytest.approx(2.5, rel=1e-6)
+
+
+def test_shapes_and_derivatives() -> None:
+    motion = truth()
+    energy = overlap(drawn(near(motion)), weight=2.0, kernel=GemanMcClure(0.3))
+    check_shapes(energy, motion)
+    check_coupling(energy, motion)
+    check_gradient(energy, motion, step=1e-7)
+
+
+def test_hard_masks_and_trust_reach_the_value() -> None:
+    motion, random = truth(), torch.Generator().manual_seed(1)
+    masks = drawn(near(motion)) > 0.5
+    trust = torch.rand(masks.shape, generator=random, dtype=F64)
+    expected = (trust * (drawn(motion) - masks.to(F64)).square()).sum((-2, -1))
+    expected = (expected / masks.sum((-2, -1))).sum()
+    torch.testing.assert_close(overlap(masks, trust=trust)(motion), expected)
+
+
+def test_an_empty_mask_counts_for_nothing() -> None:
+    motion = truth()
+    masks = drawn(near(motion))
+    masks[0, 1] = 0
+    energy = overlap(masks)
+    assert (energy.residual(motion).value[0, 1] == 0).all()
+    assert energy(motion).isfinite()
+    assert energy.linearize(motion).frame.isfinite().all()
+
+
+def test_gradient_reaches_masks_and_cameras() -> None:
+    motion = truth()
+    masks = drawn(near(motion)).requires_grad_()
+    position = CAMERAS.translation.clone().requires_grad_()
+    energy = overlap(masks, replace(CAMERAS, translation=position))
+    for gradient in torch.autograd.grad(energy(motion), (masks, position)):
+        assert gradient.isfinite().all()
+        assert gradient.any()
+
+
+def test_few_rows_stand_for_all_pixels() -> None:
+    """Equal value and gradient; no less curvature, and more only where pixels see a crossing."""
+    motion = truth()[:1]
+    energy = overlap(drawn(near(motion)))
+    value, jacobian = pixel_jacobian(energy, motion)  # C HW, C HW D
+    linear = energy.linearize(motion)
+    rows, few = linear.frame[0], linear.residual.value[0]
+    assert rows.shape == (2, 34, 33)
+    torch.testing.assert_close(few.square().sum(-1), value.square().sum(-1))
+    pull = (jacobian * value[..., None]).sum(-2)
+    torch.testing.assert_close((rows * few[..., None]).sum(-2), pull, rtol=1e-6, atol=1e-8)
+    excess = rows.mT @ rows - jacobian.mT @ jacobian
+    assert torch.linalg.eigvalsh(excess).min() > -1e-8
+    # tubes without ends, 64 pixels: an image full of crossings
+    assert excess.diagonal(dim1=-2, dim2=-1).sum() < 0.5 * jacobian.square().sum()
+
+
+def test_without_chosen_points_the_surface_is_differentiated() -> None:
+    motion = truth(batch=(2,))
+    masks = drawn(near(motion))
+    fast, slow = overlap(masks).linearize(motion), overlap(masks, points=None).linearize(motion)
+    torch.testing.assert_close(fast.residual.value, slow.residual.value, rtol=1e-6, atol=1e-8)
+    torch.testing.assert_close(fast.frame, slow.frame, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("kernel", [None, GemanMcClure(0.5)])
+def test_linearized_energy_is_the_energy(kernel: object) -> None:
+    motion = truth(batch=(2,))
+    energy = overlap(drawn(near(motion)), kernel=kernel, weight=3.0)
+    torch.testing.assert_close(energy.cost(energy.linearize(motion).residual), energy(motion))
+
+
+def test_batch_elements_stand_alone() -> None:
+    motion = truth(batch=(2,))
+    masks = drawn(near(motion))
+    together = overlap(masks)(motion)
+    for index in range(2):
+        alone = Motion(*(x[index] for x in (motion.translation, motion.rotation, motion.angles)))
+        torch.testing.assert_close(overlap(masks[index])(alone), together[index])
+
+
+def test_levenberg_marquardt_recovers_a_motion() -> None:
+    goal = truth()
+    energy = overlap(drawn(goal))
+    start = near(goal, 0.015)
+    solution = solve(Objective(overlap=energy), start, LevenbergMarquardt(max_steps=15))
+    assert solution.energy < 0.02 * energy(start)
+
+
+def test_adam_lowers_the_energy() -> None:
+    goal = truth()
+    energy = overlap(drawn(goal))
+    start = near(goal, 0.015)
+    solution = solve(Objective(overlap=energy), start, Adam(max_steps=30, learning_rate=0.004))
+    assert solution.energy < 0.4 * energy(start)
+
+
+def test_surface_out_of_sight_and_full_masks() -> None:
+    motion = truth()
+    for masks in (torch.ones_like(drawn(motion)), drawn(motion)):
+        for shift in (torch.tensor([100.0, 0, 0]), torch.tensor([0, 0, 3.0])):
+            away = replace(motion, translation=motion.translation + shift)
+            energy = overlap(masks)
+            linear = energy.linearize(away)
+            assert linear.frame.isfinite().all()
+            torch.testing.assert_close(energy.cost(linear.residual), energy(away))
+
+
+@pytest.mark.parametrize(
+    ("masks", "settings", "words"),
+    [
+        (torch.zeros(2, 3, SIZE, SIZE), {}, "masks"),
+        (torch.zeros(2, SIZE, SIZE), {}, "masks"),
+        (torch.zeros(2, 2, SIZE, SIZE, dtype=torch.uint8), {}, "bool"),
+        (torch.full((2, 2, SIZE, SIZE), 255.0), {}, "0 to 1"),
+        (torch.full((2, 2, SIZE, SIZE), torch.nan), {}, "0 to 1"),
+        (torch.zeros(2, 2, SIZE, SIZE), {"trust": torch.ones(3, 1, 1)}, "trust"),
+        (torch.zeros(2, 2, SIZE, SIZE), {"trust": -torch.ones(1)}, "trust"),
+        (torch.zeros(2, 2, SIZE, SIZE), {"camera": cameras(2, 50)}, "size"),
+    ],
+)
+def test_bad_input_is_named(masks: Tensor, settings: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        overlap(masks, **settings)
+
+
+def test_edges_have_no_robust_kernel() -> None:
+    energy = overlap(drawn(truth()), kernel=GemanMcClure(1.0))
+    with pytest.raises(InputError, match="Quadratic"):
+        energy.linearize_blocks(truth())
