@@ -79,25 +79,33 @@ def _place(
 ) -> None:
     turn = np.empty((rotation.shape[1], 3, 3), arm.dtype)
     for p in range(len(base)):
-        for i in range(len(turn)):
-            rotvec_to_matrix(rotation[p], i, turn[i])
+        _turn_seen(blocks[p], rotation[p], turn)
         for n in range(base.shape[1]):
             for c in range(3):
                 points[p, n, c] = base[p, n, c]
             for a in range(blocks.shape[2]):
                 i = blocks[p, n, a]
+                if i < 0:
+                    turned[p, n, a] = 0
+                    continue
+                x, y, z = arm[p, n, a, 0], arm[p, n, a, 1], arm[p, n, a, 2]
                 for c in range(3):
-                    if i < 0:
-                        turned[p, n, a, c] = 0
-                        continue
-                    image = (
-                        turn[i, c, 0] * arm[p, n, a, 0]
-                        + turn[i, c, 1] * arm[p, n, a, 1]
-                        + turn[i, c, 2] * arm[p, n, a, 2]
-                    )
+                    image = turn[i, c, 0] * x + turn[i, c, 1] * y + turn[i, c, 2] * z
                     turned[p, n, a, c] = image
                     shift = share[p, n, a] * translation[p, i, c]
                     points[p, n, c] += image - arm[p, n, a, c] + shift
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _turn_seen(blocks: Indices, rotation: Floats, turn: Floats) -> None:
+    """Write the rotation matrices of the nodes that any point sees."""
+    todo = np.ones(len(rotation), np.bool_)
+    for n in range(blocks.shape[0]):
+        for a in range(blocks.shape[1]):
+            i = blocks[n, a]
+            if i >= 0 and todo[i]:
+                rotvec_to_matrix(rotation, i, turn[i])
+                todo[i] = False
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -194,7 +194,7 @@ def _add_equations(
     gradient: Floats,
     diagonal: Floats,
 ) -> None:
-    """The blocks of an edge e are |e|^2 I - e e', -s [e] and s^2 I."""
+    """The blocks of an edge e are |e|^2 I - e e', s [e] below, and s^2 I."""
     for p in range(len(turned)):
         for g in range(len(start)):
             i, j, w = start[g], end[g], weight[p, g]
@@ -205,11 +205,8 @@ def _add_equations(
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3
                 out[a, a] += w * (square - edge[a] * edge[a])
-                out[a, b] -= w * edge[a] * edge[b]
-                out[b, a] -= w * edge[a] * edge[b]
-                out[a, 3 + b] += w * scale * edge[c]
+                out[max(a, b), min(a, b)] -= w * edge[a] * edge[b]
                 out[3 + b, a] += w * scale * edge[c]
-                out[a, 3 + c] -= w * scale * edge[b]
                 out[3 + c, a] -= w * scale * edge[b]
                 out[3 + a, 3 + a] += w * scale * scale
                 diagonal[p, j, 3 + a, 3 + a] += w * scale * scale
@@ -231,15 +228,28 @@ def _add_coarse(
     own, rows = np.empty(2, np.int64), np.empty((2, 3, len(counts)), modes.dtype)
     for p in range(len(turned)):
         for g in range(len(start)):
-            i, j = start[g], end[g]
-            own[0], own[1] = group[i], group[j]
-            for a in range(3 if own[0] != own[1] else 0):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                for m in range(len(counts)):
-                    cross = (
-                        modes[p, i, b, m] * turned[p, g, c] - modes[p, i, c, m] * turned[p, g, b]
-                    )
-                    rows[0, a, m] = scale * modes[p, i, 3 + a, m] - cross
-                    rows[1, a, m] = -scale * modes[p, j, 3 + a, m]
-            if own[0] != own[1]:
-                add_outer(matrix[p], own, rows, weight[p, g], counts)
+            i, j, used = start[g], end[g], 0
+            if group[i] == group[j]:
+                continue
+            if group[i] >= 0:
+                own[0], used = group[i], 1
+                _move_start(modes[p, i], turned[p, g], scale, rows[0], counts)
+            if group[j] >= 0:
+                own[used] = group[j]
+                for a in range(3):
+                    for m in range(len(counts)):
+                        rows[used, a, m] = -scale * modes[p, j, 3 + a, m]
+                used += 1
+            add_outer(matrix[p], own, used, rows, weight[p, g], counts)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _move_start(
+    modes: Floats, edge: Floats, scale: float, moved: Floats, counts: tuple[int, ...]
+) -> None:
+    """Write the derivative (3, r) of an edge in the modes (6, r) of the node at its start."""
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        for m in range(len(counts)):
+            cross = modes[b, m] * edge[c] - modes[c, m] * edge[b]
+            moved[a, m] = scale * modes[3 + a, m] - cross

@@ -40,15 +40,14 @@ class EdgeCurvature:
         self.turned, self.residual, self.weight = turned, residual, weight
 
     def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
-        """See ``Curvature``; with e the turned edge, |e|^2 I - e e', -s [e] and s^2 I."""
+        """See ``Curvature``; with e the turned edge, |e|^2 I - e e', s [e] below, and s^2 I."""
         self._pull(gradient, self.residual)
         e, weight = self.turned, self.weight[..., None, None]
         eye = torch.eye(3).to(e)
         turn = e.square().sum(-1)[..., None, None] * eye - e.unsqueeze(-1) * e.unsqueeze(-2)
         cross = skew(e)
         move = (weight * self.scale**2 * eye).expand_as(turn)
-        diagonal[..., :3, :3].index_add_(1, self.start, weight * turn)
-        diagonal[..., :3, 3:].index_add_(1, self.start, -self.scale * weight * cross)
+        diagonal[..., :3, :3].index_add_(1, self.start, weight * turn.tril())
         diagonal[..., 3:, :3].index_add_(1, self.start, self.scale * weight * cross)
         diagonal[..., 3:, 3:].index_add_(1, self.start, move)
         diagonal[..., 3:, 3:].index_add_(1, self.end, move)

@@ -87,16 +87,11 @@ class Rigidity(Energy[Deformation]):
         The modes are a rotation vector and a translation, in the unknowns' units.
         """
         place = self.nodes + deformation.translation  # *b F M 3
-        group = self.group.clamp(min=0)
-        sums = place.new_zeros(*place.shape[:-2], self.groups, 4)
-        sums.index_add_(-2, group, torch.cat((place, torch.ones_like(place[..., :1])), -1))
-        middle = sums[..., :3] / sums[..., 3:].clamp(min=1)
-        eye = torch.eye(3).to(place).expand(*place.shape, 3)
-        zero = torch.zeros_like(eye)
-        turn = torch.cat((eye, -skew(place - middle[..., group, :])), -2)
-        return CoarseSpace(
-            self.group, self.groups, torch.cat((turn, torch.cat((zero, eye), -2)), -1)
-        )
+        member = self.group == torch.arange(self.groups, device=self.group.device)[:, None]  # C M
+        middle = member.to(place) @ place / member.sum(-1, keepdim=True)
+        modes = torch.eye(6).to(place).repeat(*place.shape[:-1], 1, 1)
+        modes[..., 3:, :3] = skew(middle[..., self.group, :] - place)  # -1, in no group, is any
+        return CoarseSpace(self.group, self.groups, modes)
 
 
 @dataclass(frozen=True)

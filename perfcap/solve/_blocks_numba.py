@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.solve._coarse_numba import add_outer
+from perfcap.solve._coarse_numba import add_outer, find_slot
 from perfcap.solve.sparse import CoarseSpace
 
 Floats = NDArray[np.floating[Any]]
@@ -106,7 +106,7 @@ def _add_equations(
                     for c in range(len(unknowns)):
                         scaled = weight[p, g] * jacobian[p, g, a, r, c]
                         gradient[p, i, c] += scaled * residual[p, g, r]
-                        for e in range(len(unknowns)):
+                        for e in range(c + 1):
                             diagonal[p, i, c, e] += scaled * jacobian[p, g, a, r, e]
 
 
@@ -147,20 +147,27 @@ def _add_coarse(
     matrix: Floats,
     counts: tuple[int, ...],
 ) -> None:
-    problems, groups, slots, rows, unknowns = jacobian.shape
+    problems, groups, slots, rows, _ = jacobian.shape
     own, moved = np.empty(slots, np.int64), np.empty((slots, rows, len(counts)), modes.dtype)
     for p in range(problems):
         for g in range(groups):
-            if weight[p, g] == 0:
-                continue
-            moved[:] = 0
-            for a in range(slots):
+            used = 0
+            for a in range(slots if weight[p, g] != 0 else 0):
                 i = blocks[p, g, a]
-                own[a] = group[i] if i >= 0 else -1
-                if own[a] < 0:
+                if i < 0 or group[i] < 0:
                     continue
-                for r in range(rows):
-                    for c in range(unknowns):
-                        for m in range(len(counts)):
-                            moved[a, r, m] += jacobian[p, g, a, r, c] * modes[p, i, c, m]
-            add_outer(matrix[p], own, moved, weight[p, g], counts)
+                slot = find_slot(own, used, group[i])
+                if slot == used:
+                    own[slot], moved[slot] = group[i], 0
+                    used += 1
+                _move(jacobian[p, g, a], modes[p, i], moved[slot], counts)
+            add_outer(matrix[p], own, used, moved, weight[p, g], counts)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _move(jacobian: Floats, modes: Floats, moved: Floats, counts: tuple[int, ...]) -> None:
+    """Add the derivative in modes (d, r) of one block."""
+    for r in range(len(jacobian)):
+        for c in range(len(modes)):
+            for m in range(len(counts)):
+                moved[r, m] += jacobian[r, c] * modes[c, m]

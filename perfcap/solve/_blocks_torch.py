@@ -34,7 +34,7 @@ class BlockCurvature:
         """See ``sparse.Curvature``."""
         self._scatter(gradient, torch.einsum("pgkdq,pgd->pgkq", self.jacobian, self.pull))
         weighted = self.weight[..., None, None, None] * self.jacobian
-        self._scatter(diagonal, weighted.mT @ self.jacobian)
+        self._scatter(diagonal, (weighted.mT @ self.jacobian).tril())
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
         """See ``sparse.Curvature``."""

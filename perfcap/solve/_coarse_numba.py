@@ -80,24 +80,32 @@ def _prolong(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def find_slot(groups: Indices, used: int, group: int) -> int:
+    """Where a group is among the first ``used``, or ``used`` if it is not."""
+    for slot in range(used):
+        if groups[slot] == group:
+            return slot
+    return used
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def add_outer(
-    matrix: Floats, groups: Indices, rows: Floats, weight: float, counts: tuple[int, ...]
+    matrix: Floats,
+    groups: Indices,
+    used: int,
+    rows: Floats,
+    weight: float,
+    counts: tuple[int, ...],
 ) -> None:
     """Add what one group of residuals has, see ``_coarse_torch.add_outer``.
 
-    ``matrix`` is (C, r, C, r), ``groups`` (k,) and ``rows`` (k, d, r); both are overwritten.
+    ``matrix`` is (C, r, C, r); of ``groups`` (k,), all different, and ``rows`` (k, d, r) the first
+    ``used`` count.
     """
-    for a in range(len(groups)):  # slots of one group move as one
-        for b in range(a):
-            if groups[a] >= 0 and groups[b] == groups[a]:
-                rows[b] += rows[a]
-                groups[a] = -1
-    for a in range(len(groups)):
-        for b in range(len(groups)):
+    for a in range(used):
+        for b in range(used):
             i, j = groups[a], groups[b]
-            if j < 0 or i < j:
-                continue
-            for d in range(rows.shape[1]):
+            for d in range(rows.shape[1] if i >= j else 0):
                 for m in range(len(counts)):
                     scaled = weight * rows[a, d, m]
                     for n in range(len(counts)):

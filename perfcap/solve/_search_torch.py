@@ -9,7 +9,7 @@ from perfcap.solve.conjugate_gradient import Search
 
 
 def invert(diagonal: Tensor, damping: Tensor, running: Tensor, inverse: Tensor) -> None:
-    """Write inverses (P, M, q, q) of diagonal blocks plus a damping (P, M, q).
+    """Write inverses (P, M, q, q) of diagonal blocks, lower triangles, plus a damping (P, M, q).
 
     A block that rounding has left indefinite is inverted as if it were diagonal; the identity
     stands in for those of problems that do not run.

@@ -9,21 +9,13 @@ groups along the few motions an energy does not resist carries it everywhere at 
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from perfcap.solve.energy import Objective, State
-from perfcap.solve.sparse import CoarseSpace, Size, SparseEquations, is_compiled
-
-
-@runtime_checkable
-class OffersCoarseSpace(Protocol):
-    """An energy that knows motions it hardly resists; purely a matter of speed."""
-
-    def coarse_space(self, state: Any) -> CoarseSpace:
-        """Such motions at a state."""
+from perfcap.solve.sparse import CoarseSpace, is_compiled
+from perfcap.solve.sparse_problem import SparseEquations
 
 
 class CoarseCorrection(Protocol):
@@ -31,16 +23,6 @@ class CoarseCorrection(Protocol):
 
     def add(self, residual: Tensor, image: Tensor, running: Tensor) -> None:
         """Add the correction of a residual to its image, (P, M, q) both, where running (P,)."""
-
-
-def find_coarse_space(objective: Objective, state: State, size: Size) -> CoarseSpace | None:
-    """What the first energy that knows one offers, flattened to problems, or None."""
-    for energy in objective.energies.values():
-        if isinstance(energy, OffersCoarseSpace):
-            space = energy.coarse_space(state)
-            modes = space.modes.expand(*size.frames, *space.modes.shape[-3:])
-            return CoarseSpace(space.group, space.groups, modes.reshape(-1, *modes.shape[-3:]))
-    return None
 
 
 def coarse_correction(
@@ -53,12 +35,12 @@ def coarse_correction(
         equations: H.
         damping: what is added to the diagonal of H, (P, M, q).
     """
-    modes, count = space.modes.contiguous(), space.modes.shape[-1]
+    modes, count = space.modes, space.modes.shape[-1]
     matrix = modes.new_zeros(len(modes), space.groups, count, space.groups, count)
     for curvature in equations.curvatures:
         curvature.add_coarse(space, matrix)
     # of the damping, the diagonal is enough: what it is for is that no mode is without any
-    own = torch.einsum("pmq,pmqr,pmqr->pmr", damping, modes, modes)
+    own = (damping.unsqueeze(-1) * modes.square()).sum(-2)
     own = torch.where((space.group >= 0)[:, None], own, 0)
     sums = own.new_zeros(len(own), space.groups, count)
     sums.index_add_(1, space.group.clamp(min=0), own)

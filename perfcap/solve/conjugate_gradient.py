@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.coarse import CoarseCorrection
-from perfcap.solve.sparse import SparseEquations, is_compiled
+from perfcap.solve.sparse import is_compiled
+from perfcap.solve.sparse_problem import SparseEquations
 
 
 @dataclass(frozen=True)

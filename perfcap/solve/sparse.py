@@ -1,4 +1,4 @@
-"""Energies of many unknowns a frame, each group of residuals seeing a few blocks of them.
+"""What energies of many unknowns a frame offer: each group of residuals sees a few blocks of them.
 
 A frame of such a state is M blocks of q unknowns, and a problem of its own. ``P`` counts problems:
 the frames of all batch elements. Vectors over the unknowns are (P, M, q).
@@ -6,15 +6,13 @@ the frames of all batch elements. Vectors over the unknowns are (P, M, q).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
 
-from perfcap.errors import InputError
-from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State
+from perfcap.solve.energy import Residual
 
 _FLOATS = (torch.float32, torch.float64)
 
@@ -35,15 +33,6 @@ class CoarseSpace:
     modes: Tensor
 
 
-@runtime_checkable
-class BlockState(Protocol):
-    """A state whose frames are blocks of unknowns."""
-
-    @property
-    def block_dim(self) -> int:
-        """q, unknowns of a block; divides ``frame_dim``."""
-
-
 class Curvature(Protocol):
     """``J' W J`` of one energy at a state: what conjugate gradients need to know of it.
 
@@ -51,10 +40,10 @@ class Curvature(Protocol):
     """
 
     def add_equations(self, gradient: Tensor, diagonal: Tensor) -> None:
-        """Add ``J' W r`` to (P, M, q), the blocks of ``J' W J`` on its diagonal to (P, M, q, q).
+        """Add ``J' W r`` to (P, M, q), blocks on the diagonal of ``J' W J`` to (P, M, q, q).
 
-        The blocks scale and precondition: where a group names a block twice, what is across may
-        be left out.
+        Of the blocks, the lower triangles. They scale and precondition: where a group names a
+        block twice, what is across may be left out.
         """
 
     def add_product(self, direction: Tensor, product: Tensor, running: Tensor) -> None:
@@ -84,6 +73,14 @@ class OffersBlocks(Protocol):
 
     def linearize_blocks(self, state: Any) -> SparseLinearization:
         """Residual and derivative at a state."""
+
+
+@runtime_checkable
+class OffersCoarseSpace(Protocol):
+    """An energy that knows motions it hardly resists; purely a matter of speed."""
+
+    def coarse_space(self, state: Any) -> CoarseSpace:
+        """Such motions at a state."""
 
 
 @dataclass(frozen=True)
@@ -123,129 +120,3 @@ class BlockLinearization:
 def is_compiled(tensor: Tensor) -> bool:
     """Whether compiled loops stand in for torch: solvers see tensors without gradients only."""
     return tensor.is_cpu and tensor.dtype in _FLOATS
-
-
-@dataclass(frozen=True)
-class Size:
-    """P problems of M blocks of q unknowns, typed as ``like``; problems are frames, (*b, F)."""
-
-    frames: torch.Size
-    blocks: int
-    unknowns: int
-    like: Tensor
-
-    @classmethod
-    def of(cls, state: State) -> Size:
-        """Sizes of a state.
-
-        Raises:
-            InputError: the state has no blocks, or unknowns that frames share.
-        """
-        if not isinstance(state, BlockState):
-            raise InputError(
-                f"state is a {type(state).__name__}, which has no block_dim; use "
-                "LevenbergMarquardt for frames that are one block"
-            )
-        if state.shared_dim:
-            raise InputError(
-                f"state has {state.shared_dim} unknowns that frames share, expected none: every "
-                "frame is solved by itself; use LevenbergMarquardt"
-            )
-        frame = state.coordinates().frame
-        blocks = state.frame_dim // state.block_dim
-        return cls(frame.shape[:-1], blocks, state.block_dim, frame.new_empty(0))
-
-    @property
-    def problems(self) -> int:
-        """P."""
-        return self.frames.numel()
-
-    @property
-    def vector(self) -> tuple[int, int, int]:
-        """Shape (P, M, q)."""
-        return self.problems, self.blocks, self.unknowns
-
-    def zeros(self, *more: int) -> Tensor:
-        """Zeros (P, M, q, *more) of the state's type and device."""
-        return self.like.new_zeros(*self.vector, *more)
-
-
-@dataclass(frozen=True)
-class SparseEquations:
-    """The quadratic model of an objective at a state, its matrix only as a sum of products.
-
-    All derivatives leave out the factor 2 of a sum of squares: near the state the energy is
-    ``E + 2 g.d + d.H d``.
-
-    Args:
-        terms: value of each energy by name, (P,).
-        curvatures: of each energy.
-        gradient: g, (P, M, q).
-        diagonal: blocks of H on its diagonal, (P, M, q, q).
-    """
-
-    terms: dict[str, Tensor]
-    curvatures: tuple[Curvature, ...]
-    gradient: Tensor
-    diagonal: Tensor
-
-    @property
-    def energy(self) -> Tensor:
-        """Total energy, (P,)."""
-        return torch.stack(list(self.terms.values())).sum(0)
-
-    def finite(self) -> Tensor:
-        """Whether all numbers of a problem are, (P,)."""
-        # a sum is not finite as soon as one of its terms is not
-        sums = self.energy + self.gradient.flatten(1).sum(-1) + self.diagonal.flatten(1).sum(-1)
-        return sums.isfinite()
-
-
-def linearize(objective: Objective, state: State, size: Size) -> SparseEquations:
-    """Linearize every energy at a state of known size.
-
-    Raises:
-        InputError: an energy offers no ``linearize_blocks``, or couples frames.
-    """
-    gradient, diagonal = size.zeros(), size.zeros(size.unknowns)
-    terms, curvatures = {}, []
-    for name, energy, offers in _sparse_energies(objective):
-        linear = offers.linearize_blocks(state)
-        squared = linear.residual.squared_norm()
-        terms[name] = _frame_costs(energy, squared, size)
-        curvature = linear.curvature(_group_weight(energy, linear.residual, squared))
-        curvature.add_equations(gradient, diagonal)
-        curvatures.append(curvature)
-    return SparseEquations(terms, tuple(curvatures), gradient, diagonal)
-
-
-def evaluate(objective: Objective, state: State, size: Size) -> dict[str, Tensor]:
-    """Energies of each problem by name, (P,)."""
-    return {
-        name: _frame_costs(energy, energy.residual(state).squared_norm(), size)
-        for name, energy in objective.items()
-    }
-
-
-def _sparse_energies(objective: Objective) -> Iterator[tuple[str, Energy[Any], OffersBlocks]]:
-    for name, energy in objective.items():
-        if not isinstance(energy, OffersBlocks) or energy.coupling is not Coupling.FRAME:
-            raise InputError(
-                f"energy '{name}' ({type(energy).__name__}) offers no linearize_blocks for single "
-                "frames; give it one, or use LevenbergMarquardt"
-            )
-        yield name, energy, energy
-
-
-def _frame_costs(energy: Energy[Any], squared: Tensor, size: Size) -> Tensor:
-    """``Energy.cost`` of every frame by itself, (P,); squared norms are (*b, F, G)."""
-    cost = energy.kernel.value(squared).sum(-1)
-    return (energy.weight.to(cost)[..., None] * cost).expand(size.frames).reshape(-1)
-
-
-def _group_weight(energy: Energy[Any], residual: Residual, squared: Tensor) -> Tensor:
-    """Weight times confidence times slope of the kernel, (*b, F, G): reweighted least squares."""
-    slope = energy.kernel.slope(squared)
-    if residual.confidence is not None:
-        slope = residual.confidence * slope
-    return energy.weight.to(slope)[..., None, None] * slope

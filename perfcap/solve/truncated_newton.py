@@ -10,12 +10,13 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.solve.bounds import Bounds
-from perfcap.solve.coarse import CoarseCorrection, coarse_correction, find_coarse_space
+from perfcap.solve.coarse import CoarseCorrection, coarse_correction
 from perfcap.solve.conjugate_gradient import Descent, conjugate_gradients
 from perfcap.solve.damping import Damping
 from perfcap.solve.energy import Objective, StateType, Step
 from perfcap.solve.solution import Solution, Status
-from perfcap.solve.sparse import CoarseSpace, Size, SparseEquations, evaluate, linearize
+from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.sparse_problem import SparseEquations, SparseProblem, total
 
 _LARGEST_DAMPING = 1e20
 _FLOOR = 1e-6  # of the mean curvature, for unknowns that nothing sees
@@ -35,7 +36,8 @@ class TruncatedNewton:
     Args:
         max_steps: most steps tried, accepted or not.
         tolerance: a frame has converged when a step promises and brings a relative decrease of
-            its energy below this. Raised to what the precision can resolve: 32 rounding units.
+            its energy below this; what is left then is about the square. Raised to what the
+            precision can resolve: 32 rounding units.
         damping: initial damping, relative to the diagonal of the curvature. It also holds back
             what costs nothing, such as the motion of a whole limb: keep it small.
         forcing: conjugate gradients end once their residual has fallen to this share.
@@ -43,9 +45,9 @@ class TruncatedNewton:
     """
 
     max_steps: int = 10
-    tolerance: float = 1e-3
+    tolerance: float = 1e-2
     damping: float = 1e-6
-    forcing: float = 0.1
+    forcing: float = 0.2
     max_rounds: int = 100
 
     def minimize(
@@ -62,11 +64,11 @@ class TruncatedNewton:
                 "leave them out"
             )
         with torch.no_grad():
-            run = _start(self, objective, initial)
+            run = _start(self, SparseProblem.of(objective, initial), initial)
             for left in reversed(range(self.max_steps)):
                 if not bool(run.running.any()):
                     break
-                run = _advance(run, self, objective, final=left == 0)
+                run = _advance(run, self, final=left == 0)
         return run.solution()
 
 
@@ -79,8 +81,8 @@ class _Run(Generic[StateType]):
     in where that leads. ``smooth`` says that no step of the last round was rejected.
     """
 
+    problem: SparseProblem
     state: StateType
-    size: Size
     equations: SparseEquations
     space: CoarseSpace | None
     coarse: CoarseCorrection | None
@@ -96,13 +98,17 @@ class _Run(Generic[StateType]):
 
     def solution(self) -> Solution[StateType]:
         return Solution.over_batch(
-            self.size.frames, self.state, self.terms, self.steps, self.status
+            self.problem.frames, self.state, self.terms, self.steps, self.status
         )
 
 
 @dataclass(frozen=True)
 class _Trial(Generic[StateType]):
-    """A tried step (P, M, q), where it leads, and what came of it, (P,)."""
+    """A tried step (P, M, q), where it leads, and what came of it, (P,).
+
+    ``valid`` says whether a step was found. ``promise`` is what an undamped one could give: a
+    short step under heavy damping is no sign of convergence. ``enough`` is a decrease worth a step.
+    """
 
     step: Tensor
     valid: Tensor
@@ -110,21 +116,21 @@ class _Trial(Generic[StateType]):
     equations: SparseEquations | None
     terms: dict[str, Tensor]
     energy: Tensor
-    promised: Tensor
+    promise: Tensor
+    enough: Tensor
     gained: Tensor
     accepted: Tensor
 
 
-def _start(settings: TruncatedNewton, objective: Objective, state: StateType) -> _Run[StateType]:
-    size = Size.of(state)
-    equations = linearize(objective, state, size)
+def _start(settings: TruncatedNewton, problem: SparseProblem, state: StateType) -> _Run[StateType]:
+    equations = problem.linearize(state)
     finite, energy = equations.finite(), equations.energy
     status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
     return _Run(
+        problem=problem,
         state=state,
-        size=size,
         equations=equations,
-        space=find_coarse_space(objective, state, size),
+        space=problem.coarse_space(state),
         coarse=None,
         coarse_damping=torch.zeros_like(energy),
         terms=equations.terms,
@@ -138,64 +144,26 @@ def _start(settings: TruncatedNewton, objective: Objective, state: StateType) ->
     )
 
 
-def _advance(
-    run: _Run[StateType], settings: TruncatedNewton, objective: Objective, final: bool
-) -> _Run[StateType]:
+def _advance(run: _Run[StateType], settings: TruncatedNewton, final: bool) -> _Run[StateType]:
     """Try one step of every running problem; after the final one there are no equations."""
     damping = _diagonal_damping(run)
     coarse, coarse_damping = _coarse(run, damping)
-    run = replace(run, coarse=coarse, coarse_damping=coarse_damping)
     descent = conjugate_gradients(
         run.equations, damping, run.running, settings.forcing, settings.max_rounds, coarse
     )
-    trial = _try(run, descent, settings, objective, final)
-    status = _judge(run, trial, settings)
-    rejected = run.running & ~trial.accepted
+    trial = _try(run, descent, settings, final)
+    status = _judge(run, trial)
     moved = replace(
         run,
-        damping=run.damping.update(run.running, trial.accepted, trial.gained / trial.promised),
+        coarse=coarse,
+        coarse_damping=coarse_damping,
+        damping=run.damping.update(run.running, trial.accepted, trial.gained / descent.promised),
         steps=run.steps + run.running,
         status=status,
         running=run.running & (status == Status.MAX_STEPS),
-        smooth=not bool(rejected.any()),
+        smooth=not bool((run.running & ~trial.accepted).any()),
     )
-    return _move(moved, trial, objective, final) if bool(trial.accepted.any()) else moved
-
-
-def _try(
-    run: _Run[StateType],
-    descent: Descent,
-    settings: TruncatedNewton,
-    objective: Objective,
-    final: bool,
-) -> _Trial[StateType]:
-    """Evaluate the energy at the end of a step.
-
-    While steps succeed the trial is linearized at once, which gives its energy too. After a
-    rejected one it is only evaluated, until a step succeeds again; and so are steps that are
-    likely to be the last.
-    """
-    valid = run.running & descent.step.isfinite().flatten(1).all(-1)
-    step = torch.where(valid[:, None, None], descent.step, 0)
-    state = _moved(run.state, step, run.size)
-    little = descent.promised * (1 + run.damping.value) <= _enough(run, settings)
-    equations = None
-    if run.smooth and not final and not bool((little | ~run.running).all()):
-        equations = linearize(objective, state, run.size)
-    terms = equations.terms if equations else evaluate(objective, state, run.size)
-    energy = torch.stack(list(terms.values())).sum(0)
-    gained = run.energy - energy
-    return _Trial(
-        step=step,
-        valid=valid,
-        state=state,
-        equations=equations,
-        terms=terms,
-        energy=energy,
-        promised=descent.promised,
-        gained=gained,
-        accepted=valid & (gained > 0) & (descent.promised > 0),
-    )
+    return _move(moved, trial, final) if bool(trial.accepted.any()) else moved
 
 
 def _diagonal_damping(run: _Run[StateType]) -> Tensor:
@@ -216,21 +184,53 @@ def _coarse(run: _Run[StateType], damping: Tensor) -> tuple[CoarseCorrection | N
     return coarse_correction(run.space, run.equations, damping), value
 
 
-def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: TruncatedNewton) -> Tensor:
+def _try(
+    run: _Run[StateType], descent: Descent, settings: TruncatedNewton, final: bool
+) -> _Trial[StateType]:
+    """Evaluate the energy at the end of a step.
+
+    While steps succeed the trial is linearized at once, which gives its energy too. After a
+    rejected one it is only evaluated, until a step succeeds again; and so are steps that are
+    likely to be the last.
+    """
+    valid = run.running & descent.promised.isfinite()  # and so is the step it was summed over
+    step = torch.where(valid[:, None, None], descent.step, 0)
+    state = _moved(run, step)
+    promise = descent.promised * (1 + run.damping.value)
+    enough = max(settings.tolerance, _resolution(run)) * run.energy
+    equations = None
+    if run.smooth and not final and bool((run.running & ~(promise <= enough)).any()):
+        equations = run.problem.linearize(state)
+    terms = equations.terms if equations else run.problem.evaluate(state)
+    energy = total(terms)
+    gained = run.energy - energy
+    return _Trial(
+        step=step,
+        valid=valid,
+        state=state,
+        equations=equations,
+        terms=terms,
+        energy=energy,
+        promise=promise,
+        enough=enough,
+        gained=gained,
+        accepted=valid & (gained > 0) & (promise > 0),
+    )
+
+
+def _judge(run: _Run[StateType], trial: _Trial[StateType]) -> Tensor:
     """New status of every problem.
 
-    A short step under heavy damping is no sign of convergence, so promises are scaled up to what
-    the undamped model could give. A rejected step counts only where its promise is below what the
-    precision of the energy can show.
+    A rejected step counts only where its promise is below what the precision of the energy can
+    show.
     """
-    resolution = _resolution(run)
-    promise, enough = trial.promised * (1 + run.damping.value), _enough(run, settings)
+    resolution, accepted = _resolution(run), trial.accepted
     converged = trial.valid & (
-        (trial.accepted & (promise <= enough) & (trial.gained <= enough))
-        | (trial.accepted & (trial.energy <= resolution**2 * run.start_energy))
-        | (promise <= resolution * run.energy)
+        (accepted & (torch.maximum(trial.promise, trial.gained) <= trial.enough))
+        | (accepted & (trial.energy <= resolution**2 * run.start_energy))
+        | (trial.promise <= resolution * run.energy)
     )
-    stuck = run.running & ~trial.accepted & (run.damping.value > _LARGEST_DAMPING)
+    stuck = run.running & ~accepted & (run.damping.value > _LARGEST_DAMPING)
     dead_end = torch.where(trial.energy.isfinite(), Status.STALLED, Status.NOT_FINITE)
     status = torch.where(stuck, dead_end, run.status)
     return torch.where(converged, Status.CONVERGED, status)
@@ -241,19 +241,11 @@ def _resolution(run: _Run[StateType]) -> float:
     return 32 * torch.finfo(run.energy.dtype).eps
 
 
-def _enough(run: _Run[StateType], settings: TruncatedNewton) -> Tensor:
-    """Decrease below which a problem has converged, (P,)."""
-    return max(settings.tolerance, _resolution(run)) * run.energy
-
-
-def _move(
-    run: _Run[StateType], trial: _Trial[StateType], objective: Objective, final: bool
-) -> _Run[StateType]:
+def _move(run: _Run[StateType], trial: _Trial[StateType], final: bool) -> _Run[StateType]:
     """Go to the trial state where it was accepted, and have its equations."""
     accepted, state, equations = trial.accepted, trial.state, trial.equations
     if not run.smooth:
-        step = torch.where(accepted[:, None, None], trial.step, 0)
-        state, equations = _moved(run.state, step, run.size), None
+        state, equations = _moved(run, torch.where(accepted[:, None, None], trial.step, 0)), None
     run = replace(
         run,
         state=state,
@@ -262,7 +254,7 @@ def _move(
     )
     if final or not bool(run.running.any()):
         return run
-    equations = equations or linearize(objective, state, run.size)
+    equations = equations or run.problem.linearize(state)
     lost = run.running & accepted & ~equations.finite()
     return replace(
         run,
@@ -272,7 +264,8 @@ def _move(
     )
 
 
-def _moved(state: StateType, step: Tensor, size: Size) -> StateType:
+def _moved(run: _Run[StateType], step: Tensor) -> StateType:
     """The end of a step (P, M, q)."""
-    frame = step.reshape(*size.frames, -1)
-    return state.retract(Step(frame, frame.new_zeros(*size.frames[:-1], 0)))
+    frames = run.problem.frames
+    shared = step.new_zeros(*frames[:-1], 0)
+    return run.state.retract(Step(step.reshape(*frames, -1), shared))

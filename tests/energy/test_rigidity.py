@@ -22,7 +22,8 @@ from perfcap.solve import (
     TruncatedNewton,
     solve,
 )
-from perfcap.solve.sparse import CoarseSpace, Size, linearize
+from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.sparse_problem import SparseProblem
 
 
 def rigid(nodes, rotation, translation):
@@ -67,7 +68,7 @@ def test_rigid_motions_are_free_and_flat(graph):
     state = rigid(nodes, turn, torch.tensor([1.0, -2.0, 3.0], dtype=torch.float64))
     energy = Rigidity(graph, nodes)
     assert (energy(state) < 1e-28).all()
-    equations = linearize(Objective(rigidity=energy), state, Size.of(state))
+    equations = SparseProblem.of(Objective(rigidity=energy), state).linearize(state)
     assert equations.gradient.abs().max() < 1e-14
     # to turn and move all nodes further costs nothing either
     place = nodes + state.translation
@@ -213,10 +214,6 @@ def test_minimum_is_that_of_the_dense_method(graph):
         for name in ("rotation", "translation"):
             found, expected = getattr(sparse.state, name)[one], getattr(exact.state, name)
             torch.testing.assert_close(found, expected, rtol=0, atol=1e-8)
-
-
-def test_size_of_a_deformation():
-    assert Size.of(random_deformation((3,))).vector == (6, NODES, 6)
 
 
 def test_nodes_of_another_graph_are_refused(graph):

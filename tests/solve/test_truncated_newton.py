@@ -18,7 +18,8 @@ from perfcap.solve import (
     TruncatedNewton,
     solve,
 )
-from perfcap.solve.sparse import BlockLinearization, Size, linearize
+from perfcap.solve.sparse import BlockLinearization
+from perfcap.solve.sparse_problem import SparseProblem
 
 STRICT = TruncatedNewton(max_steps=100, tolerance=1e-14, forcing=1e-4)
 
@@ -166,5 +167,6 @@ def test_a_wrong_jacobian_stalls():
 def test_gradient_vanishes_at_the_end():
     objective, state = block_toy(batch=(2,))
     solution = solve(objective, state, STRICT)
-    there, here = (linearize(objective, s, Size.of(s)).gradient for s in (solution.state, state))
+    problem = SparseProblem.of(objective, state)
+    there, here = (problem.linearize(s).gradient for s in (solution.state, state))
     assert there.abs().max() < 1e-6 * here.abs().max()

@@ -1,0 +1,149 @@
+"""Frames of many blocks of unknowns as problems of their own, and their normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State
+from perfcap.solve.sparse import CoarseSpace, Curvature, OffersBlocks, OffersCoarseSpace
+
+
+@runtime_checkable
+class BlockState(Protocol):
+    """A state whose frames are blocks of unknowns."""
+
+    @property
+    def block_dim(self) -> int:
+        """q, unknowns of a block; divides ``frame_dim``."""
+
+
+@dataclass(frozen=True)
+class SparseEquations:
+    """The quadratic model of an objective at a state, its matrix only as a sum of products.
+
+    All derivatives leave out the factor 2 of a sum of squares: near the state the energy is
+    ``E + 2 g.d + d.H d``.
+
+    Args:
+        terms: value of each energy by name, (P,).
+        energy: their sum, (P,).
+        curvatures: of each energy.
+        gradient: g, (P, M, q).
+        diagonal: lower triangles of the blocks on the diagonal of H, (P, M, q, q).
+    """
+
+    terms: dict[str, Tensor]
+    energy: Tensor
+    curvatures: tuple[Curvature, ...]
+    gradient: Tensor
+    diagonal: Tensor
+
+    def finite(self) -> Tensor:
+        """Whether all numbers of a problem are, (P,)."""
+        # a sum is not finite as soon as one of its terms is not
+        sums = self.energy + self.gradient.flatten(1).sum(-1) + self.diagonal.flatten(1).sum(-1)
+        return sums.isfinite()
+
+
+@dataclass(frozen=True)
+class SparseProblem:
+    """P problems of M blocks of q unknowns: the frames (*b, F) of an objective's states.
+
+    Args:
+        frames: (*b, F).
+        blocks: M.
+        unknowns: q.
+        like: of the type and device of the unknowns.
+        energies: by name.
+    """
+
+    frames: torch.Size
+    blocks: int
+    unknowns: int
+    like: Tensor
+    energies: dict[str, Energy[Any]]
+
+    @classmethod
+    def of(cls, objective: Objective, state: State) -> SparseProblem:
+        """What an objective and a state pose.
+
+        Raises:
+            InputError: the state has no blocks, or unknowns that frames share; an energy offers no
+                ``linearize_blocks``, or couples frames.
+        """
+        if not isinstance(state, BlockState):
+            raise InputError(
+                f"state is a {type(state).__name__}, which has no block_dim; use "
+                "LevenbergMarquardt for frames that are one block"
+            )
+        if state.shared_dim:
+            raise InputError(
+                f"state has {state.shared_dim} unknowns that frames share, expected none: every "
+                "frame is solved by itself; use LevenbergMarquardt"
+            )
+        for name, energy in objective.items():
+            if not isinstance(energy, OffersBlocks) or energy.coupling is not Coupling.FRAME:
+                raise InputError(
+                    f"energy '{name}' ({type(energy).__name__}) offers no linearize_blocks for "
+                    "single frames; give it one, or use LevenbergMarquardt"
+                )
+        frame, unknowns = state.coordinates().frame, state.block_dim
+        blocks = state.frame_dim // unknowns
+        return cls(frame.shape[:-1], blocks, unknowns, frame.new_empty(0), dict(objective.items()))
+
+    def zeros(self, *more: int) -> Tensor:
+        """Zeros (P, M, q, *more)."""
+        return self.like.new_zeros(self.frames.numel(), self.blocks, self.unknowns, *more)
+
+    def evaluate(self, state: State) -> dict[str, Tensor]:
+        """Energies of each problem by name, (P,)."""
+        return {
+            name: self._costs(energy, energy.residual(state).squared_norm())
+            for name, energy in self.energies.items()
+        }
+
+    def linearize(self, state: State) -> SparseEquations:
+        """Equations at a state."""
+        gradient, diagonal = self.zeros(), self.zeros(self.unknowns)
+        terms, curvatures = {}, []
+        for name, energy in self.energies.items():
+            linear = energy.linearize_blocks(state)  # type: ignore[operator]  # checked in ``of``
+            squared = linear.residual.squared_norm()
+            terms[name] = self._costs(energy, squared)
+            curvature = linear.curvature(_group_weight(energy, linear.residual, squared))
+            curvature.add_equations(gradient, diagonal)
+            curvatures.append(curvature)
+        return SparseEquations(terms, total(terms), tuple(curvatures), gradient, diagonal)
+
+    def coarse_space(self, state: State) -> CoarseSpace | None:
+        """What the first energy that knows one offers, with modes (P, M, q, r), or None."""
+        for energy in self.energies.values():
+            if isinstance(energy, OffersCoarseSpace):
+                space = energy.coarse_space(state)
+                modes = space.modes.expand(*self.frames, *space.modes.shape[-3:])
+                return CoarseSpace(space.group, space.groups, modes.flatten(0, -4).contiguous())
+        return None
+
+    def _costs(self, energy: Energy[Any], squared: Tensor) -> Tensor:
+        """``Energy.cost`` of every frame by itself, (P,); squared norms are (*b, F, G)."""
+        cost = energy.kernel.value(squared).sum(-1)
+        return (energy.weight.to(cost)[..., None] * cost).expand(self.frames).reshape(-1)
+
+
+def total(terms: dict[str, Tensor]) -> Tensor:
+    """Sum of energies by name, (P,)."""
+    first, *others = terms.values()
+    return sum(others, first)
+
+
+def _group_weight(energy: Energy[Any], residual: Residual, squared: Tensor) -> Tensor:
+    """Weight times confidence times slope of the kernel, (*b, F, G): reweighted least squares."""
+    slope = energy.kernel.slope(squared)
+    if residual.confidence is not None:
+        slope = residual.confidence * slope
+    return energy.weight.to(slope)[..., None, None] * slope
