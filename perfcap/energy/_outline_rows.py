@@ -46,14 +46,19 @@ class OutlineRows:
         share = derivative.share[:, None]
         rows = torch.cat([(1 - share) * pull, share * pull, (flat[pixel] / root)[:, None]], -1)
         view = pixel // residual[0].numel()
-        names = torch.cat([view[:, None], derivative.vertices], -1)
-        edges, edge = torch.unique(names, dim=0, return_inverse=True)
+        # one integer an edge: rows of integers take fifty times as long to sort
+        first, second = derivative.vertices.unbind(-1)
+        count = int(derivative.vertices.max()) + 1 if len(pixel) else 1
+        names = (view * count + first) * count + second
+        edges, edge = torch.unique(names, return_inverse=True)
         products = rows.new_zeros(len(edges), 25)
         products.index_add_(0, edge, (rows[:, :, None] * rows[:, None, :]).flatten(1))
-        vertices, ends = torch.unique(edges[:, 1:], return_inverse=True)
+        pairs = torch.stack([edges // count % count, edges % count], -1)
+        vertices, ends = torch.unique(pairs, return_inverse=True)
         unseen = flat.square().index_fill(0, pixel, 0.0)
         rest = unseen.view(len(residual), -1).sum(-1)
-        return cls(edges[:, 0], ends, vertices, products.view(-1, 5, 5), rest)
+        view = edges // (count * count)
+        return cls(view, ends, vertices, products.view(-1, 5, 5), rest)
 
     def contract(self, derivative: Tensor) -> Tensor:
         """Products of rows in D other unknowns, (C, D + 1, D + 1), the residual last.

@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.energy._outline_rows import OutlineRows, square_root
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.product import multiply_views
 from perfcap.render.soft_silhouette import SoftSilhouette, require_size
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, State, Step
 from perfcap.solve.kernels import Kernel, Quadratic
@@ -92,7 +93,7 @@ class SilhouetteOverlap(Energy[Any]):
         frames = self._outline_rows(state)
         vertices = self._used(frames, state)
         points, derivative = self._linearize_points(state, vertices)
-        slope = self.cameras.linearize(points)[1] @ derivative.unsqueeze(-4)  # *b F C N 2 D
+        slope = multiply_views(self.cameras.linearize(points)[1], derivative)  # *b F C N 2 D
         by_frame = slope.reshape(-1, *slope.shape[-4:])
         pairs = zip(frames, by_frame, strict=True)
         products = torch.stack([rows.contract(each) for rows, each in pairs])

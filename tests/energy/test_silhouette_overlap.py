@@ -11,6 +11,9 @@ from checks import check_coupling, check_gradient, check_shapes
 from synthetic import actor, cameras, random_motion
 from torch import Tensor
 
+from perfcap.actor.deformation import Deformation
+from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
@@ -19,6 +22,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.solve import Adam, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.kernels import GemanMcClure
+from perfcap.solve.truncated_newton import TruncatedNewton
 
 F64 = torch.float64
 ACTOR = actor()
@@ -165,6 +169,43 @@ def test_adam_lowers_the_energy() -> None:
     start = near(goal, 0.015)
     solution = solve(Objective(overlap=energy), start, Adam(max_steps=30, learning_rate=0.004))
     assert solution.energy < 0.4 * energy(start)
+
+
+def graph_problem() -> tuple[SilhouetteOverlap, Deformation]:
+    """Two frames in two views, deformed by a few nodes."""
+    posed = ACTOR.surface(truth())
+    graph = DeformationGraph.build(ACTOR.vertices, SILHOUETTE.faces, nodes=40)
+    state = graph.identity(posed)
+    random = torch.Generator().manual_seed(6)
+    step = 0.02 * torch.randn(state.coordinates().frame.shape, generator=random, dtype=F64)
+    moved = state.retract(Step(step, state.coordinates().shared))
+    points = partial(EmbeddedPoints, graph, posed)
+    masks = SILHOUETTE.seen_by(CAMERAS, graph(posed, moved))
+    settings = (lambda at: graph(posed, at)), SILHOUETTE, CAMERAS, masks
+    return SilhouetteOverlap(*settings, weight=2.0, points=points), state
+
+
+def test_rows_of_outline_edges_stand_for_all_pixels() -> None:
+    energy, state = graph_problem()
+    linear = energy.linearize_blocks(state)
+    squared = energy.residual(state).squared_norm().sum(-1)
+    torch.testing.assert_close(linear.residual.squared_norm().sum(-1), squared)
+    frames, blocks = linear.blocks.shape[0], state.frame_dim // 6
+    pull = torch.einsum("fgkdq,fgd->fgkq", linear.jacobian, linear.residual.value)
+    index = linear.blocks.clamp_min(0).flatten(1)[..., None].expand(-1, -1, 6)
+    pull = pull.where(linear.blocks[..., None] >= 0, 0.0).flatten(1, 2)
+    gradient = torch.zeros(frames, blocks, 6, dtype=F64).scatter_add(1, index, pull)
+    here = state.coordinates()
+    zero = torch.zeros_like(here.frame).requires_grad_()
+    (expected,) = torch.autograd.grad(energy(state.retract(Step(zero, here.shared))), zero)
+    torch.testing.assert_close(4 * gradient.flatten(1), expected, rtol=1e-6, atol=1e-8)
+
+
+def test_truncated_newton_fits_a_deformation() -> None:
+    energy, state = graph_problem()
+    method = TruncatedNewton(max_steps=10, damping=1e-3)
+    solution = solve(Objective(overlap=energy), state, method)
+    assert solution.energy.sum() < 0.05 * energy(state)
 
 
 def test_surface_out_of_sight_and_full_masks() -> None:

@@ -225,6 +225,30 @@ def test_welding_is_differentiated_in_both_modes() -> None:
     torch.testing.assert_close(value, SoftSilhouette(SQUARE, SIZE)(whole, depth))
 
 
+def test_derivative_as_records() -> None:
+    whole, depth = square(10.3, 9.6, 20)
+    split, weld = torch.tensor([[0, 1, 2], [3, 5, 4]]), torch.tensor([0, 1, 2, 0, 3, 2])
+    silhouette = SoftSilhouette(split, SIZE, weld=weld)
+    pixels = torch.stack([whole, whole + 3.4])[:, weld]
+    coverage, derivative = silhouette.linearize(pixels, depth[weld].expand(2, -1))
+    torch.testing.assert_close(coverage, silhouette(pixels, depth[weld].expand(2, -1)))
+    weight = torch.stack([smooth_weight(SIZE, 1), smooth_weight(SIZE, 2)])
+    pull = weight.flatten()[derivative.pixel, None] * derivative.gradient
+    share = derivative.share[:, None]
+    gradient = torch.zeros(2, 6, 2, dtype=F64)
+    image = derivative.pixel // (SIZE[0] * SIZE[1])
+    for end, part in enumerate((1 - share, share)):
+        vertex = derivative.vertices[:, end]
+        gradient.index_put_((image, vertex), part * pull, accumulate=True)
+    assert not gradient[:, [3, 5]].any()  # records name the first copy
+    inputs = pixels.requires_grad_()
+    drawn = silhouette(inputs, depth[weld].expand(2, -1))
+    (expected,) = torch.autograd.grad((drawn * weight).sum(), inputs)
+    welded = torch.zeros(2, 4, 2, dtype=F64)
+    both = (welded.index_add(1, weld, each) for each in (gradient, expected))
+    torch.testing.assert_close(*both)
+
+
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
 def test_a_gpu_draws_the_same(sam: Actor) -> None:
