@@ -1,0 +1,188 @@
+"""Medians over the frames in which a pixel shows background, as a compiled loop."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def masked_median(
+    images: NDArray[np.uint8],
+    hidden: NDArray[np.bool_],
+    color: NDArray[np.uint8],
+    spread: NDArray[np.float32],
+    seen: NDArray[np.uint8],
+) -> None:
+    """Median colour and spread of every pixel over the images in which it is not hidden.
+
+    Args:
+        images: (n, H, W, 3), n at most 255.
+        hidden: (n, H, W).
+        color: (H, W, 3), written: lower medians.
+        spread: (H, W), written: mean over channels of the interquartile range.
+        seen: (H, W), written: in how many images.
+    """
+    frames, height, width = hidden.shape
+    values = np.empty(frames, np.uint8)
+    for row in range(height):
+        for column in range(width):
+            total = 0.0
+            count = 0
+            for channel in range(3):
+                count = 0
+                for frame in range(frames):
+                    if not hidden[frame, row, column]:
+                        count = _insert(values, count, images[frame, row, column, channel])
+                if count > 0:
+                    color[row, column, channel] = values[(count - 1) // 2]
+                    total += float(values[(3 * count) // 4]) - float(values[count // 4])
+            spread[row, column] = total / 3
+            seen[row, column] = count
+
+
+@numba.njit(nogil=True, cache=True)
+def _insert(values, count, value):  # type: ignore[no-untyped-def]
+    """Put a value into a sorted list; its new length."""
+    at = count
+    while at > 0 and values[at - 1] > value:
+        values[at] = values[at - 1]
+        at -= 1
+    values[at] = value
+    return count + 1
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def relight(
+    cross: NDArray[np.float32],
+    power: NDArray[np.float32],
+    limits: tuple[float, float, float],
+    light: NDArray[np.float32],
+) -> None:
+    """Least-squares light on a neighbourhood of the plate, by channel, (H, W, 3), written.
+
+    Args:
+        cross: neighbourhood means of image times plate, (H, W, 3).
+        power: of the plate squared, (H, W, 3).
+        limits: least and greatest light, and how much one channel may differ from all.
+        light: written.
+    """
+    height, width, _ = cross.shape
+    darkest, brightest, tint = np.float32(limits[0]), np.float32(limits[1]), np.float32(limits[2])
+    one = np.float32(1.0)
+    for row in range(height):
+        for column in range(width):
+            top = cross[row, column, 0] + cross[row, column, 1] + cross[row, column, 2]
+            bottom = power[row, column, 0] + power[row, column, 1] + power[row, column, 2]
+            common = min(max(top / (bottom + one), darkest), brightest)
+            for channel in range(3):
+                own = cross[row, column, channel] / (power[row, column, channel] + one)
+                low, high = common * (one - tint), common * (one + tint)
+                light[row, column, channel] = min(max(own, low), high)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def depart(
+    image: NDArray[np.float32],
+    behind: NDArray[np.float32],
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Squared deviations of an image from the relit plate, (H, W), written to ``out``."""
+    height, width = variance.shape
+    for row in range(height):
+        for column in range(width):
+            out[row, column] = (
+                _squared(image, behind, light, row, column, row, column) / variance[row, column]
+            )
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def best_shade(
+    image: NDArray[np.float32],
+    behind: NDArray[np.float32],
+    light: NDArray[np.float32],
+    strain: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    radius: int,
+    best: NDArray[np.float32],
+    least: NDArray[np.float32],
+) -> None:
+    """The neighbourhood, of those that contain a pixel, whose light explains it best.
+
+    Next to the person a pixel's own neighbourhood is half person; one to the side is not.
+
+    Args:
+        image: (H, W, 3).
+        behind: the plate, (H, W, 3).
+        light: on the neighbourhood around each pixel, (H, W, 3).
+        strain: nats against that neighbourhood, (H, W).
+        variance: (H, W).
+        radius: px, by which neighbourhoods to the side are moved.
+        best: (H, W, 3), written: its light.
+        least: (H, W), written: its strain.
+    """
+    height, width = variance.shape
+    half = np.float32(0.5)
+    for row in range(height):
+        for column in range(width):
+            lowest = np.float32(np.inf)
+            for side in range(5):
+                r = row + (radius if side == 1 else -radius if side == 2 else 0)
+                c = column + (radius if side == 3 else -radius if side == 4 else 0)
+                if r < 0 or c < 0 or r >= height or c >= width:
+                    continue
+                squared = _squared(image, behind, light, row, column, r, c)
+                total = half * squared / variance[row, column] + strain[r, c]
+                if total < lowest:
+                    lowest = total
+                    least[row, column] = strain[r, c]
+                    for channel in range(3):
+                        best[row, column, channel] = light[r, c, channel]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def log_density(
+    pixels: NDArray[np.float32],
+    behind: NDArray[np.float32],
+    light: NDArray[np.float32],
+    strain: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    shadow_variance: float,
+    weights: tuple[float, float],
+    out: NDArray[np.float32],
+) -> None:
+    """Log density of colours that show the plate, either as it is or relit.
+
+    Args:
+        pixels: (n, 3).
+        behind: the plate there, (n, 3).
+        light: by which it may be relit, (n, 3).
+        strain: nats against that, (n,).
+        variance: of a channel, (n,).
+        shadow_variance: added where relit.
+        weights: logs of the probabilities of the two cases.
+        out: (n,), written.
+    """
+    constant = -1.5 * np.log(2 * np.pi)
+    for i in range(len(pixels)):
+        plain, relit = 0.0, 0.0
+        for channel in range(3):
+            color, plate = float(pixels[i, channel]), float(behind[i, channel])
+            plain += (color - plate) ** 2
+            relit += (color - light[i, channel] * plate) ** 2
+        spread = variance[i] + shadow_variance
+        lit = weights[0] - 0.5 * plain / variance[i] - 1.5 * np.log(variance[i])
+        shaded = weights[1] - 0.5 * relit / spread - strain[i] - 1.5 * np.log(spread)
+        high, low = max(lit, shaded), min(lit, shaded)
+        out[i] = constant + high + np.log1p(np.exp(low - high))
+
+
+@numba.njit(nogil=True, cache=True)
+def _squared(image, behind, light, row, column, r, c):  # type: ignore[no-untyped-def]
+    x = image[row, column, 0] - light[r, c, 0] * behind[row, column, 0]
+    y = image[row, column, 1] - light[r, c, 1] * behind[row, column, 1]
+    z = image[row, column, 2] - light[r, c, 2] * behind[row, column, 2]
+    return x * x + y * y + z * z

@@ -1,0 +1,70 @@
+"""Pixels that are partly person and partly background, as a compiled loop."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def settle(
+    pixels: NDArray[np.int64],
+    image: NDArray[np.uint8],
+    behind: NDArray[np.float32],
+    known: NDArray[np.bool_],
+    distance: NDArray[np.float32],
+    limits: tuple[int, float, float, float],
+    mask: NDArray[np.bool_],
+) -> None:
+    """Give pixels to the side whose colour they have more of.
+
+    Args:
+        pixels: rows and columns, (n, 2).
+        image: (H, W, 3).
+        behind: the plate as the camera exposes it, (H, W, 3).
+        known: where there is a plate, (H, W).
+        distance: to the mask's boundary, (H, W) px, positive inside.
+        limits: px within which pure colours are looked for; px from the boundary beyond which a
+            pixel is pure; squared colour difference below which two sides cannot be told apart;
+            and by how much a share must differ from a half.
+        mask: (H, W), changed.
+    """
+    sums = np.empty((3, 4))  # colours inside, outside, and of the plate there; weights
+    for i in range(len(pixels)):
+        row, column = pixels[i, 0], pixels[i, 1]
+        if not known[row, column]:
+            continue
+        _gather(image, behind, known, distance, row, column, limits[0], limits[1], sums)
+        if sums[0, 3] == 0.0 or sums[1, 3] == 0.0 or sums[2, 3] == 0.0:
+            continue
+        along, square = 0.0, 0.0
+        for k in range(3):
+            # the pixel's own background, lit as its surroundings are
+            light = (sums[1, k] / sums[1, 3] + 1) / (sums[2, k] / sums[2, 3] + 1)
+            outside = behind[row, column, k] * min(max(light, 0.3), 2.0)
+            step = sums[0, k] / sums[0, 3] - outside
+            along += step * (image[row, column, k] - outside)
+            square += step * step
+        if square > limits[2] and abs(along / square - 0.5) > limits[3]:
+            mask[row, column] = along > 0.5 * square
+
+
+@numba.njit(nogil=True, cache=True)
+def _gather(image, behind, known, distance, row, column, reach, pure, sums):  # type: ignore[no-untyped-def]
+    """Sums of pure colours around a pixel, nearer ones weighing more."""
+    height, width = distance.shape
+    sums[:] = 0.0
+    for r in range(max(row - reach, 0), min(row + reach + 1, height)):
+        for c in range(max(column - reach, 0), min(column + reach + 1, width)):
+            weight = 1.0 / (1.0 + (r - row) ** 2 + (c - column) ** 2)
+            if distance[r, c] > pure:
+                for k in range(3):
+                    sums[0, k] += weight * image[r, c, k]
+                sums[0, 3] += weight
+            elif distance[r, c] < -pure and known[r, c]:
+                for k in range(3):
+                    sums[1, k] += weight * image[r, c, k]
+                    sums[2, k] += weight * behind[r, c, k]
+                sums[1, 3] += weight
+                sums[2, 3] += weight

@@ -1,0 +1,97 @@
+"""Pixels of the uncertain band to the nodes of a min-cut, as compiled loops."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+# forward half of the eight directions; direction 4 + k, its reverse is 3 - k
+_ROWS = (0, 1, 1, 1)
+_COLUMNS = (1, -1, 0, 1)
+_NEARNESS = (1.0, 0.7071067811865476, 1.0, 0.7071067811865476)  # over the distance
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def mean_contrast(labels: NDArray[np.uint8], image: NDArray[np.float32]) -> float:
+    """Mean squared colour difference of neighbours of which one at least is uncertain."""
+    height, width = labels.shape
+    total, count = 0.0, 0
+    for row in range(height):
+        for column in range(width):
+            for k in range(4):
+                r, c = row + _ROWS[k], column + _COLUMNS[k]
+                if r >= height or c < 0 or c >= width:
+                    continue
+                if labels[row, column] >= 2 or labels[r, c] >= 2:
+                    total += _squared(image, row, column, r, c)
+                    count += 1
+    return total / max(count, 1)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def connect(
+    labels: NDArray[np.uint8],
+    image: NDArray[np.float32],
+    calm: NDArray[np.float32],
+    unary: NDArray[np.float32],
+    weights: tuple[float, float, float],
+    unit: float,
+    node: NDArray[np.int32],
+    neighbor: NDArray[np.int32],
+    capacity: NDArray[np.int32],
+    excess: NDArray[np.int32],
+) -> None:
+    """Fill neighbours, capacities and excess of the band's nodes.
+
+    Args:
+        labels: (H, W), 0 background, 1 foreground, above: uncertain.
+        image: (H, W, 3) colours.
+        calm: (H, W) exp(-m^2) of the temporal gradient m over its scale, or of no rows.
+        unary: (H, W) nats in favour of foreground.
+        weights: nats of the contrast term and of the temporal term, and 1 / (2 mean contrast).
+        unit: capacity of a nat.
+        node: (H, W), number of each uncertain pixel.
+        neighbor: (n, 8), written, preset to -1.
+        capacity: (n, 8), written, preset to 0.
+        excess: (n,), written, preset to 0.
+    """
+    height, width = labels.shape
+    for row in range(height):
+        for column in range(width):
+            if labels[row, column] >= 2:
+                excess[node[row, column]] += np.int32(round(unary[row, column] * unit))
+            for k in range(4):
+                r, c = row + _ROWS[k], column + _COLUMNS[k]
+                if r >= height or c < 0 or c >= width:
+                    continue
+                if labels[row, column] < 2 and labels[r, c] < 2:
+                    continue
+                value = weights[0] * np.exp(-weights[2] * _squared(image, row, column, r, c))
+                if len(calm):
+                    value += weights[1] * min(calm[row, column], calm[r, c])
+                flow = np.int32(round(value * unit * _NEARNESS[k]))
+                ends = (row, column), (r, c)
+                _join(labels, node, ends, k, flow, neighbor, capacity, excess)
+
+
+@numba.njit(nogil=True, cache=True)
+def _join(labels, node, ends, k, flow, neighbor, capacity, excess):  # type: ignore[no-untyped-def]
+    """An edge between two nodes; one to a decided pixel pulls towards that pixel's label."""
+    one, other = labels[ends[0]], labels[ends[1]]
+    i, j = node[ends[0]], node[ends[1]]
+    if one >= 2 and other >= 2:
+        neighbor[i, 4 + k], capacity[i, 4 + k] = j, flow
+        neighbor[j, 3 - k], capacity[j, 3 - k] = i, flow
+    elif one >= 2:
+        excess[i] += flow if other == 1 else -flow
+    else:
+        excess[j] += flow if one == 1 else -flow
+
+
+@numba.njit(nogil=True, cache=True)
+def _squared(image, row, column, r, c):  # type: ignore[no-untyped-def]
+    x = image[row, column, 0] - image[r, c, 0]
+    y = image[row, column, 1] - image[r, c, 1]
+    z = image[row, column, 2] - image[r, c, 2]
+    return x * x + y * y + z * z

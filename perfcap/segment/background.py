@@ -1,0 +1,226 @@
+"""What the camera sees behind the person: a plate, and how well a pixel fits it.
+
+Where the camera stands still, and wherever the person moves aside at some time, the plate says
+far more than colours do. A pixel that shows background has the plate's colour, or the same colour
+darkened by a shadow; a shadow keeps the texture, a person does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.segment import _background_numba
+from perfcap.segment.trimap import Box, Mask
+
+Plane = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+_QUARTILES = 1.35  # interquartile range of a normal distribution of unit deviation
+_CHI_SQUARED_MEDIAN = 2.366  # three degrees of freedom
+_LEAST, _SAMPLES = 100, 4000  # pixels of the surroundings
+_DARK = 30  # grey levels below which a ratio says nothing about exposure
+
+
+@dataclass(frozen=True)
+class PlateSettings:
+    """How plates are made and compared with.
+
+    Attributes:
+        least: images that must show a pixel's background.
+        clearance: kept from the model when its surroundings count as background, as a share of
+            its size.
+        jitter: px, how far edges of the background wander (compression, vibration).
+        noise: least standard deviation of a colour, grey levels.
+        unsteady: deviation of the surroundings, grey levels, above which a plate is not used.
+        window: px, side of the neighbourhood in which a shadow must keep the texture.
+        darkest: share of the light that is left in a shadow.
+        brightest: light, relative to the plate's, where the plate itself lies in shadow.
+        tint: share by which light on one channel may differ from that on all.
+        shadow_noise: standard deviation of colours in shadow, added, grey levels.
+        shadow_texture: nats for each unit by which a neighbourhood departs from its shadow.
+        shadow_prior: probability that background lies in shadow.
+        clutter: probability that background does not fit the plate at all.
+    """
+
+    least: int = 3
+    clearance: float = 0.05
+    jitter: float = 0.4
+    noise: float = 3.0
+    unsteady: float = 16.0
+    window: int = 7
+    darkest: float = 0.35
+    brightest: float = 1.8
+    tint: float = 0.06
+    shadow_noise: float = 3.0
+    shadow_texture: float = 2.0
+    shadow_prior: float = 0.1
+    clutter: float = 0.001
+
+
+@dataclass(frozen=True)
+class Plate:
+    """The scene without the person.
+
+    Attributes:
+        color: (h, w, 3) uint8 RGB.
+        deviation: standard deviation of a pixel's colour, (h, w) float32 grey levels.
+        known: (h, w), where the background was ever seen.
+    """
+
+    color: Image
+    deviation: Plane
+    known: Mask
+
+    def __getitem__(self, box: Box) -> Plate:
+        """A part."""
+        return Plate(self.color[box], self.deviation[box], self.known[box])
+
+    def resize(self, shape: tuple[int, ...]) -> Plate:
+        """Shrunk to (h, w)."""
+        size = shape[1::-1]
+        known = cv2.resize(self.known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        deviation = cv2.resize(self.deviation, size, interpolation=cv2.INTER_LINEAR)
+        return Plate(cv2.resize(self.color, size, interpolation=cv2.INTER_AREA), deviation, known)
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """How the plate is lit in one image.
+
+    Attributes:
+        gain: exposure of the image relative to the plate, by channel, (3,).
+        noise: standard deviation of the surroundings from the plate, grey levels.
+        light: that explains each pixel best, by channel, (h, w, 3), relative to the gain.
+        strain: nats against that explanation, from the pixel's neighbourhood, (h, w).
+    """
+
+    gain: Plane
+    noise: float
+    light: Plane
+    strain: Plane
+
+    def resize(self, shape: tuple[int, ...]) -> Lighting:
+        """Enlarged to (h, w)."""
+        light, strain = (
+            cv2.resize(plane, shape[1::-1], interpolation=cv2.INTER_LINEAR)
+            for plane in (self.light, self.strain)
+        )
+        return Lighting(self.gain, self.noise, light, strain)
+
+
+def build_plate(images: Image, hidden: NDArray[np.bool_], settings: PlateSettings) -> Plate:
+    """The median of registered images (n, H, W, 3) where they are not ``hidden`` (n, H, W)."""
+    shape = images.shape[1:3]
+    color = np.zeros((*shape, 3), np.uint8)
+    spread = np.zeros(shape, np.float32)
+    seen = np.zeros(shape, np.uint8)
+    _background_numba.masked_median(
+        np.ascontiguousarray(images), np.ascontiguousarray(hidden), color, spread, seen
+    )
+    smooth = color.astype(np.float32)
+    slope = sum(
+        (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=3) / 8) ** 2 for axis in ((1, 0), (0, 1))
+    )
+    variance = (spread / _QUARTILES) ** 2 + settings.jitter**2 * np.mean(slope, -1)
+    return Plate(color, np.sqrt(variance).astype(np.float32), seen >= settings.least)
+
+
+def find_lighting(
+    image: Plane, surroundings: Mask, plate: Plate, settings: PlateSettings
+) -> Lighting | None:
+    """How the plate is lit in an image (h, w, 3) of the same part.
+
+    Exposure and noise are taken from the ``surroundings`` (h, w), which surely show background;
+    None where they do not fit: the camera has moved, or the scene has changed.
+    """
+    sample = np.nonzero((surroundings & plate.known).ravel())[0]
+    if len(sample) < _LEAST:
+        return None
+    sample = sample[:: -(-len(sample) // _SAMPLES)]
+    seen, behind = (
+        pixels.reshape(-1, 3)[sample].astype(np.float32) for pixels in (image, plate.color)
+    )
+    gain = _gain(seen, behind)
+    squared = _squared(seen - behind * gain)
+    noise = float(np.sqrt(np.median(squared) / _CHI_SQUARED_MEDIAN))
+    if noise > settings.unsteady:
+        return None
+    return Lighting(gain, noise, *_shadows(image, plate, gain, noise, settings))
+
+
+def _shadows(
+    image: Plane, plate: Plate, gain: Plane, noise: float, settings: PlateSettings
+) -> tuple[Plane, Plane]:
+    """Light that changes slowly over the image, and how little it explains (see ``Lighting``)."""
+    behind = plate.color * gain
+    light = np.empty_like(image)
+    _background_numba.relight(
+        _mean(image * behind, settings.window),
+        _mean(behind * behind, settings.window),
+        (settings.darkest, settings.brightest, settings.tint),
+        light,
+    )
+    variance = _variance(plate.deviation, noise, settings) + np.float32(settings.shadow_noise**2)
+    departure = np.empty_like(variance)
+    _background_numba.depart(image, behind, light, variance, departure)
+    # three is what noise alone gives
+    strain = np.float32(settings.shadow_texture) * np.maximum(
+        _mean(departure, settings.window) - np.float32(3), 0
+    )
+    best, least = np.empty_like(light), np.empty_like(strain)
+    _background_numba.best_shade(
+        image, behind, light, strain, variance, settings.window // 2, best, least
+    )
+    return best, least
+
+
+def background_density(
+    pixels: Plane, chosen: Mask, plate: Plate, lighting: Lighting, settings: PlateSettings
+) -> Plane:
+    """Log density of colours (n, 3) at ``chosen`` pixels (h, w) if they show the plate, (n,).
+
+    Lit as the surroundings are, or as ``lighting.light`` says.
+    """
+    variance = _variance(plate.deviation[chosen], lighting.noise, settings)
+    density = np.empty(len(pixels), np.float32)
+    weights = 1 - settings.shadow_prior - settings.clutter, settings.shadow_prior
+    _background_numba.log_density(
+        pixels,
+        plate.color[chosen] * lighting.gain,
+        lighting.light[chosen],
+        lighting.strain[chosen],
+        variance,
+        settings.shadow_noise**2,
+        (float(np.log(weights[0])), float(np.log(weights[1]))),
+        density,
+    )
+    return density
+
+
+def _variance(deviation: Plane, noise: float, settings: PlateSettings) -> Plane:
+    variance: Plane = deviation**2 + np.float32(max(noise, settings.noise) ** 2)
+    return variance
+
+
+def _mean(plane: Plane, window: int) -> Plane:
+    mean: Plane = cv2.boxFilter(plane, -1, (window, window), borderType=cv2.BORDER_REPLICATE)
+    return mean
+
+
+def _squared(difference: Plane) -> Plane:
+    squared: Plane = np.einsum("...c,...c->...", difference, difference)
+    return squared
+
+
+def _gain(image: Plane, behind: Plane) -> Plane:
+    """Exposure of the image relative to the plate, by channel (3,)."""
+    gains = np.ones(3, np.float32)
+    for channel in range(3):
+        bright = behind[:, channel] > _DARK
+        if int(bright.sum()) >= 100:
+            gains[channel] = np.median(image[bright, channel] / behind[bright, channel])
+    return gains

@@ -1,0 +1,255 @@
+"""The person in one frame, from the posed model (Xu 2018, Sec. 5.1).
+
+GrabCut (Rother et al. 2004) inside the uncertain band of the model's trimap, extended by the
+temporal gradient between adjacent frames. The default also asks, where there is one, a plate of
+the background, and believes the model a little: more than the paper has. ``PAPER`` is the
+published form.
+
+A person who is large in the image is first found in a shrunk image; the full image then decides
+along the boundary alone, where its pixels matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.segment.background import Plate, find_lighting
+from perfcap.segment.evidence import (
+    Backdrop,
+    ColorModels,
+    choose,
+    explained,
+    learn_colors,
+    log_ratio,
+)
+from perfcap.segment.mixed_pixels import settle_mixed
+from perfcap.segment.motion_cue import MotionCue, temporal_gradient
+from perfcap.segment.random_field import solve_field
+from perfcap.segment.settings import GrabCutSettings
+from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, signed_distance
+
+Plane = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """What the segmentation of a frame could rely on.
+
+    Attributes:
+        person: whether the model is in the image at all.
+        motion: whether the motion cue was used.
+        change: median change of the surroundings between frames, grey levels; NaN if unknown.
+        plate: share of the uncertain band for which there was a plate, 0 without.
+        noise: deviation of the surroundings from the plate, grey levels; NaN without.
+        cut: whether the scene changed since the previous frame.
+    """
+
+    person: bool
+    motion: bool = False
+    change: float = float("nan")
+    plate: float = 0.0
+    noise: float = float("nan")
+    cut: bool = False
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """The person in one frame and view.
+
+    Attributes:
+        mask: (H, W).
+        trimap: the regions it was found in.
+        evidence: nats in favour of the person in the trimap's box, (h, w), zero outside the band.
+        image: the box, (h, w, 3) RGB.
+        models: colours, to start the next frame from; None if nothing could be learnt.
+        report: what it relies on.
+    """
+
+    mask: Mask
+    trimap: Trimap
+    evidence: Plane
+    image: Image
+    models: ColorModels | None
+    report: FrameReport
+
+
+@dataclass(frozen=True)
+class _View:
+    """The trimap's box at one resolution."""
+
+    image: Plane
+    trimap: Trimap
+    backdrop: Backdrop | None
+    motion: Plane | None
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """A labelling of a view: (h, w) each."""
+
+    inside: Mask
+    evidence: Plane
+    models: ColorModels | None
+
+
+def segment(
+    frame: Image,
+    trimap: Trimap,
+    settings: GrabCutSettings | None = None,
+    *,
+    adjacent: Sequence[Image] = (),
+    plate: Plate | None = None,
+    warm: ColorModels | None = None,
+) -> Segmentation:
+    """Find the person in a frame.
+
+    Args:
+        frame: (H, W, 3) RGB.
+        trimap: of the posed model.
+        settings: weights and widths; the measured best if None.
+        adjacent: the trimap's box in the previous and the next frame, (h, w, 3), registered where
+            the camera moves; none across a cut.
+        plate: the background in the trimap's box.
+        warm: colours of the previous frame.
+
+    Raises:
+        InputError: a frame of other size or type than the trimap's.
+    """
+    settings = settings or GrabCutSettings()
+    _check(frame, trimap, adjacent, plate)
+    image = frame[trimap.box]
+    mask = np.zeros(trimap.shape, np.bool_)
+    if not trimap.size:
+        nothing = np.zeros(trimap.labels.shape, np.float32)
+        return Segmentation(mask, trimap, nothing, image, warm, FrameReport(False))
+    scale = 1.0 if settings.coarse is None else min(1.0, settings.coarse / trimap.size)
+    plate = plate if settings.use_plate else None
+    view, report = _look(image, trimap, adjacent, plate, settings, scale)
+    found = _iterate(view, warm, settings)
+    if scale < 1:
+        view = _narrow(image, trimap, plate, view, found, settings, scale)
+        found = _follow_boundary(view, found, settings)
+    mask[trimap.box] = found.inside
+    if view.backdrop is not None:
+        mask[trimap.box] = settle_mixed(found.inside, image, view.backdrop, trimap.band)
+    return Segmentation(mask, trimap, found.evidence, image, found.models, report)
+
+
+def _look(
+    image: Image,
+    trimap: Trimap,
+    adjacent: Sequence[Image],
+    plate: Plate | None,
+    settings: GrabCutSettings,
+    scale: float,
+) -> tuple[_View, FrameReport]:
+    """Everything there is to see, at a scale of at most one."""
+    full = trimap
+    if scale < 1:
+        trimap = trimap.resize(scale)
+        shape = trimap.labels.shape
+        image, *adjacent = (_shrink(picture, shape) for picture in (image, *adjacent))
+        plate = None if plate is None else plate.resize(shape)
+    pixels = image.astype(np.float32)
+    around = trimap.labels == BACKGROUND
+    cue = MotionCue(None, float("nan"))
+    if settings.smoothness.temporal > 0:
+        others = [picture.astype(np.float32) for picture in adjacent]
+        cue = temporal_gradient(pixels, others, around, settings.motion)
+    lighting = None if plate is None else find_lighting(pixels, around, plate, settings.plate)
+    backdrop = None if plate is None or lighting is None else Backdrop(plate, lighting)
+    report = FrameReport(full.size > 0, cue.gradient is not None, cue.level)
+    if backdrop is not None:
+        band = trimap.band
+        share = float(backdrop.plate.known[band].mean()) if band.any() else 0.0
+        report = replace(report, plate=share, noise=backdrop.lighting.noise)
+    return _View(pixels, trimap, backdrop, cue.gradient), report
+
+
+def _iterate(view: _View, warm: ColorModels | None, settings: GrabCutSettings) -> _Labels:
+    """Learn colours, cut, and again."""
+    inside = view.trimap.model
+    person = inside & ~explained(view.image, inside, view.backdrop, settings)
+    found = _Labels(inside, np.zeros(inside.shape, np.float32), warm)
+    if not view.trimap.band.any():
+        return found
+    # colours of the previous frame are as good as a round
+    for _ in range(settings.rounds if warm is None else max(1, settings.rounds - 1)):
+        models = learn_colors(view.image, person, found.inside, found.models, settings.color)
+        found = _label(view, models, settings)
+        person = found.inside
+    return found
+
+
+def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -> _Labels:
+    """The labelling of least energy, given colours."""
+    band = view.trimap.band
+    evidence = np.zeros(band.shape, np.float32)
+    if models is not None:
+        evidence[band] = log_ratio(view.image, band, models, view.backdrop, settings)
+    known = None if view.backdrop is None else view.backdrop.plate.known
+    prior = choose(known, settings.backed.prior, settings.alone.prior)
+    depth = np.clip(view.trimap.distance / max(view.trimap.inner, 1.0), -1, 1)
+    inside = solve_field(
+        view.trimap, view.image, evidence + prior * depth, settings.smoothness, view.motion
+    )
+    return _Labels(inside, evidence, models)
+
+
+def _narrow(
+    image: Image,
+    trimap: Trimap,
+    plate: Plate | None,
+    coarse: _View,
+    found: _Labels,
+    settings: GrabCutSettings,
+    scale: float,
+) -> _View:
+    """The full image, open only near the boundary that was found in a shrunk one."""
+    shape = trimap.labels.shape
+    boundary = _enlarge(signed_distance(found.inside), shape) / scale
+    sure = np.where(boundary > 0, FOREGROUND, BACKGROUND)
+    far = np.abs(boundary) > settings.narrow / scale
+    labels = np.where(trimap.band & far, sure, trimap.labels).astype(np.uint8)
+    backdrop = None
+    if plate is not None and coarse.backdrop is not None:
+        backdrop = Backdrop(plate, coarse.backdrop.lighting.resize(shape))
+    motion = None if coarse.motion is None else _enlarge(coarse.motion, shape)
+    return _View(image.astype(np.float32), replace(trimap, labels=labels), backdrop, motion)
+
+
+def _follow_boundary(view: _View, coarse: _Labels, settings: GrabCutSettings) -> _Labels:
+    """Decide again where the view is open; evidence elsewhere is the coarse one's."""
+    fine = _label(view, coarse.models, settings)
+    around = _enlarge(coarse.evidence, view.trimap.labels.shape)
+    return replace(fine, evidence=np.where(view.trimap.band, fine.evidence, around))
+
+
+def _shrink(image: Image, shape: tuple[int, ...]) -> Image:
+    return np.asarray(cv2.resize(image, shape[1::-1], interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _enlarge(plane: Plane, shape: tuple[int, ...]) -> Plane:
+    enlarged: Plane = cv2.resize(plane, shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    return enlarged
+
+
+def _check(frame: Image, trimap: Trimap, adjacent: Sequence[Image], plate: Plate | None) -> None:
+    part = (*trimap.labels.shape, 3)
+    pictures = [("frame", frame, (*trimap.shape, 3))]
+    pictures += [("adjacent", other, part) for other in adjacent]
+    if plate is not None:
+        pictures.append(("plate", plate.color, part))
+    for name, picture, expected in pictures:
+        if picture.shape != expected or picture.dtype != np.uint8:
+            raise InputError(
+                f"{name}: is {picture.dtype} {picture.shape}, expected uint8 RGB {expected} as "
+                "the trimap has; use pictures of one size"
+            )

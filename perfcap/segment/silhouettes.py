@@ -1,0 +1,102 @@
+"""The silhouettes of a clip, held compressed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.segment.trimap import Mask
+
+Labels = NDArray[np.uint8]
+
+_SETTINGS = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+
+
+@dataclass(frozen=True)
+class Silhouettes:
+    """Labels of every pixel of F frames in C views: 0 background, k the k-th person.
+
+    A few kilobytes a frame and view are kept, as PNG; labels are decoded when asked for.
+
+    Attributes:
+        encoded: PNG of each frame and view, ``[frame][view]``.
+        person: the only person shown, as 1; everybody if None.
+    """
+
+    encoded: tuple[tuple[bytes, ...], ...]
+    person: int | None = None
+
+    @classmethod
+    def collect(cls, frames: Iterable[Sequence[Labels | Mask]]) -> Silhouettes:
+        """Compress labels or masks (H, W), one a view, frame by frame as they come.
+
+        Raises:
+            InputError: pictures of another kind, or frames of different numbers of views.
+        """
+        encoded = tuple(tuple(encode_labels(labels) for labels in views) for views in frames)
+        if len({len(views) for views in encoded}) > 1:
+            raise InputError("silhouettes: frames have different numbers of views, expected one")
+        return cls(encoded)
+
+    def __len__(self) -> int:
+        return len(self.encoded)
+
+    @property
+    def views(self) -> int:
+        """C."""
+        return len(self.encoded[0]) if self.encoded else 0
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory held."""
+        return sum(len(png) for views in self.encoded for png in views)
+
+    def of(self, person: int) -> Silhouettes:
+        """One person alone, labelled 1.
+
+        Raises:
+            InputError: not a label of a person.
+        """
+        if not 1 <= person <= 255 or (self.person is not None and person != 1):
+            raise InputError(f"person: is {person}, expected a label from 1 on")
+        return self if self.person is not None else replace(self, person=person)
+
+    def labels(self, frame: int, view: int = 0) -> Labels:
+        """(H, W) uint8."""
+        labels = decode_labels(self.encoded[frame][view])
+        return labels if self.person is None else (labels == self.person).astype(np.uint8)
+
+    def mask(self, frame: int, view: int = 0, person: int = 1) -> Mask:
+        """Where one person is, (H, W)."""
+        mask: Mask = self.labels(frame, view) == person
+        return mask
+
+    def png(self, view: int = 0) -> Iterator[bytes]:
+        """Files of a view's frames in order, as they are to be written."""
+        for frame in range(len(self)):
+            if self.person is None:
+                yield self.encoded[frame][view]
+            else:
+                yield encode_labels(self.labels(frame, view))
+
+
+def encode_labels(labels: Labels | Mask) -> bytes:
+    """Labels or a mask (H, W) as PNG."""
+    if labels.ndim != 2 or labels.dtype not in (np.uint8, np.bool_) or not labels.size:
+        raise InputError(
+            f"labels: are {labels.dtype} {labels.shape}, expected uint8 or bool (H, W)"
+        )
+    done, data = cv2.imencode(".png", labels.astype(np.uint8), _SETTINGS)
+    assert done
+    return data.tobytes()
+
+
+def decode_labels(png: bytes) -> Labels:
+    """Labels (H, W) of a PNG."""
+    labels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return np.asarray(labels, np.uint8)
