@@ -52,7 +52,9 @@ class SoftSilhouette(nn.Module):
     Coverage is ``s * s * (3 - 2 * s)`` of ``s = 0.5 + 0.5 * distance / band``, clamped to 0 and 1,
     where distance is signed and positive inside; about a logistic function of ``3 * distance /
     band``, but one that ends. Whatever meshes do wrong is harmless: open, not manifold, partly
-    behind the camera (such triangles are left out, as in ``rasterize``), seen from inside.
+    behind the camera (such triangles are left out, as in ``rasterize``), seen from inside. Time
+    grows with the square of the contour edges in a row of pixels: meshes so noisy that most of
+    their triangles are folds should be smoothed or decimated first.
 
     Args:
         faces: triangles, (T, 3), of V vertices.
