@@ -14,10 +14,36 @@ from torch import Tensor
 
 from perfcap.actor._embedded_points_torch import Embedding
 from perfcap.actor.deformation import Deformation
+from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
+
+
+def merge(
+    graph: DeformationGraph, shares: Tensor, posed: Tensor, corners: Tensor, weights: Tensor
+) -> Embedding:
+    """See ``_embedded_points_torch.merge``."""
+    *lead, count, sides = corners.shape
+    slots = sides * shares.shape[-1]
+    blocks = corners.new_full((*lead, count, slots), -1)
+    base, share = shares.new_zeros(*lead, count, 3), shares.new_zeros(blocks.shape)
+    arm = shares.new_zeros(*blocks.shape, 3)
+    used = _merge(
+        graph.node_vertex.numpy(),
+        graph.influences.numpy(),
+        shares.detach().contiguous().numpy(),
+        _rows(posed, *posed.shape[-2:]),
+        _rows(corners, count, sides),
+        _rows(weights, count, sides),
+        base.flatten(0, -3).numpy(),
+        blocks.flatten(0, -3).numpy(),
+        arm.flatten(0, -4).numpy(),
+        share.flatten(0, -3).numpy(),
+    )
+    parts = (x.narrow(len(lead) + 1, 0, used).contiguous() for x in (blocks, arm, share))
+    return Embedding(base, *parts)
 
 
 def place(embedding: Embedding, deformation: Deformation) -> Tensor:
@@ -64,6 +90,60 @@ def _rows(tensor: Tensor, *shape: int) -> NDArray[Any]:
     """(P, *shape), contiguous, as another memory layout would compile the kernels once more."""
     rows = tensor.detach().flatten(0, tensor.dim() - len(shape) - 1)
     return np.ascontiguousarray(rows.numpy())
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _merge(
+    node_vertex: Indices,
+    influences: Indices,
+    shares: Floats,
+    posed: Floats,
+    corners: Indices,
+    weights: Floats,
+    base: Floats,
+    blocks: Indices,
+    arm: Floats,
+    share: Floats,
+) -> int:
+    """Write what every point sees; returns the most nodes that one does."""
+    most = 0
+    for p in range(len(corners)):
+        for n in range(corners.shape[1]):
+            used = 0
+            for s in range(corners.shape[2]):
+                vertex, weight = corners[p, n, s], weights[p, n, s]
+                for c in range(3):
+                    base[p, n, c] += weight * posed[p, vertex, c]
+                for k in range(influences.shape[1]):
+                    part = weight * shares[vertex, k]
+                    if part == 0:
+                        continue
+                    node = influences[vertex, k]
+                    slot, used = _slot_of(node, used, blocks[p, n], share[p, n], arm[p, n])
+                    share[p, n, slot] += part
+                    for c in range(3):
+                        lever = posed[p, vertex, c] - posed[p, node_vertex[node], c]
+                        arm[p, n, slot, c] += part * lever
+            most = max(most, used)
+    return most
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _slot_of(node: int, used: int, blocks: Indices, share: Floats, arm: Floats) -> tuple[int, int]:
+    """Slot of a node among the used ones, which are sorted, and how many are used with it."""
+    slot = 0
+    while slot < used and blocks[slot] < node:
+        slot += 1
+    if slot < used and blocks[slot] == node:
+        return slot, used
+    for later in range(used, slot, -1):
+        blocks[later], share[later] = blocks[later - 1], share[later - 1]
+        for c in range(3):  # a slice would take longer than its three numbers
+            arm[later, c] = arm[later - 1, c]
+    blocks[slot], share[slot] = node, 0
+    for c in range(3):
+        arm[slot, c] = 0
+    return slot, used + 1
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

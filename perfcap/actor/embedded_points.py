@@ -48,7 +48,9 @@ class EmbeddedPoints(nn.Module):
         super().__init__()
         _check(graph, posed, corners, weights)
         shape = (*posed.shape[:-2], *corners.shape[-2:])
-        embedding = _merge(graph, posed, corners.expand(shape), weights.to(posed).expand(shape))
+        chosen = corners.expand(shape), weights.to(posed).expand(shape)
+        shares = graph.influence_weights.to(posed)
+        embedding = _twin(posed, chosen[1], shares).merge(graph, shares, posed, *chosen)
         self.register_buffer("base", embedding.base)
         self.register_buffer("blocks", embedding.blocks)
         self.register_buffer("arm", embedding.arm)
@@ -56,7 +58,7 @@ class EmbeddedPoints(nn.Module):
 
     def forward(self, deformation: Deformation) -> Tensor:
         """Points in the world, (*b, F, N, 3), metres."""
-        points: Tensor = self._twin(deformation).place(self._embedding(), deformation)
+        points: Tensor = self._twin_for(deformation).place(self._embedding(), deformation)
         return points
 
     def linearize_blocks(
@@ -77,7 +79,7 @@ class EmbeddedPoints(nn.Module):
         """
         if directions is None:
             directions = torch.eye(3).to(self.base).expand(*self.base.shape, 3)
-        points, derivative = self._twin(deformation, directions).linearize(
+        points, derivative = self._twin_for(deformation, directions).linearize(
             self._embedding(), deformation, directions
         )
         return points, self.blocks, derivative
@@ -85,14 +87,17 @@ class EmbeddedPoints(nn.Module):
     def _embedding(self) -> Embedding:
         return Embedding(self.base, self.blocks, self.arm, self.share)
 
-    def _twin(self, deformation: Deformation, *more: Tensor) -> ModuleType:
-        """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
-        unknowns = deformation.rotation, deformation.translation
-        if is_plain(self.arm, self.base, *unknowns, *more):
-            from perfcap.actor import _embedded_points_numba
+    def _twin_for(self, deformation: Deformation, *more: Tensor) -> ModuleType:
+        return _twin(self.arm, self.base, deformation.rotation, deformation.translation, *more)
 
-            return _embedded_points_numba
-        return _embedded_points_torch
+
+def _twin(*tensors: Tensor) -> ModuleType:
+    """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""
+    if is_plain(*tensors):
+        from perfcap.actor import _embedded_points_numba
+
+        return _embedded_points_numba
+    return _embedded_points_torch
 
 
 def _check(graph: DeformationGraph, posed: Tensor, corners: Tensor, weights: Tensor) -> None:
@@ -118,32 +123,3 @@ def _check(graph: DeformationGraph, posed: Tensor, corners: Tensor, weights: Ten
             f"points have corners from {int(corners.min())} to {int(corners.max())} but the "
             f"surface has {vertices} vertices; give indices of its vertices"
         )
-
-
-def _merge(graph: DeformationGraph, posed: Tensor, corners: Tensor, weights: Tensor) -> Embedding:
-    """What points see of each node, every node once."""
-    vertices = _pick(posed, corners)  # *b F N S 3
-    base = (weights.unsqueeze(-1) * vertices).sum(-2)
-    nodes = graph.influences[corners]  # *b F N S K
-    share = weights.unsqueeze(-1) * graph.influence_weights[corners]
-    lever = vertices.unsqueeze(-2) - _pick(graph.nodes(posed), nodes)
-    arm = (share.unsqueeze(-1) * lever).flatten(-3, -2)
-    seen, order = torch.where(share != 0, nodes, len(graph)).flatten(-2).sort(dim=-1)
-    parts = torch.cat((arm, share.flatten(-2).unsqueeze(-1)), -1)
-    parts = parts.gather(-2, order.unsqueeze(-1).expand_as(parts))
-    # runs of one node become a slot each; what is not used is the last run
-    fresh = torch.ones_like(seen)
-    fresh[..., 1:] = seen[..., 1:] != seen[..., :-1]
-    slot = fresh.cumsum(-1) - 1
-    slots = int(torch.where(seen < len(graph), slot + 1, 0).max()) if seen.numel() else 0
-    sums = torch.zeros_like(parts).scatter_add(-2, slot.unsqueeze(-1).expand_as(parts), parts)
-    blocks = torch.full_like(seen, -1).scatter(-1, slot, seen.where(seen < len(graph), -1))
-    sums, blocks = sums[..., :slots, :], blocks[..., :slots]
-    return Embedding(base, blocks.contiguous(), sums[..., :3].contiguous(), sums[..., 3])
-
-
-def _pick(values: Tensor, index: Tensor) -> Tensor:
-    """Rows (*b, F, N, ..., 3) of values (*b, F, V, 3) at an index (*b, F, N, ...)."""
-    flat = index.flatten(values.dim() - 2)
-    rows = values.gather(-2, flat.unsqueeze(-1).expand(*flat.shape, 3))
-    return rows.reshape(*index.shape, 3)

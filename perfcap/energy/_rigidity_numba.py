@@ -196,11 +196,12 @@ def _add_equations(
 ) -> None:
     """The blocks of an edge e are |e|^2 I - e e', s [e] below, and s^2 I."""
     for p in range(len(turned)):
+        slope = gradient[p]
         for g in range(len(start)):
             i, j, w = start[g], end[g], weight[p, g]
             x, y, z = turned[p, g, 0], turned[p, g, 1], turned[p, g, 2]
             pull = w * residual[p, g, 0], w * residual[p, g, 1], w * residual[p, g, 2]
-            _pull(gradient[p], i, j, scale, (x, y, z), pull)
+            _pull(slope, i, j, scale, (x, y, z), pull)
             edge, square, out = (x, y, z), x * x + y * y + z * z, diagonal[p, i]
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3

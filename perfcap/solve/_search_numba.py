@@ -33,7 +33,8 @@ class Rounds:
     def __init__(self, search: Search) -> None:
         self.unknowns = (0,) * search.step.shape[-1]
         self.slope, self.running = search.slope.numpy(), search.running.numpy()
-        self.enough, self.rounds = search.enough.numpy(), search.rounds.numpy()
+        self.enough, self.worth = search.enough.numpy(), search.worth.numpy()
+        self.rounds = search.rounds.numpy()
         self.residual, self.direction = search.residual.numpy(), search.direction.numpy()
         self.product, self.step = search.product.numpy(), search.step.numpy()
         self.damping, self.preconditioner = search.damping.numpy(), search.preconditioner.numpy()
@@ -47,6 +48,7 @@ class Rounds:
             self.direction,
             self.product,
             self.slope,
+            self.worth,
             self.running,
             self.rounds,
             self.unknowns,
@@ -123,6 +125,7 @@ def _go(
     direction: Floats,
     product: Floats,
     slope: Floats,
+    worth: Floats,
     running: Flags,
     rounds: NDArray[np.int64],
     unknowns: tuple[int, ...],
@@ -146,6 +149,7 @@ def _go(
             for c in range(len(unknowns)):
                 step[p, i, c] += length * direction[p, i, c]
                 residual[p, i, c] -= length * product[p, i, c]
+        running[p] = length * slope[p] > worth[p]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -46,6 +46,7 @@ class Rounds:
         search.step.add_(torch.where(running, length * search.direction, 0))
         search.residual.sub_(torch.where(running, length * product, 0))
         search.rounds.add_(search.running)
+        search.running.logical_and_(length.flatten() * search.slope > search.worth)
         self.precondition()
 
     def precondition(self) -> None:

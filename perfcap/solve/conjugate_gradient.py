@@ -42,6 +42,7 @@ class Search:
             rounds, (P, M, q).
         slope: preconditioned square of the residual, (P,).
         enough: slope at which a problem ends, (P,).
+        worth: decrease of the model in a round below which a problem ends, (P,).
         running: problems that have not ended, (P,).
         rounds: rounds that problems ran, (P,).
     """
@@ -54,6 +55,7 @@ class Search:
     product: Tensor
     slope: Tensor
     enough: Tensor
+    worth: Tensor
     running: Tensor
     rounds: Tensor
 
@@ -62,6 +64,7 @@ def conjugate_gradients(
     equations: SparseEquations,
     damping: Tensor,
     running: Tensor,
+    worth: Tensor,
     forcing: float,
     limit: int,
     coarse: CoarseCorrection | None = None,
@@ -72,12 +75,13 @@ def conjugate_gradients(
         equations: H and g of P problems.
         damping: (P, M, q), positive.
         running: problems to solve; the others keep a step of zero, (P,).
+        worth: a problem ends after a round that lowers its model by less than this, (P,).
         forcing: a problem ends once its residual, measured by the preconditioner, is below this
             times what it was.
         limit: most rounds.
         coarse: second level of the preconditioner.
     """
-    search = _start(equations, damping, running)
+    search = _start(equations, damping, running, worth)
     rounds = _twin(search.step).Rounds(search)
     rounds.precondition()
     for count in range(limit + 1):
@@ -97,7 +101,7 @@ def conjugate_gradients(
     return Descent(step, (step * undamped).sum((-2, -1)), search.rounds)
 
 
-def _start(equations: SparseEquations, damping: Tensor, running: Tensor) -> Search:
+def _start(equations: SparseEquations, damping: Tensor, running: Tensor, worth: Tensor) -> Search:
     """At a step of zero, without a direction yet."""
     residual = torch.where(running[:, None, None], -equations.gradient, 0)
     preconditioner = torch.empty_like(equations.diagonal)
@@ -112,6 +116,7 @@ def _start(equations: SparseEquations, damping: Tensor, running: Tensor) -> Sear
         product=torch.zeros_like(residual),
         slope=none,
         enough=none.clone(),
+        worth=worth,
         running=running.clone(),
         rounds=torch.zeros_like(running, dtype=torch.int64),
     )

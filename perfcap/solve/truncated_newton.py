@@ -20,6 +20,8 @@ from perfcap.solve.sparse_problem import SparseEquations, SparseProblem, total
 
 _LARGEST_DAMPING = 1e20
 _FLOOR = 1e-6  # of the mean curvature, for unknowns that nothing sees
+_WORTH = 0.5  # of the tolerance, that a round of conjugate gradients must bring
+_LAST = 10.0  # times the tolerance: a step that promises less is likely the last
 _STALE = 10.0  # growth of the damping after which the coarse correction is made anew
 
 
@@ -35,19 +37,20 @@ class TruncatedNewton:
 
     Args:
         max_steps: most steps tried, accepted or not.
-        tolerance: a frame has converged when a step promises and brings a relative decrease of
-            its energy below this; what is left then is about the square. Raised to what the
-            precision can resolve: 32 rounding units.
+        tolerance: a frame has converged when a step leaves less than this of its energy to gain:
+            what the model got wrong of the step's gain, and what conjugate gradients left of it.
+            It has also when a step promises less than the precision can show, 32 rounding units.
         damping: initial damping, relative to the diagonal of the curvature. It also holds back
             what costs nothing, such as the motion of a whole limb: keep it small.
-        forcing: conjugate gradients end once their residual has fallen to this share.
+        forcing: conjugate gradients end once their residual has fallen to this share, or a round
+            of them brings less than half the tolerance.
         max_rounds: most products with the curvature a step.
     """
 
     max_steps: int = 10
-    tolerance: float = 1e-2
+    tolerance: float = 2e-3
     damping: float = 1e-6
-    forcing: float = 0.2
+    forcing: float = 0.1
     max_rounds: int = 100
 
     def minimize(
@@ -107,7 +110,7 @@ class _Trial(Generic[StateType]):
     """A tried step (P, M, q), where it leads, and what came of it, (P,).
 
     ``valid`` says whether a step was found. ``promise`` is what an undamped one could give: a
-    short step under heavy damping is no sign of convergence. ``enough`` is a decrease worth a step.
+    short step under heavy damping is no sign of convergence.
     """
 
     step: Tensor
@@ -117,7 +120,6 @@ class _Trial(Generic[StateType]):
     terms: dict[str, Tensor]
     energy: Tensor
     promise: Tensor
-    enough: Tensor
     gained: Tensor
     accepted: Tensor
 
@@ -149,10 +151,16 @@ def _advance(run: _Run[StateType], settings: TruncatedNewton, final: bool) -> _R
     damping = _diagonal_damping(run)
     coarse, coarse_damping = _coarse(run, damping)
     descent = conjugate_gradients(
-        run.equations, damping, run.running, settings.forcing, settings.max_rounds, coarse
+        run.equations,
+        damping,
+        run.running,
+        _WORTH * settings.tolerance * run.energy,
+        settings.forcing,
+        settings.max_rounds,
+        coarse,
     )
     trial = _try(run, descent, settings, final)
-    status = _judge(run, trial)
+    status = _judge(run, trial, settings)
     moved = replace(
         run,
         coarse=coarse,
@@ -169,8 +177,9 @@ def _advance(run: _Run[StateType], settings: TruncatedNewton, final: bool) -> _R
 def _diagonal_damping(run: _Run[StateType]) -> Tensor:
     """What is added to the diagonal of the curvature, (P, M, q)."""
     diagonal = run.equations.diagonal.diagonal(dim1=-2, dim2=-1)
-    floor = _FLOOR * diagonal.mean(-2, keepdim=True)  # of each unknown of a block, in its unit
-    scale = diagonal + floor.clamp(min=torch.finfo(diagonal.dtype).tiny)
+    mean = diagonal.mean(-2, keepdim=True)  # of each unknown of a block, in its unit
+    # what no block sees anywhere does not move: any scale will do
+    scale = diagonal + torch.where(mean > 0, _FLOOR * mean, 1)
     return run.damping.value[:, None, None] * scale
 
 
@@ -197,9 +206,9 @@ def _try(
     step = torch.where(valid[:, None, None], descent.step, 0)
     state = _moved(run, step)
     promise = descent.promised * (1 + run.damping.value)
-    enough = max(settings.tolerance, _resolution(run)) * run.energy
+    worthy = run.running & (promise > _LAST * settings.tolerance * run.energy)
     equations = None
-    if run.smooth and not final and bool((run.running & ~(promise <= enough)).any()):
+    if run.smooth and not final and bool(worthy.any()):
         equations = run.problem.linearize(state)
     terms = equations.terms if equations else run.problem.evaluate(state)
     energy = total(terms)
@@ -212,21 +221,22 @@ def _try(
         terms=terms,
         energy=energy,
         promise=promise,
-        enough=enough,
         gained=gained,
         accepted=valid & (gained > 0) & (promise > 0),
     )
 
 
-def _judge(run: _Run[StateType], trial: _Trial[StateType]) -> Tensor:
+def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: TruncatedNewton) -> Tensor:
     """New status of every problem.
 
-    A rejected step counts only where its promise is below what the precision of the energy can
-    show.
+    Newton's method leaves about what its model got wrong; conjugate gradients the square of what
+    their residual fell to. A rejected step counts only where its promise is below what the
+    precision of the energy can show.
     """
-    resolution, accepted = _resolution(run), trial.accepted
+    resolution, accepted = 32 * torch.finfo(run.energy.dtype).eps, trial.accepted
+    left = (trial.promise - trial.gained).abs() + settings.forcing**2 * trial.promise
     converged = trial.valid & (
-        (accepted & (torch.maximum(trial.promise, trial.gained) <= trial.enough))
+        (accepted & (left <= settings.tolerance * run.energy))
         | (accepted & (trial.energy <= resolution**2 * run.start_energy))
         | (trial.promise <= resolution * run.energy)
     )
@@ -234,11 +244,6 @@ def _judge(run: _Run[StateType], trial: _Trial[StateType]) -> Tensor:
     dead_end = torch.where(trial.energy.isfinite(), Status.STALLED, Status.NOT_FINITE)
     status = torch.where(stuck, dead_end, run.status)
     return torch.where(converged, Status.CONVERGED, status)
-
-
-def _resolution(run: _Run[StateType]) -> float:
-    """Relative change of an energy that its precision can show."""
-    return 32 * torch.finfo(run.energy.dtype).eps
 
 
 def _move(run: _Run[StateType], trial: _Trial[StateType], final: bool) -> _Run[StateType]:

@@ -84,6 +84,15 @@ def test_compiled_equals_plain_torch(points):
     torch.testing.assert_close(points(state), plain[0], rtol=1e-12, atol=1e-12)
 
 
+def test_compiled_merge_equals_plain_torch(points):
+    graph = tiny_graph()
+    corners, weights = some_points((2,))
+    given = graph, graph.influence_weights, posed_strip((2,)), corners, weights
+    plain = _embedded_points_torch.merge(*given)
+    for found, expected in zip(points._embedding(), plain, strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+
+
 def test_batch_equals_loop(points):
     state = random_deformation((2,))
     corners, weights = some_points((2,))

@@ -106,7 +106,9 @@ def test_conjugate_gradients_solve_the_damped_equations(compiled, kind, monkeypa
         space = objective.energies["chain"].coarse_space(state)
         correction = coarse_correction(space, equations, damping)
     running = torch.tensor([True, False, True])
-    descent = conjugate_gradients(equations, damping, running, 1e-12, 60, correction)
+    descent = conjugate_gradients(
+        equations, damping, running, torch.zeros(3).double(), 1e-12, 60, correction
+    )
     gradient, matrix = dense(objective, state)
     damped = matrix + 1e-3 * torch.eye(18, dtype=torch.float64)
     expected = torch.linalg.solve(damped, -gradient)
@@ -128,7 +130,9 @@ def test_a_coarse_space_saves_rounds():
     correction = coarse_correction(space, equations, damping)
     running = torch.ones(2, dtype=torch.bool)
     rounds = [
-        conjugate_gradients(equations, damping, running, 1e-6, 1000, second).rounds
+        conjugate_gradients(
+            equations, damping, running, torch.zeros(2).double(), 1e-6, 1000, second
+        ).rounds
         for second in (None, correction)
     ]
     assert (rounds[1] < 0.5 * rounds[0]).all()

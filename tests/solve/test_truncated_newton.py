@@ -21,7 +21,7 @@ from perfcap.solve import (
 from perfcap.solve.sparse import BlockLinearization
 from perfcap.solve.sparse_problem import SparseProblem
 
-STRICT = TruncatedNewton(max_steps=100, tolerance=1e-14, forcing=1e-4)
+STRICT = TruncatedNewton(max_steps=100, tolerance=0.0, forcing=1e-4)
 
 
 @pytest.mark.parametrize("chain", [Chain, StiffChain])
@@ -143,6 +143,18 @@ def test_a_block_that_nothing_sees_stays():
     assert (solution.energy < 1e-12).all()
     for unseen in (2, 4):
         assert torch.equal(solution.state.values[:, unseen], state.values[:, unseen])
+
+
+def test_unknowns_that_nothing_sees_stay():
+    """As rotations do where only translations are seen."""
+    state = Blocks(torch.randn(2, 3, 2, dtype=torch.float64))
+    rows = torch.randn(2, 2, 3, 2, dtype=torch.float64)
+    rows[..., 1] = 0
+    seen = torch.arange(3).expand(2, 2, 3)
+    target = torch.zeros(2, 2, dtype=torch.float64)
+    solution = solve(Objective(sight=Sight(seen, rows, target)), state, STRICT)
+    assert (solution.energy < 1e-12).all()
+    assert torch.equal(solution.state.values[..., 1], state.values[..., 1])
 
 
 def test_steps_end_the_solve_and_are_counted():
