@@ -30,7 +30,7 @@ class Demo:
 
 @dataclass(frozen=True)
 class Capture:
-    """Capture the motion of one person from one or several calibrated videos."""
+    """Capture the motion and surface of one person from one or several calibrated videos."""
 
     videos: tyro.conf.Positional[tuple[Path, ...]]
     """A video or a folder of images; one for each view."""
@@ -42,7 +42,7 @@ class Capture:
     """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view."""
     out: Path
     """Folder for the results."""
-    until: Literal["initialize", "track_motion"] = "track_motion"
+    until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
     frames: str | None = None
     """Part of the clip, A:B (B exclusive)."""
@@ -57,7 +57,7 @@ class Capture:
     device: str = "auto"
     """Where to compute: auto, cpu, cuda, ..."""
     overlay: bool = True
-    """Write overlay.mp4."""
+    """Write overlay.mp4 and textured.mp4."""
     resume: bool = False
     """Do nothing if the folder already holds the complete result of this very call."""
 
@@ -152,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Command,
         prog="perfcap",
         args=arguments,
-        description="Human performance capture: skeleton motion from video.",
+        description="Human performance capture: skeleton motion and deforming surface from video.",
     )
     try:
         code = command.run()

@@ -8,8 +8,9 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,14 +24,15 @@ from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor
 from perfcap.io.gltf import load_template
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.overlay import save_overlay
-from perfcap.pipeline.performance import FILES, REPORT, Performance, make_folder
+from perfcap.pipeline.overlay import save_overlay, save_textured
+from perfcap.pipeline.performance import FILES, REPORT, SURFACE, Performance, make_folder
 from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
-OVERLAY = "overlay.mp4"
+OVERLAY, TEXTURED = "overlay.mp4", "textured.mp4"
 DONE, INCOMPLETE = 0, 3
 
 _LOG = logging.getLogger(__name__)
@@ -45,7 +47,7 @@ class CaptureRequest:
     cameras: Path
     detections: tuple[Path, ...]
     out: Path
-    until: str = "track_motion"
+    until: str = "refine_surface"
     frames: str | None = None
     preset: str = "default"
     bones: str = "auto"
@@ -80,7 +82,7 @@ def run_capture(request: CaptureRequest) -> int:
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
     run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
-    performance.save(folder, inputs.clip.start, run)
+    performance.save(folder, inputs.clip.start, run, inputs.rig.names)
     for line in (
         *inputs.warnings,
         *performance.warnings,
@@ -94,7 +96,11 @@ def _perform(
     request: CaptureRequest, folder: Path, actor: Actor, inputs: Inputs, solve_bones: bool
 ) -> Performance:
     """Capture and, if wanted, draw; the folder no longer holds the report of an older result."""
+    # stages that look at images run a thread a core; more inside each would only be in the way
+    torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=_device(request.device))
+    until = Stage[request.until.upper()]
+    cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
     with progress_bars() as tell:
         performance = capture(
             actor,
@@ -102,21 +108,31 @@ def _perform(
             inputs.detections.to(like),
             inputs.clip.fps,
             PRESETS[request.preset],
-            until=Stage[request.until.upper()],
+            images=Images(inputs.clip, cameras),
+            until=until,
             solve_bones=solve_bones,
             progress=tell,
         )
         performance = performance.to(like.cpu())
         (folder / REPORT).unlink(missing_ok=True)
-        if request.overlay:
-            save_overlay(
-                folder / OVERLAY,
+        for name, save in _videos(request).items():
+            save(
+                folder / name,
                 performance,
                 inputs.clip,
                 inputs.pixel_map,
-                lambda done, total: tell("overlay", done, total),
+                partial(tell, name.removesuffix(".mp4")),
             )
     return performance
+
+
+def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
+    """The videos that a request asks for, and what draws them."""
+    if not request.overlay:
+        return {}
+    if not Stage[request.until.upper()].needs_images:
+        return {OVERLAY: save_overlay}
+    return {OVERLAY: save_overlay, TEXTURED: save_textured}
 
 
 def environment(inputs: Inputs) -> dict[str, Any]:
@@ -152,7 +168,8 @@ def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
         changed = any(path.stat().st_mtime > written for path in used)
     except (OSError, ValueError):
         return False
-    expected = (*FILES, *((OVERLAY,) if request.overlay else ()))
+    expected = (*FILES, *_videos(request))
+    expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
     there = all((folder / name).is_file() for name in expected)
     return same and done["complete"] is True and there and not changed

@@ -24,6 +24,7 @@ def run_demo(out: Path) -> int:
             detections=(source / "detections.npz",),
             out=out,
             bones="template",
+            until="track_motion",
         )
     )
     console = Console()

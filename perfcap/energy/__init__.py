@@ -5,7 +5,9 @@ from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
+from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.stabilization import Stabilization
+from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory
 
 __all__ = [
@@ -15,6 +17,8 @@ __all__ = [
     "PosePrior",
     "Reprojection",
     "Rigidity",
+    "SilhouetteOverlap",
     "Stabilization",
+    "Tether",
     "Trajectory",
 ]

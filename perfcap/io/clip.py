@@ -140,11 +140,15 @@ class Clip:
         part: NDArray[np.float64] = times[self.start : self._stop] - times[self.start]
         return part
 
-    def read_views(self, start: int, stop: int) -> list[Frames]:
-        """RGB frames ``start`` to ``stop`` a view, each (stop - start, H, W, 3)."""
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        """RGB frames ``start`` to ``stop`` of a view, (stop - start, H, W, 3)."""
         if not 0 <= start <= stop <= len(self):
             raise IndexError(f"frames {start}:{stop} of a clip of {len(self)}")
-        return [source.read(self.start + start, self.start + stop) for source in self.sources]
+        return self.sources[view].read(self.start + start, self.start + stop)
+
+    def read_views(self, start: int, stop: int) -> list[Frames]:
+        """RGB frames ``start`` to ``stop`` a view, each (stop - start, H, W, 3)."""
+        return [self.read_view(view, start, stop) for view in range(self.views)]
 
     def read(self, start: int, stop: int) -> Frames:
         """RGB frames of views of one size, (stop - start, C, H, W, 3)."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.segment import Contour, extract_contour
+from perfcap.segment import Contour, FrameReport, Silhouettes, extract_contour
 
 Mask = NDArray[np.bool_]
 
@@ -17,27 +18,56 @@ _FULL = 255  # a confidence of 1, as it is kept
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Silhouettes of a clip, held compressed: a few kilobytes a frame and view.
+class MaskRecord:
+    """One frame and view.
 
     Attributes:
-        masks_png: encoded masks, ``[frame][view]``; see ``mask``.
+        png: the encoded mask.
+        confidence: of the points of the mask's contour, uint8.
+        report: what the segmentation relied on.
+    """
+
+    png: bytes
+    confidence: NDArray[np.uint8]
+    report: FrameReport
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Silhouettes of a clip with what is known about them; a few kilobytes a frame and view.
+
+    Attributes:
+        silhouettes: F frames of C views, one person.
         confidence: of the points of each mask's contour, uint8, ``[frame][view]``.
+        reports: what each segmentation relied on, ``[frame][view]``.
         pixel_unit: one percent of the person's height in each view, (C,), pixels of the masks.
     """
 
-    masks_png: tuple[tuple[bytes, ...], ...]
+    silhouettes: Silhouettes
     confidence: tuple[tuple[NDArray[np.uint8], ...], ...]
+    reports: tuple[tuple[FrameReport, ...], ...]
     pixel_unit: Tensor
 
+    @classmethod
+    def collect(cls, views: Sequence[Sequence[MaskRecord]], heights: Tensor) -> Self:
+        """From records ``[view][frame]`` and the person's height in each view, (C,) px."""
+        rows = list(zip(*views, strict=True))
+        return cls(
+            Silhouettes(tuple(tuple(record.png for record in row) for row in rows)),
+            tuple(tuple(record.confidence for record in row) for row in rows),
+            tuple(tuple(record.report for record in row) for row in rows),
+            0.01 * heights,
+        )
+
     @property
-    def frames(self) -> int:
-        """F."""
-        return len(self.masks_png)
+    def heights(self) -> list[float]:
+        """Height of the upright person in each view, C numbers, px."""
+        heights: list[float] = (100 * self.pixel_unit).tolist()
+        return heights
 
     def masks(self, frame: int) -> list[Mask]:
         """The person in every view, (H, W) each."""
-        return [_decode(png) for png in self.masks_png[frame]]
+        return [self.silhouettes.mask(frame, view) for view in range(self.silhouettes.views)]
 
     def contours(self, frame: int) -> list[Contour]:
         """The masks' contours in every view, with their confidence."""
@@ -47,12 +77,16 @@ class Evidence:
             for line, trust in zip(lines, self.confidence[frame], strict=True)
         ]
 
-
-def encode_mask(mask: Mask) -> bytes:
-    """A mask (H, W) as a PNG, 0 background, 1 person."""
-    done, data = cv2.imencode(".png", mask.astype(np.uint8))
-    assert done
-    return data.tobytes()
+    def report(self, first_frame: int = 0) -> dict[str, Any]:
+        """What there is to say about the masks, as plain values."""
+        rows = list(enumerate(self.reports, first_frame))
+        return {
+            "scene_cuts": [frame for frame, row in rows if any(r.cut for r in row)],
+            "nobody_in_view": [frame for frame, row in rows if not any(r.person for r in row)],
+            "mask_confidence": [
+                round(float(np.mean([_mean(trust) for trust in row])), 3) for row in self.confidence
+            ],
+        }
 
 
 def encode_confidence(confidence: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -60,6 +94,5 @@ def encode_confidence(confidence: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.rint(confidence * _FULL).astype(np.uint8)
 
 
-def _decode(png: bytes) -> Mask:
-    mask: Mask = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE) > 0
-    return mask
+def _mean(confidence: NDArray[np.uint8]) -> float:
+    return float(confidence.mean()) / _FULL if len(confidence) else 0.0

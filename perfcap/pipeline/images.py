@@ -19,8 +19,8 @@ class FrameReader(Protocol):
 
     def __len__(self) -> int: ...
 
-    def read_views(self, start: int, stop: int) -> list[Frames]:
-        """RGB frames ``start`` to ``stop`` a view, each (stop - start, H, W, 3) uint8."""
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        """RGB frames ``start`` to ``stop`` of a view, (stop - start, H, W, 3) uint8."""
 
 
 @dataclass(frozen=True)

@@ -7,20 +7,25 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 
+import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import MotionProblem, WindowReport, track_motion
 from perfcap.solve import Status
@@ -36,11 +41,13 @@ def capture(
     rate: float,
     config: CaptureConfig | None = None,
     *,
-    until: Stage = Stage.TRACK_MOTION,
+    images: Images | None = None,
+    until: Stage | None = None,
     solve_bones: bool = False,
+    workers: int | None = None,
     progress: Progress | None = None,
 ) -> Performance:
-    """Skeleton motion of one person from joint detections (Xu et al. 2018, Sec. 4).
+    """Motion and surface of one person from detections and images (Xu et al. 2018).
 
     One view or several, fixed cameras or moving: the same stages. Computes in the type and on the
     device of the detections.
@@ -51,14 +58,18 @@ def capture(
         detections: (F, C, 16).
         rate: frames a second.
         config: weights and sizes; the measured defaults when not given.
-        until: the last stage to run.
+        images: the frames that were detected in, for the stages that refine pose and surface.
+        until: the last stage to run; all that images, or their absence, allow when not given.
         solve_bones: find the person's bone lengths first and capture on an actor that has them;
             for an actor that is not the person.
+        workers: threads of the stages that look at images; all cores when not given. Results do
+            not depend on it.
         progress: told how far each stage is.
 
     Raises:
-        InputError: nobody is detected, or the shapes do not fit.
+        InputError: nobody is detected, the shapes do not fit, or a stage needs images.
     """
+    until = _last_stage(until, images)
     config = config or CaptureConfig()
     tell = progress or (lambda stage, done, total: None)
     clock = _Clock(tell)
@@ -76,13 +87,16 @@ def capture(
     with clock.stage("initialize"):
         prepared = prepare(actor, cameras, detections, pose.position.gate)
         motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit)
+    problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
-        with clock.stage("track_motion"):
-            problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
-            motion, windows = track_motion(
-                problem, motion, lambda done, total: tell("track_motion", done, total)
-            )
+        with clock.stage("track_motion") as report:
+            motion, windows = track_motion(problem, motion, report)
+    refinement: Refinement | None = None
+    if images is not None and until.needs_images:
+        with torch.no_grad():
+            refinement = refine(problem, motion, images, config, until, clock.stage, workers)
+        motion = refinement.motion
     return Performance(
         actor=actor,
         cameras=cameras,
@@ -94,8 +108,21 @@ def capture(
         windows=tuple(windows),
         stages=tuple(clock.stages),
         bone_scales=bones,
-        warnings=tuple(_warnings(windows)),
+        warnings=(*_warnings(windows), *_doubts(refinement)),
+        surface=None if refinement is None else refinement.vertices,
+        refinement=refinement,
     )
+
+
+def _last_stage(until: Stage | None, images: Images | None) -> Stage:
+    if until is None:
+        return Stage.TRACK_MOTION if images is None else Stage.REFINE_SURFACE
+    if until.needs_images and images is None:
+        raise InputError(
+            f"until is {until.name.lower()}, which looks at images, and there are none; give "
+            "images, or end at track_motion"
+        )
+    return until
 
 
 def _warnings(windows: list[WindowReport]) -> Iterator[str]:
@@ -107,6 +134,27 @@ def _warnings(windows: list[WindowReport]) -> Iterator[str]:
             )
 
 
+def _doubts(refinement: Refinement | None) -> Iterator[str]:
+    """What the images did not show, or showed against the model."""
+    if refinement is None:
+        return
+    report = refinement.evidence.report()
+    if report["scene_cuts"]:
+        yield f"the scene changes at frames {report['scene_cuts']}; nothing is carried across"
+    if report["nobody_in_view"]:
+        yield (
+            f"in {len(report['nobody_in_view'])} frames the person is outside every image; they "
+            "have the skinned surface"
+        )
+    parts = (("motion", refinement.pose), ("surface", refinement.surface))
+    for name, part in parts:
+        if part is not None and not part.kept.all():
+            yield (
+                f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
+                "is kept, or filled in from frames around them"
+            )
+
+
 @dataclass
 class _Clock:
     """Times stages and tells that they start and end."""
@@ -115,9 +163,10 @@ class _Clock:
     stages: list[StageReport] = field(default_factory=list)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> Iterator[Callable[[int, int], None]]:
+        """Time a stage; gives what to tell its progress to."""
         self.tell(name, 0, 1)
         wall, cpu = time.perf_counter(), time.process_time()
-        yield
+        yield partial(self.tell, name)
         self.stages.append(StageReport(name, time.perf_counter() - wall, time.process_time() - cpu))
         self.tell(name, 1, 1)

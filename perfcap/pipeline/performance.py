@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -23,14 +23,16 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.atomic import writing
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
+from perfcap.io.mask_files import remove_masks, save_masks
 from perfcap.io.surface_file import save_surface
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.refine import Refinement
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_blocks
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.solve import Status
 
-REPORT, SURFACE = "run.json", "surface.npz"
+REPORT, SURFACE, MASKS = "run.json", "surface.npz", "masks"
 FILES = ("motion.npz", "motion.bvh", "capture.glb", "config.yaml", REPORT)
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
 
@@ -62,6 +64,7 @@ class Performance:
         bone_scales: log factors of the actor's bone groups, (S,), when they were solved.
         warnings: what a user should know.
         surface: vertices of every frame, where the surface itself was captured.
+        refinement: what the images added, where stages looked at them.
     """
 
     actor: Actor
@@ -77,6 +80,7 @@ class Performance:
     bone_scales: Tensor | None = None
     warnings: tuple[str, ...] = field(default=())
     surface: SurfaceFrames | None = None
+    refinement: Refinement | None = None
 
     @property
     def frames(self) -> int:
@@ -132,18 +136,23 @@ class Performance:
         return stacked
 
     def save(
-        self, folder: str | Path, first_frame: int = 0, run: Mapping[str, Any] | None = None
+        self,
+        folder: str | Path,
+        first_frame: int = 0,
+        run: Mapping[str, Any] | None = None,
+        view_names: Sequence[str] | None = None,
     ) -> None:
         """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
 
-        With a captured surface also surface.npz, and the surface in capture.glb. Every file appears
-        complete or not at all; run.json comes last and an old one goes first, so that where it
+        With a captured surface also surface.npz, masks/ and the surface in capture.glb. Every file
+        appears complete or not at all; run.json comes last and an old one goes first, so that where it
         lies, everything it speaks of lies too.
 
         Args:
             folder: made if it does not exist.
             first_frame: number of the motion's first frame in the video.
             run: what the caller knows about the run (versions, inputs), added to run.json.
+            view_names: of the views, for folders of masks where there are several.
 
         Raises:
             InputError: the folder cannot be written.
@@ -155,6 +164,7 @@ class Performance:
         template = self.actor.template
         save_bvh(folder / "motion.bvh", bvh_motion(template, transforms, self.rate))
         self._save_surface(folder / SURFACE, first_frame)
+        self._save_masks(folder / MASKS, first_frame, view_names)
         blocks = None if self.surface is None else surface_blocks(self.surface)
         whole = save_animation(folder / "capture.glb", template, transforms, self.rate, blocks)
         with writing(folder / "config.yaml") as file:
@@ -164,6 +174,16 @@ class Performance:
             report["surface"] = {"vertices": len(template.vertices), "in_glb": whole}
         with writing(folder / REPORT) as file:
             file.write(json.dumps(plain(report), indent=1).encode())
+
+    def _save_masks(self, folder: Path, first_frame: int, names: Sequence[str] | None) -> None:
+        """The silhouettes, or none of an older result."""
+        if self.refinement is None:
+            remove_masks(folder)
+            return
+        silhouettes = self.refinement.evidence.silhouettes
+        names = names or [f"view_{view}" for view in range(silhouettes.views)]
+        masks = {name: silhouettes.png(view) for view, name in enumerate(names)}
+        save_masks(folder, masks, first_frame)
 
     def _save_surface(self, path: Path, first_frame: int) -> None:
         """The captured surface, or no surface of an older result."""
@@ -220,6 +240,11 @@ class Performance:
             if scales is None
             else {n: float(v) for n, v in zip(names, scales.exp(), strict=True)},
             "warnings": list(self.warnings),
+            **(
+                {}
+                if self.refinement is None
+                else {"refinement": self.refinement.report(first_frame)}
+            ),
         }
 
 

@@ -5,6 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
+from perfcap.pipeline.surface_config import (
+    MONOPERFCAP_REFINE_POSE,
+    MONOPERFCAP_REFINE_SURFACE,
+    MONOPERFCAP_SILHOUETTES,
+    RefinePoseConfig,
+    RefineSurfaceConfig,
+    SilhouetteConfig,
+)
 
 
 @dataclass(frozen=True)
@@ -12,8 +20,13 @@ class CaptureConfig:
     """Everything of a capture, stage by stage."""
 
     pose: PoseConfig = field(default_factory=PoseConfig)
+    silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
+    refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)
 
 
 # as published by Xu et al. 2018, as far as it is
-MONOPERFCAP = CaptureConfig(MONOPERFCAP_POSE)
+MONOPERFCAP = CaptureConfig(
+    MONOPERFCAP_POSE, MONOPERFCAP_SILHOUETTES, MONOPERFCAP_REFINE_POSE, MONOPERFCAP_REFINE_SURFACE
+)
 PRESETS = {"default": CaptureConfig(), "monoperfcap": MONOPERFCAP}

@@ -10,3 +10,10 @@ class Stage(enum.IntEnum):
 
     INITIALIZE = 0  # every frame on its own
     TRACK_MOTION = 1  # windows with a temporal prior
+    REFINE_POSE = 2  # the motion pulled towards the silhouettes
+    REFINE_SURFACE = 3  # the surface deformed to meet them
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether the stage looks at the images themselves."""
+        return self >= Stage.REFINE_POSE

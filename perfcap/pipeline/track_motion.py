@@ -11,12 +11,11 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
-from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
-from perfcap.solve import LevenbergMarquardt, Status, solve
+from perfcap.solve import LevenbergMarquardt, Objective, Status, solve
 from perfcap.temporal.window import Window, partition
 
 Progress = Callable[[int, int], None]
@@ -53,9 +52,20 @@ class MotionProblem:
     pixel_unit: Tensor
     rate: float
 
-    def trajectory(self, frames: int) -> Trajectory:
-        """The temporal prior of a window of ``frames``."""
-        return trajectory_prior(self.config.trajectory, frames, self.rate)
+    def objective(self, index: slice | Tensor) -> Objective:
+        """E_pose of a window (W,) of frames, or of several (N, W)."""
+        detections = self.detections
+        joints3d = detections.joints3d
+        seen = Detections(
+            detections.joints2d[index],
+            detections.confidence2d[index],
+            None if joints3d is None else joints3d[index],
+            detections.trusted3d[index],
+        )
+        frames = seen.joints2d.shape[-4]
+        prior = trajectory_prior(self.config.trajectory, frames, self.rate)
+        cameras = self.cameras.frames(index)
+        return pose_objective(self.actor, cameras, seen, self.config, self.pixel_unit, prior)
 
 
 def track_motion(
@@ -93,14 +103,7 @@ def _solve_group(
 ) -> tuple[Motion, list[WindowReport]]:
     actor, config = problem.actor, problem.config
     index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(initial.angles.device)
-    objective = pose_objective(
-        actor,
-        problem.cameras.frames(index),
-        _gather(problem.detections, index),
-        config,
-        problem.pixel_unit,
-        problem.trajectory(index.shape[1]),
-    )
+    objective = problem.objective(index)
     start = Motion(initial.translation[index], initial.rotation[index], initial.angles[index])
     method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
     solution = solve(objective, start, method, angle_bounds(actor))
@@ -121,17 +124,6 @@ def _solve_group(
 def select(motion: Motion, element: int) -> Motion:
     """One motion (F,) of a batch (N, F)."""
     return Motion(motion.translation[element], motion.rotation[element], motion.angles[element])
-
-
-def _gather(detections: Detections, index: Tensor) -> Detections:
-    """Detections (F, C) of windows of frames (N, W): (N, W, C)."""
-    joints3d = detections.joints3d
-    return Detections(
-        detections.joints2d[index],
-        detections.confidence2d[index],
-        None if joints3d is None else joints3d[index],
-        detections.trusted3d[index],
-    )
 
 
 def _batches(windows: list[Window], size: int) -> Iterator[list[Window]]:

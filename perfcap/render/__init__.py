@@ -2,10 +2,13 @@
 
 from perfcap.render.label_map import Cull, LabelMap, rasterize
 from perfcap.render.lighting import DAYLIGHT, FLAT, Lighting
+from perfcap.render.mesh_edges import MeshEdges
+from perfcap.render.occluding_contour import ModelContour
 from perfcap.render.overlay import OverlayStyle, draw_caption, draw_overlay
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.shading import Rendering, render, shade
 from perfcap.render.shadow import Visibility, shade_ground, visibility
+from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.render.texture import Texture
 from perfcap.render.viewpoint import look_at
 
@@ -15,9 +18,12 @@ __all__ = [
     "Cull",
     "LabelMap",
     "Lighting",
+    "MeshEdges",
+    "ModelContour",
     "OverlayStyle",
     "ProjectedMesh",
     "Rendering",
+    "SoftSilhouette",
     "Texture",
     "Visibility",
     "draw_caption",

@@ -1,0 +1,166 @@
+"""Silhouettes of the person in every frame and view, from the posed model (Xu 2018, Sec. 5.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.camera import NEAR, Camera
+from perfcap.pipeline.evidence import Evidence, MaskRecord, encode_confidence
+from perfcap.pipeline.images import FrameReader, Frames
+from perfcap.pipeline.sight import Mask, Sight
+from perfcap.pipeline.surface_config import SilhouetteConfig
+from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.workers import ordered_map
+from perfcap.segment import Scene, Segmentation, extract_contour, survey
+from perfcap.segment.scene import sample_frames
+from perfcap.segment.sequence import BLOCK, Footage, segment_block
+from perfcap.segment.silhouettes import encode_labels
+from perfcap.segment.trust import boundary_trust
+
+# the skeleton's lines in the image: limbs between landmarks, and the spine to the middle of the
+# hips, which is their mean
+_LIMBS = (
+    ("head_top", "neck"), ("neck", "r_shoulder"), ("r_shoulder", "r_elbow"),
+    ("r_elbow", "r_wrist"), ("neck", "l_shoulder"), ("l_shoulder", "l_elbow"),
+    ("l_elbow", "l_wrist"), ("r_hip", "l_hip"), ("r_hip", "r_knee"), ("r_knee", "r_ankle"),
+    ("r_ankle", "r_toe"), ("l_hip", "l_knee"), ("l_knee", "l_ankle"), ("l_ankle", "l_toe"),
+)  # fmt: skip
+
+
+def extract_silhouettes(
+    actor: Actor,
+    sight: Sight,
+    reader: FrameReader,
+    motion: Motion,
+    heights: Tensor,
+    config: SilhouetteConfig,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Evidence:
+    """Segment a clip, view after view, block after block.
+
+    Args:
+        actor: the person.
+        sight: cameras in the pixels of the images.
+        reader: F frames of C views.
+        motion: where the person is, (F,).
+        heights: of the upright person in each view, (C,), px.
+        config: of the segmentation.
+        workers: threads; all cores when not given. The result does not depend on it.
+        progress: called with (frames done, frames), summed over views.
+    """
+    source = _Source(actor, sight, reader, motion, config)
+    total = motion.frames * sight.views
+    views: list[list[MaskRecord]] = []
+    for view in range(sight.views):
+        done: list[MaskRecord] = []
+        for part in ordered_map(source.segment, source.blocks(view), workers):
+            done += part
+            if progress is not None:
+                progress(view * motion.frames + len(done), total)
+        views.append(done)
+    return Evidence.collect(views, heights)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Frames of one view: those to segment, and those around them that help."""
+
+    view: int
+    wanted: range
+    shown: range
+    images: Frames
+    scene: Scene
+
+
+class _Source:
+    """Blocks of a clip, and what the model says about them."""
+
+    def __init__(
+        self,
+        actor: Actor,
+        sight: Sight,
+        reader: FrameReader,
+        motion: Motion,
+        config: SilhouetteConfig,
+    ) -> None:
+        self.actor, self.sight, self.reader = actor, sight, reader
+        self.motion, self.config = motion, config
+
+    def blocks(self, view: int) -> Iterator[_Block]:
+        """Blocks of a view in order, read as they are asked for."""
+        frames, scenes = self.motion.frames, self.config.sequence.scene
+        for start in range(0, frames, scenes.span):
+            stop = min(start + scenes.span, frames)
+            scene = self._survey(view, sample_frames(start, stop, scenes.samples))
+            reach = self.config.sequence.reach if scene.plate is None else 1
+            for first in range(start, stop, BLOCK):
+                wanted = range(first, min(first + BLOCK, stop))
+                shown = range(max(first - reach, 0), min(wanted.stop + reach, frames))
+                images = self.reader.read_view(view, shown.start, shown.stop)
+                yield _Block(view, wanted, shown, images, scene)
+
+    def segment(self, block: _Block) -> list[MaskRecord]:
+        """The masks of a block."""
+        models = [self._model(block.view, f, block) for f in block.shown]
+        bones = self._bones(block.view, block.shown)
+        footage = Footage(list(block.images), models, bones)
+        first = block.wanted.start - block.shown.start
+        chosen = range(first, first + len(block.wanted))
+        found = segment_block(footage, chosen, block.scene, self.config.sequence)
+        return [_record(each) for each in found]
+
+    def _survey(self, view: int, frames: list[int]) -> Scene:
+        images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
+        models = [self._draw(view, f) for f in frames]
+        sequence = self.config.sequence
+        return survey(images, models, sequence.frame.plate, sequence.scene)
+
+    def _model(self, view: int, frame: int, block: _Block) -> Mask:
+        """The model's silhouette; of frames around a block it only matters if the camera moves."""
+        if frame in block.wanted or block.scene.plate is None:
+            return self._draw(view, frame)
+        return np.zeros(self.sight.cameras.size[view], np.bool_)
+
+    def _draw(self, view: int, frame: int) -> Mask:
+        span = slice(frame, frame + 1)
+        with torch.no_grad():
+            vertices = self.actor.surface(self.motion[span])
+            return self.sight.look(vertices, span, (view,))[0][0].mask
+
+    def _bones(self, view: int, frames: range) -> NDArray[np.float64]:
+        """Lines of the skeleton, (f, B, 2, 2) px; NaN behind the camera."""
+        span = slice(frames.start, frames.stop)
+        with torch.no_grad():
+            joints = self.actor.joints(self.motion[span])
+            return project_bones(self.sight.cameras.frames(span).select([view]), joints)
+
+
+def project_bones(camera: Camera, joints: Tensor) -> NDArray[np.float64]:
+    """Lines (f, B, 2, 2) px of landmarks (f, 16, 3) m in one view; NaN behind the camera."""
+    index = {name: i for i, name in enumerate(LANDMARKS)}
+    hips = joints[:, [index["r_hip"], index["l_hip"]]].mean(1, keepdim=True)
+    points = torch.cat((joints, hips), 1)
+    local = camera.to_camera(points)[:, 0]
+    pixels = camera.project_camera(local[:, None])[:, 0]
+    pixels = pixels.where(local[..., 2:] > NEAR, torch.nan)
+    pairs = [(index[a], index[b]) for a, b in _LIMBS] + [(index["neck"], len(LANDMARKS))]
+    lines: NDArray[np.float64] = pixels[:, pairs].double().numpy(force=True)
+    return lines
+
+
+def _record(found: Segmentation) -> MaskRecord:
+    contour = extract_contour(found.mask, partial(boundary_trust, found))
+    return MaskRecord(
+        encode_labels(found.mask), encode_confidence(contour.confidence), found.report
+    )

@@ -1,0 +1,130 @@
+"""From a skeleton motion to a surface on the silhouettes: the stages that look at images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.motion import Motion
+from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.extract_silhouettes import extract_silhouettes
+from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
+from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
+from perfcap.pipeline.sight import Sight
+from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
+from perfcap.pipeline.track_motion import MotionProblem, Progress
+
+# a context in which a stage runs, by name; it gives what to tell progress to
+StageContext = Callable[[str], AbstractContextManager[Progress]]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """What the images added to the motion.
+
+    Attributes:
+        motion: refined, (F,).
+        evidence: silhouettes, the second time they were extracted.
+        pose: how the motion was refined.
+        surface: how the surface was; None where the capture ended before.
+        vertices: of every frame.
+    """
+
+    motion: Motion
+    evidence: Evidence
+    pose: PoseRefinement
+    surface: SurfaceRefinement | None
+    vertices: SurfaceFrames
+
+    def report(self, first_frame: int = 0) -> dict[str, Any]:
+        """Overlap with the masks and frames without a refinement, as plain values."""
+        parts: dict[str, PoseRefinement | SurfaceRefinement] = {"pose": self.pose}
+        if self.surface is not None:
+            parts["surface"] = self.surface
+        report: dict[str, Any] = {
+            name: {
+                "overlap_before": _plain(part.before),
+                "overlap_after": _plain(part.after),
+                "not_refined": [
+                    [a + first_frame, b + first_frame]
+                    for a, b in ranges(torch.from_numpy(~part.kept))
+                ],
+            }
+            for name, part in parts.items()
+        }
+        if self.surface is not None:
+            report["surface"]["folded_share"] = _plain(self.surface.folded)
+        return {**report, **self.evidence.report(first_frame)}
+
+
+def refine(
+    problem: MotionProblem,
+    motion: Motion,
+    images: Images,
+    config: CaptureConfig,
+    until: Stage,
+    stage: StageContext,
+    workers: int | None = None,
+) -> Refinement:
+    """Silhouettes, pose refinement, silhouettes again, surface refinement (Xu 2018, Sec. 5).
+
+    Args:
+        problem: what the motion was found from.
+        motion: (F,).
+        images: F frames and the cameras in their pixels.
+        config: settings of all stages.
+        until: the last stage, ``REFINE_POSE`` or ``REFINE_SURFACE``.
+        stage: entered around every stage.
+        workers: threads; all cores when not given.
+    """
+    actor = problem.actor
+    faces = torch.as_tensor(actor.template.faces.copy())
+    sight = Sight(images.cameras.to(motion.angles), faces, actor.template.weld()[0])
+    heights = _heights(problem, images)
+
+    def extract(name: str, motion: Motion) -> Evidence:
+        with stage(name) as tell:
+            return extract_silhouettes(
+                actor, sight, images.reader, motion, heights, config.silhouettes, workers, tell
+            )
+
+    evidence = extract("extract_silhouettes", motion)
+    with stage("refine_pose") as tell:
+        pose = refine_pose(problem, sight, evidence, motion, config.refine_pose, workers, tell)
+    evidence = extract("extract_silhouettes_again", pose.motion)
+    if until < Stage.REFINE_SURFACE:
+        vertices = SkinnedSurface(actor, pose.motion)
+        return Refinement(pose.motion, evidence, pose, None, vertices)
+    with stage("refine_surface") as tell:
+        graph = DeformationGraph.build(actor.vertices, faces, config.refine_surface.nodes)
+        surface = refine_surface(
+            actor, graph, sight, evidence, pose.motion, config.refine_surface, workers, tell
+        )
+    return Refinement(pose.motion, evidence, pose, surface, surface.surface)
+
+
+def _heights(problem: MotionProblem, images: Images) -> Tensor:
+    """Height of the upright person in each image, (C,), pixels."""
+    scale = [
+        torch.linalg.det(cameras.intrinsics[..., :2, :2]).abs().sqrt()
+        for cameras in (images.cameras.to(problem.pixel_unit), problem.cameras)
+    ]
+    ratio = scale[0] / scale[1]
+    heights: Tensor = 100 * problem.pixel_unit * ratio.reshape(-1, ratio.shape[-1]).mean(0)
+    return heights
+
+
+def _plain(values: NDArray[np.float64]) -> list[float]:
+    return [round(float(value), 4) for value in values]

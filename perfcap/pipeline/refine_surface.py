@@ -1,0 +1,258 @@
+"""The surface pulled onto the silhouettes by a deformation graph (Xu et al. 2018, Sec. 5.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.deformation import Deformation
+from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.embedded_points import EmbeddedPoints
+from perfcap.actor.motion import Motion
+from perfcap.energy.contour_alignment import ContourAlignment
+from perfcap.energy.rigidity import Rigidity
+from perfcap.energy.tether import Tether
+from perfcap.geometry.folding import find_folds
+from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.objective import kernel
+from perfcap.pipeline.sight import Mask, Sight, View, overlap
+from perfcap.pipeline.surface_config import RefineSurfaceConfig
+from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.workers import ordered_map
+from perfcap.segment import Contour, Correspondences, stack
+from perfcap.solve import Energy, Objective, TruncatedNewton, solve
+from perfcap.temporal.smoothing import binomial, smooth_vectors
+
+_BLOCK = 8  # frames solved at once
+
+
+@dataclass(frozen=True, eq=False)
+class DeformedSurface:
+    """The skinned surface carried along by a deformation graph, computed when it is asked for.
+
+    Attributes:
+        actor: whose surface.
+        graph: of its template.
+        motion: (F,).
+        layers: deformations (F, M), each of the surface that the ones before it make.
+    """
+
+    actor: Actor
+    graph: DeformationGraph
+    motion: Motion
+    layers: tuple[Deformation, ...] = ()
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.motion.frames
+
+    def __getitem__(self, span: slice) -> Tensor:
+        with torch.no_grad():
+            vertices = self.actor.surface(self.motion[span])
+            for layer in self.layers:
+                vertices = self.graph(vertices, layer[span].to(vertices))
+            return vertices
+
+    def deformed(self, layer: Deformation) -> DeformedSurface:
+        """This surface with one more layer."""
+        return DeformedSurface(self.actor, self.graph, self.motion, (*self.layers, layer))
+
+
+@dataclass(frozen=True)
+class SurfaceRefinement:
+    """The deforming surface, and how well it overlaps its masks.
+
+    Attributes:
+        surface: of every frame.
+        before: intersection over union of the skinned surface with the masks, (F,).
+        after: of the refined surface, (F,).
+        kept: False in frames that a deformation would have made worse, or folded; they have the
+            deformation of their neighbours, (F,).
+        folded: share of each frame's surface that the deformation folded over, (F,).
+    """
+
+    surface: DeformedSurface
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    kept: NDArray[np.bool_]
+    folded: NDArray[np.float64]
+
+
+def refine_surface(
+    actor: Actor,
+    graph: DeformationGraph,
+    sight: Sight,
+    evidence: Evidence,
+    motion: Motion,
+    config: RefineSurfaceConfig,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> SurfaceRefinement:
+    """Minimise E_con + w_arap E_arap in every frame, smooth over a centred window, and settle.
+
+    Smoothing takes fast cloth off its silhouette. So the smoothed surface is pulled back onto it,
+    as a stiff whole that keeps its shape, in a last layer (``config.settle``; none in the paper).
+
+    Args:
+        actor: skinned by the motion, which gives the canonical surface of each frame.
+        graph: of the actor's template.
+        sight: cameras in the pixels of the masks.
+        evidence: masks and their contours.
+        motion: (F,).
+        config: rounds, weights, units.
+        workers: threads; all cores when not given.
+        progress: called with (frames done, frames).
+    """
+    surface = DeformedSurface(actor, graph, motion)
+    passes = [(config.rigidity, config.smoothing)]
+    passes += [(config.settle, config.settle_smoothing)] if config.settle else []
+    blocks = _blocks(motion.frames)
+    layers: list[_Block] = []
+    for number, (rigidity, width) in enumerate(passes):
+        solver = _Solver(surface, sight, evidence, config, rigidity)
+        done: list[_Block] = []
+        for frames, block in zip(blocks, ordered_map(solver.solve, blocks, workers), strict=True):
+            done.append(block)
+            if progress is not None:
+                progress(motion.frames * number + frames.stop, motion.frames * len(passes))
+        layers.append(_joined(done, config.folds))
+        surface = surface.deformed(_smoothed(surface, layers[-1], width))
+    after = np.concatenate(
+        list(ordered_map(partial(_overlap_of, surface, sight, evidence), blocks, workers))
+    )
+    kept = np.logical_and.reduce([layer.kept for layer in layers])
+    folded = np.max([layer.folded for layer in layers], axis=0)
+    return SurfaceRefinement(surface, layers[0].before, after, kept, folded)
+
+
+def _blocks(frames: int) -> list[range]:
+    return [range(start, min(start + _BLOCK, frames)) for start in range(0, frames, _BLOCK)]
+
+
+def _overlap_of(
+    surface: DeformedSurface, sight: Sight, evidence: Evidence, frames: range
+) -> NDArray[np.float64]:
+    span = slice(frames.start, frames.stop)
+    return _overlaps(sight.look(surface[span], span), [evidence.masks(f) for f in frames])
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The deformation of some frames; whether it did any good, and what it folded over."""
+
+    deformation: Deformation
+    before: NDArray[np.float64]
+    kept: NDArray[np.bool_]
+    folded: NDArray[np.float64]
+
+
+def _joined(blocks: list[_Block], folds: float) -> _Block:
+    """One block of all; frames with more folds than that share of the surface are not kept."""
+    before, kept, folded = (
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("before", "kept", "folded")
+    )
+    rotation, translation = (
+        torch.cat([getattr(block.deformation, name) for block in blocks])
+        for name in ("rotation", "translation")
+    )
+    return _Block(Deformation(rotation, translation), before, kept & (folded <= folds), folded)
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """Rounds of correspondence and deformation."""
+
+    surface: DeformedSurface
+    sight: Sight
+    evidence: Evidence
+    config: RefineSurfaceConfig
+    rigidity: tuple[float, ...]
+
+    def solve(self, frames: range) -> _Block:
+        """One block of frames."""
+        span = slice(frames.start, frames.stop)
+        graph, sight = self.surface.graph, self.sight
+        canonical = deformed = self.surface[span]
+        masks = [self.evidence.masks(f) for f in frames]
+        contours = [self.evidence.contours(f) for f in frames]
+        deformation = graph.identity(canonical)
+        drawn = sight.look(canonical, span)
+        before = _overlaps(drawn, masks)
+        for weight in self.rigidity:
+            pairs = self._pairs(drawn, contours, canonical)
+            objective = self._objective(canonical, pairs, span, weight)
+            method = TruncatedNewton(max_steps=self.config.max_steps)
+            deformation = solve(objective, deformation, method).state
+            deformed = graph(canonical, deformation)
+            drawn = sight.look(deformed, span)
+        folds = find_folds(canonical, deformed, sight.faces).share
+        return _Block(
+            deformation.to(canonical.new_zeros((), dtype=torch.float32)),
+            before,
+            _overlaps(drawn, masks) >= before,
+            folds.numpy(force=True),
+        )
+
+    def _pairs(
+        self, drawn: list[list[View]], contours: list[list[Contour]], like: Tensor
+    ) -> Correspondences:
+        config, heights = self.config.contour, self.evidence.heights
+        return stack(
+            [
+                self.sight.correspond(row, lines, config, heights)
+                for row, lines in zip(drawn, contours, strict=True)
+            ],
+            like,
+        )
+
+    def _objective(
+        self, canonical: Tensor, pairs: Correspondences, span: slice, weight: float
+    ) -> Objective:
+        graph, config = self.surface.graph, self.config.contour
+        corners, shares = pairs.vertices.flatten(-3, -2), pairs.weights.flatten(-3, -2)
+        contour = ContourAlignment(
+            EmbeddedPoints(graph, canonical, corners, shares),
+            self.sight.cameras.frames(span),
+            pairs,
+            config.weight,
+            kernel(config.scale),
+            config.deviation * self.evidence.pixel_unit,
+        )
+        nodes = graph.nodes(canonical)
+        rigidity = Rigidity(graph, nodes, weight, unit=self.config.stretch)
+        energies: dict[str, Energy[Deformation]] = {"contour": contour, "rigidity": rigidity}
+        if self.config.tether > 0:
+            energies["tether"] = Tether(len(graph), self.config.tether, unit=self.config.reach)
+        return Objective(energies).to(canonical)
+
+
+def _overlaps(drawn: list[list[View]], masks: list[list[Mask]]) -> NDArray[np.float64]:
+    return np.array([overlap(row, of_frame) for row, of_frame in zip(drawn, masks, strict=True)])
+
+
+def _smoothed(surface: DeformedSurface, layer: _Block, width: int) -> Deformation:
+    """The deformation averaged over a centred window of frames (MPC-31).
+
+    Averaged as seen from the bone that carries each node: a fold that rides on a swinging leg
+    stands still there, and a mean in world axes would pull it back to where the leg was.
+    Rotations of nodes are small, and means of their vectors means of rotations.
+    """
+    actor, raw = surface.actor, layer.deformation
+    joints = actor.skin.rows()[2][surface.graph.node_vertex]  # the heaviest of each node
+    turns = actor.joint_transforms(surface.motion)[0].to(raw.rotation)  # F J 3 3
+    weights, taps = torch.from_numpy(layer.kept).to(raw.rotation), binomial(width)
+    rotation, translation = torch.empty_like(raw.rotation), torch.empty_like(raw.translation)
+    for joint in set(joints.tolist()):
+        nodes, turn = joints == joint, turns[:, joint]
+        for source, target in ((raw.rotation, rotation), (raw.translation, translation)):
+            local = source[:, nodes] @ turn  # rows: turn' v
+            target[:, nodes] = smooth_vectors(local, taps, weights) @ turn.mT
+    return Deformation(rotation, translation)

@@ -1,0 +1,113 @@
+"""What cameras see of a surface: label maps, overlap with masks, contour correspondences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.surface_config import ContourConfig
+from perfcap.render import LabelMap, MeshEdges, rasterize
+from perfcap.render.occluding_contour import occluding_contour
+from perfcap.segment import Contour, Matches
+from perfcap.segment.matching import match
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class View:
+    """A surface in one frame and view: vertices in pixels (V, 2) and depth (V,) m, and its map."""
+
+    pixels: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    labels: LabelMap
+
+    @property
+    def mask(self) -> Mask:
+        """(H, W) bool."""
+        seen: Mask = self.labels.mask.numpy()
+        return seen
+
+
+class Sight:
+    """Cameras looking at a mesh.
+
+    Args:
+        cameras: C views in pixels of their images, (C,) or (F, C), with their sizes.
+        faces: of the mesh, (T, 3).
+        welded: vertices at one place, split by texture seams, share a number, (V,).
+    """
+
+    def __init__(self, cameras: Camera, faces: Tensor, welded: NDArray[np.int64]) -> None:
+        self.cameras = cameras
+        self.faces = faces.cpu()
+        self.edges = MeshEdges.build(self.faces.numpy(), welded)
+
+    @property
+    def views(self) -> int:
+        """C."""
+        return self.cameras.views
+
+    def look(
+        self, vertices: Tensor, frames: slice, views: Sequence[int] | None = None
+    ) -> list[list[View]]:
+        """Draw surfaces (f, V, 3) at the clip's ``frames``: ``[frame][view]``, in some views."""
+        chosen = list(range(self.views)) if views is None else list(views)
+        cameras = self.cameras.frames(frames).select(chosen)
+        local = cameras.to_camera(vertices)
+        pixels, depth = cameras.project_camera(local).cpu(), local[..., 2].cpu()
+        return [
+            [
+                View(
+                    pixels[f, c].double().numpy(),
+                    depth[f, c].double().numpy(),
+                    rasterize(pixels[f, c], depth[f, c], self.faces, cameras.size[c]),
+                )
+                for c in range(cameras.views)
+            ]
+            for f in range(len(vertices))
+        ]
+
+    def correspond(
+        self,
+        drawn: Sequence[View],
+        contours: Sequence[Contour],
+        config: ContourConfig,
+        heights: Sequence[float],
+    ) -> list[Matches]:
+        """Pairs between the contours of a drawn surface and those of masks, one frame: ``[C]``.
+
+        Args:
+            drawn: the surface in every view.
+            contours: those of its masks.
+            config: spacing and limits.
+            heights: of the upright person in every view, px.
+        """
+        return [
+            match(
+                occluding_contour(view.pixels, view.depth, self.edges, view.labels, config.spacing),
+                contour,
+                config.matching,
+                height,
+            )
+            for view, contour, height in zip(drawn, contours, heights, strict=True)
+        ]
+
+
+def overlap(drawn: Sequence[View], masks: Sequence[Mask]) -> float:
+    """Intersection over union of a drawn surface with masks in one frame, the mean over views.
+
+    A view in which there is neither counts as 1.
+    """
+    pairs = zip(drawn, masks, strict=True)
+    return float(np.mean([_overlap(view.mask, mask) for view, mask in pairs]))
+
+
+def _overlap(a: Mask, b: Mask) -> float:
+    union = np.count_nonzero(a | b)
+    return 1.0 if not union else np.count_nonzero(a & b) / union

@@ -1,0 +1,76 @@
+"""Settings of silhouettes, pose refinement and surface refinement (Xu et al. 2018, Sec. 5).
+
+As in ``config``, a weight of 1 and a unit of one standard deviation make a residual's square a
+negative log likelihood (times two); lengths in the image are percents of the person's height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from perfcap.segment import Matching, SequenceSettings
+from perfcap.segment.settings import PAPER
+
+
+@dataclass(frozen=True)
+class SilhouetteConfig:
+    """Automatic silhouettes (Xu 2018, Sec. 5.1)."""
+
+    sequence: SequenceSettings = field(default_factory=SequenceSettings)
+
+
+@dataclass(frozen=True)
+class ContourConfig:
+    """Alignment of the model's contours with those of the silhouettes (Xu 2018, Eq. 11, 17)."""
+
+    weight: float = 30.0  # independent observations that a frame's contour is worth
+    deviation: float = 0.4  # percent of the person's height in the image
+    scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+    spacing: float = 3.0  # px between the model's contour points
+    matching: Matching = field(default_factory=Matching)
+
+
+@dataclass(frozen=True)
+class RefinePoseConfig:
+    """Silhouette-based pose refinement (Xu 2018, Eq. 10 to 12)."""
+
+    rounds: int = 3  # correspondence searches (MPC-23)
+    max_steps: int = 5  # of each round
+    tolerance: float = 1e-3
+    contour: ContourConfig = field(default_factory=ContourConfig)
+    stabilization: float = 0.1  # weight of Eq. 12
+    deviation: float = 0.03  # m, of a joint from where the motion had it
+    # keep the detections and the temporal prior of the motion; the paper refines single frames,
+    # held by their joints alone
+    whole: bool = True
+
+
+@dataclass(frozen=True)
+class RefineSurfaceConfig:
+    """Silhouette-based surface refinement (Xu 2018, Eq. 16 to 18)."""
+
+    nodes: int = 1000  # of the deformation graph (MPC-26)
+    rigidity: tuple[float, ...] = (0.6, 0.2)  # weight of each round (MPC-29)
+    max_steps: int = 5  # of each round
+    contour: ContourConfig = ContourConfig(matching=Matching(support=(0.3, 0.6)))
+    stretch: float = 0.003  # m, of an edge of the graph
+    tether: float = 0.3  # weight of the mean squared displacement of nodes; the paper has none
+    reach: float = 0.03  # m, that counts as one in it
+    folds: float = 0.003  # share of a frame's triangles that may fold over
+    smoothing: int = 5  # frames of the centred window (MPC-31)
+    settle: tuple[float, ...] = (1.0, 1.0)  # rigidity of rounds after it; the paper has none
+    settle_smoothing: int = 3  # frames
+
+
+# Xu et al. 2018, Sec. 5: GrabCut from the model with the motion cue; single frames refined with
+# w_stab = 0.06 per square millimetre; two rounds of 0.6 and 0.2, then smoothing. The paper's
+# pixel is taken as 0.2 % of the person's height, as in ``MONOPERFCAP_POSE``, and its unit of
+# length as a millimetre.
+_PAPER_CONTOUR = ContourConfig(weight=1.0, deviation=0.2, scale=None)
+MONOPERFCAP_SILHOUETTES = SilhouetteConfig(SequenceSettings(frame=PAPER))
+MONOPERFCAP_REFINE_POSE = RefinePoseConfig(
+    contour=_PAPER_CONTOUR, stabilization=0.06, deviation=0.001, whole=False
+)
+MONOPERFCAP_REFINE_SURFACE = RefineSurfaceConfig(
+    contour=_PAPER_CONTOUR, stretch=0.001, tether=0.0, settle=()
+)
