@@ -168,7 +168,10 @@ class TakeFiles:
         return self.folder / "truth.npz"
 
     def command(self, out: Path, *more: str, **changes: object) -> list[str]:
-        """Arguments of ``perfcap``; ``changes`` replace videos, actor, cameras or detections."""
+        """Arguments of ``perfcap``; ``changes`` replace videos, actor, cameras or detections.
+
+        Ends at the motion unless told otherwise: the images of these takes show nobody.
+        """
         parts = {
             "actor": self.actor,
             "cameras": self.camera,
@@ -176,6 +179,7 @@ class TakeFiles:
             "out": out,
         } | {key: value for key, value in changes.items() if key != "video"}
         options = [str(text) for key, value in parts.items() for text in (f"--{key}", value)]
+        options += [] if "--until" in more else ["--until", "track_motion"]
         return ["capture", str(changes.get("video", self.video)), *options, *more]
 
 

@@ -145,8 +145,8 @@ class Performance:
         """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
 
         With a captured surface also surface.npz, masks/ and the surface in capture.glb. Every file
-        appears complete or not at all; run.json comes last and an old one goes first, so that where it
-        lies, everything it speaks of lies too.
+        appears complete or not at all; run.json comes last and an old one goes first, so that where
+        it lies, everything it speaks of lies too.
 
         Args:
             folder: made if it does not exist.

@@ -252,6 +252,7 @@ def test_two_views_of_another_person(tmp_path: Path, perfcap: Command) -> None:
     call = [
         *("capture", *(tmp_path / f"{n}.mp4" for n in order), "--actor", files.actor),
         *("--cameras", tmp_path / "cameras.json", "--bones", "solve", "--out", tmp_path / "out"),
+        *("--until", "track_motion"),
         *("--detections", *(tmp_path / f"{n}.npz" for n in names)),
     ]
     assert perfcap(call).code == 0
