@@ -1,0 +1,133 @@
+"""Silhouettes of a real man in four views against masks drawn by hand.
+
+The generic actor with solved bone lengths does not wear what he wears: what the surface adds to
+the pose is his clothes. Labels repeat to an IoU of about 0.98 (``tests/labels``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import report
+import torch
+from recordings import Recording, balancing
+from report import Report, Table
+from surface_recordings import clip_of
+
+from perfcap.geometry.camera import Camera
+from perfcap.io.mask_labels import fill, read_labels
+from perfcap.metrics import mask_overlap
+from perfcap.pipeline.images import Frames, Images
+from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.sight import Mask, Sight
+from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
+
+_LABELS = Path(__file__).parents[1] / "tests" / "labels" / "pose2sim_balancing"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    alone: tuple[int, ...] = (2,)
+    """Views that are also captured on their own, with the bone lengths of all four."""
+
+
+@dataclass(frozen=True)
+class _Some:
+    """Some views of a reader."""
+
+    images: Images
+    views: list[int]
+
+    def __len__(self) -> int:
+        return len(self.images.reader)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        return self.images.reader.read_view(self.views[view], start, stop)
+
+
+def run(config: Experiment) -> Report:
+    """Score every stage in every labelled frame."""
+    real = balancing(config.data)
+    clip, pixel_map = clip_of(real)
+    images = Images(clip, pixel_map.cameras(real.cameras, clip.sizes))
+    labels = [
+        {f: fill(lines, size) for f, lines in read_labels(path, size).items()}
+        for path, size in zip(sorted(_LABELS.glob("*.json")), clip.sizes, strict=True)
+    ]
+    views = list(range(real.cameras.views))
+    together = _capture(real, images, views, real)
+    rows = _rows("four views", together, images.cameras, views, labels)
+    for view in config.alone:
+        name = real.rig.names[view]
+        found = _capture(real, images, [view], together)
+        rows += _rows(f"{name} alone", found, images.cameras.select([view]), [view], labels)
+    columns = ("captured from", "what", *real.rig.names)
+    return Report((Table("IoU with masks drawn by hand, %", columns, tuple(rows)),))
+
+
+def _capture(
+    real: Recording, images: Images, views: list[int], source: Recording | Performance
+) -> Performance:
+    some = Images(_Some(images, views), images.cameras.select(views))
+    return capture(
+        source.actor,
+        real.cameras.select(views),
+        real.detections.select(views),
+        real.rate,
+        images=some,
+        solve_bones=isinstance(source, Recording),
+    )
+
+
+def _rows(
+    name: str,
+    found: Performance,
+    cameras: Camera,
+    views: list[int],
+    labels: list[dict[int, Mask]],
+) -> list[tuple[object, ...]]:
+    assert found.refinement is not None and found.surface is not None
+    before = capture(
+        found.actor, found.cameras, found.detections, found.rate, until=Stage.TRACK_MOTION
+    )
+    surfaces: Mapping[str, SurfaceFrames] = {
+        "pose": SkinnedSurface(found.actor, before.motion),
+        "refined pose": SkinnedSurface(found.actor, found.motion),
+        "refined surface": found.surface,
+    }
+    template = found.actor.template
+    sight = Sight(cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
+    silhouettes = found.refinement.evidence.silhouettes
+
+    def row(what: str, score: Mapping[int, float]) -> tuple[object, ...]:
+        return (name, what, *(score.get(view, "-") for view in range(len(labels))))
+
+    def mean(mask_of: object, position: int, view: int) -> float:
+        known = labels[view]
+        return 100 * float(
+            np.mean([mask_overlap(mask_of(f, position), m).iou for f, m in known.items()])  # type: ignore[operator]
+        )
+
+    rows = []
+    for what, surface in surfaces.items():
+
+        def drawn(frame: int, position: int, surface: SurfaceFrames = surface) -> Mask:
+            span = slice(frame, frame + 1)
+            return sight.look(surface[span], span, (position,))[0][0].mask
+
+        rows.append(row(what, {v: mean(drawn, i, v) for i, v in enumerate(views)}))
+    masks = {v: mean(silhouettes.mask, i, v) for i, v in enumerate(views)}
+    return [*rows, row("mask", masks)]
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "real_silhouettes")
