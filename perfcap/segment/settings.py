@@ -71,3 +71,6 @@ PAPER = GrabCutSettings(
 
 MODEL_ONLY = replace(PAPER, smoothness=Smoothness(contrast=50.0, temporal=0.0))
 """The baseline without the motion cue (Fig. 4, third column; MPC-22), with GrabCut's weight."""
+
+SECOND_PASS = replace(GrabCutSettings(), backed=Belief(surprise=0.1, prior=6.0), coarse=500.0)
+"""For a model whose pose was refined already: it is believed more, and looked at more closely."""
