@@ -390,7 +390,9 @@ def test_a_truncated_video_is_captured_as_far_as_it_goes(
     if share < 0.9:  # so much is missing that these may be detections of another video
         assert "numbers of frames differ" in outcome.refused()
         return
-    assert outcome.code == 3 and "cut short" in outcome.notes[0]
+    # a decoder of one thread fails at the broken frame, one of several stops before it
+    words = ("cut short", "decoding broke off")
+    assert outcome.code == 3 and any(each in outcome.notes[0] for each in words)
     ((start, stop),) = report(tmp_path / "out")["not_captured"]  # type: ignore[misc]
     assert 15 < start < 24 and stop == 24
     assert len(motion(tmp_path / "out")["frames"]) == start
