@@ -11,10 +11,10 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.sparse import BlockLinearization
 
 if TYPE_CHECKING:  # segment works on images, which nothing here needs
     from perfcap.segment.correspondence import Correspondences
-    from perfcap.solve.sparse import BlockLinearization
 
 
 class ContourAlignment(Energy[Any]):
@@ -93,8 +93,6 @@ class ContourAlignment(Energy[Any]):
 
     def linearize_blocks(self, state: Any) -> BlockLinearization:
         """Closed form for points that each see a few blocks of a frame's unknowns."""
-        from perfcap.solve.sparse import BlockLinearization
-
         residual, rows = self._linearize(self.points(state))
         _, blocks, jacobian = self.points.linearize_blocks(state, rows.unsqueeze(-2))
         return BlockLinearization(residual, blocks, jacobian)

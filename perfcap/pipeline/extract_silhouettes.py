@@ -15,9 +15,9 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import NEAR, Camera
-from perfcap.pipeline.evidence import Evidence, MaskRecord, encode_confidence
+from perfcap.pipeline.evidence import Evidence, Mask, MaskRecord, encode_confidence
 from perfcap.pipeline.images import FrameReader, Frames
-from perfcap.pipeline.sight import Mask, Sight
+from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface_config import SilhouetteConfig
 from perfcap.pipeline.track_motion import Progress
 from perfcap.pipeline.workers import ordered_map

@@ -143,8 +143,8 @@ def _doubts(refinement: Refinement | None) -> Iterator[str]:
         yield f"the scene changes at frames {report['scene_cuts']}; nothing is carried across"
     if report["nobody_in_view"]:
         yield (
-            f"in {len(report['nobody_in_view'])} frames the person is outside every image; they "
-            "have the skinned surface"
+            f"in {len(report['nobody_in_view'])} frames the person is outside every image; "
+            "nothing refines them"
         )
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,15 +20,16 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, kernel
-from perfcap.pipeline.sight import Sight, View, overlap
+from perfcap.pipeline.overlap import blocks, clip_overlaps
+from perfcap.pipeline.sight import Sight
+from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefinePoseConfig
 from perfcap.pipeline.track_motion import MotionProblem, Progress
 from perfcap.pipeline.workers import ordered_map
-from perfcap.segment import Correspondences, stack
+from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition
 
-_BLOCK = 8  # frames drawn at once
 _FADE = 2  # frames over which a rejected frame's neighbours return to their refinement
 _WORSE = 1e-3  # of overlap; rasterisation alone moves it by less
 
@@ -40,7 +41,7 @@ class PoseRefinement:
     Attributes:
         motion: (F,).
         before: intersection over union of surface and masks under the motion given, (F,).
-        after: under the refined motion, (F,).
+        after: under the refined motion as it is here, (F,).
         kept: False in frames that the refinement would have made worse; they are as given, (F,).
     """
 
@@ -59,10 +60,10 @@ def refine_pose(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> PoseRefinement:
-    """Minimise E_con + w_stab E_stab, with correspondences searched anew in every round.
+    """Minimise E_con + w_stab E_stab (Eq. 10), correspondences searched anew in every round.
 
-    A frame in which the result overlaps the masks less than before keeps its motion, and its
-    neighbours fade towards it.
+    With ``config.whole`` the objective of the motion itself is in it too. A frame in which the
+    result overlaps the masks less than before keeps its motion, and its neighbours fade towards it.
 
     Args:
         problem: the actor, and the windows and the temporal prior of its motion.
@@ -78,8 +79,9 @@ def refine_pose(
     def refined(window: Window) -> Motion:
         part = motion[window.index]
         terms = _Terms(problem, window, part, config, evidence.pixel_unit)
+        lines = [evidence.contours(frame) for frame in range(window.start, window.stop)]
         for _ in range(config.rounds):
-            pairs = _search(problem.actor, sight, evidence, window, part, config)
+            pairs = _search(problem.actor, sight, lines, evidence.heights, window, part, config)
             part = terms.solve(part, pairs, sight.cameras.frames(window.index))
         return part
 
@@ -134,29 +136,23 @@ class _Terms:
 def _search(
     actor: Actor,
     sight: Sight,
-    evidence: Evidence,
+    lines: Sequence[Sequence[Contour]],
+    heights: Sequence[float],
     window: Window,
     motion: Motion,
     config: RefinePoseConfig,
 ) -> Correspondences:
     """Pairs of a window's frames; label maps live only as long as their block of frames."""
+    surface = SkinnedSurface(actor, motion)
     matches = []
-    for frames, drawn in _drawn(actor, sight, motion, window.start):
+    for frames in blocks(window.start, window.stop):
+        first, stop = frames.start - window.start, frames.stop - window.start
+        drawn = sight.look(surface[first:stop], slice(frames.start, frames.stop))
         matches += [
-            sight.correspond(row, evidence.contours(frame), config.contour, evidence.heights)
-            for frame, row in zip(frames, drawn, strict=True)
+            sight.correspond(row, contours, config.contour, heights)
+            for row, contours in zip(drawn, lines[first:stop], strict=True)
         ]
     return stack(matches, motion.angles)
-
-
-def _drawn(
-    actor: Actor, sight: Sight, motion: Motion, first: int
-) -> Iterator[tuple[range, list[list[View]]]]:
-    """Blocks of frames of the clip and the surface drawn in them; ``first`` is the motion's."""
-    for start in range(0, motion.frames, _BLOCK):
-        part = motion[start : start + _BLOCK]
-        frames = range(first + start, first + start + part.frames)
-        yield frames, sight.look(actor.surface(part), slice(frames.start, frames.stop))
 
 
 def _guarded(
@@ -167,30 +163,28 @@ def _guarded(
     found: Motion,
     workers: int | None,
 ) -> PoseRefinement:
-    """The refined motion where it overlaps the masks at least as well as the motion given."""
+    """The refined motion where it overlaps the masks at least as well as the motion given.
 
-    def overlaps(block: range) -> list[tuple[float, float]]:
-        span = slice(block.start, block.stop)
-        rows = (sight.look(actor.surface(motion[span]), span) for motion in (given, found))
-        return [
-            (overlap(one, masks), overlap(other, masks))
-            for one, other, masks in zip(*rows, map(evidence.masks, block), strict=True)
-        ]
+    Fading can make a neighbour worse, which is then rejected too: frames are only ever taken
+    away, and the motion given is what is left in the end.
+    """
 
-    blocks = [
-        range(start, min(start + _BLOCK, given.frames)) for start in range(0, given.frames, _BLOCK)
-    ]
-    both = np.array([pair for block in ordered_map(overlaps, blocks, workers) for pair in block])
-    before, after = both.T
-    kept = after >= before - _WORSE
-    motion = _faded(given, found, kept)
-    return PoseRefinement(motion, before, np.where(kept, after, before), kept)
+    def overlaps(motion: Motion) -> NDArray[np.float64]:
+        return clip_overlaps(SkinnedSurface(actor, motion), sight, evidence, workers)
+
+    before = overlaps(given)
+    motion, kept = found, np.ones(given.frames, np.bool_)
+    while True:
+        after = overlaps(motion)
+        worse = kept & (after < before - _WORSE)
+        if not worse.any():
+            return PoseRefinement(motion, before, after, kept)
+        kept &= ~worse
+        motion = _faded(given, found, kept)
 
 
 def _faded(given: Motion, found: Motion, kept: NDArray[np.bool_]) -> Motion:
     """The motion found, and the one given in frames that are not kept, with ramps between."""
-    if kept.all():
-        return found
     distance = ndimage.distance_transform_cdt(kept, "chessboard") if kept.any() else kept * 0
     share = torch.from_numpy(np.minimum(distance / (_FADE + 1), 1.0)).to(given.angles)[:, None]
     step = given.local(found)

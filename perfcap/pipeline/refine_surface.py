@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -21,15 +20,14 @@ from perfcap.energy.tether import Tether
 from perfcap.geometry.folding import find_folds
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.objective import kernel
-from perfcap.pipeline.sight import Mask, Sight, View, overlap
+from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps
+from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 from perfcap.pipeline.track_motion import Progress
 from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, Objective, TruncatedNewton, solve
 from perfcap.temporal.smoothing import binomial, smooth_vectors
-
-_BLOCK = 8  # frames solved at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +71,8 @@ class SurfaceRefinement:
         surface: of every frame.
         before: intersection over union of the skinned surface with the masks, (F,).
         after: of the refined surface, (F,).
-        kept: False in frames that a deformation would have made worse, or folded; they have the
-            deformation of their neighbours, (F,).
+        kept: False in frames that a layer would have made worse, or folded; in that layer they
+            have the deformation of their neighbours, (F,).
         folded: share of each frame's surface that the deformation folded over, (F,).
     """
 
@@ -113,34 +111,21 @@ def refine_surface(
     surface = DeformedSurface(actor, graph, motion)
     passes = [(config.rigidity, config.smoothing)]
     passes += [(config.settle, config.settle_smoothing)] if config.settle else []
-    blocks = _blocks(motion.frames)
+    parts = blocks(0, motion.frames)
     layers: list[_Block] = []
     for number, (rigidity, width) in enumerate(passes):
         solver = _Solver(surface, sight, evidence, config, rigidity)
         done: list[_Block] = []
-        for frames, block in zip(blocks, ordered_map(solver.solve, blocks, workers), strict=True):
+        for frames, block in zip(parts, ordered_map(solver.solve, parts, workers), strict=True):
             done.append(block)
             if progress is not None:
                 progress(motion.frames * number + frames.stop, motion.frames * len(passes))
         layers.append(_joined(done, config.folds))
         surface = surface.deformed(_smoothed(surface, layers[-1], width))
-    after = np.concatenate(
-        list(ordered_map(partial(_overlap_of, surface, sight, evidence), blocks, workers))
-    )
+    after = clip_overlaps(surface, sight, evidence, workers)
     kept = np.logical_and.reduce([layer.kept for layer in layers])
     folded = np.max([layer.folded for layer in layers], axis=0)
     return SurfaceRefinement(surface, layers[0].before, after, kept, folded)
-
-
-def _blocks(frames: int) -> list[range]:
-    return [range(start, min(start + _BLOCK, frames)) for start in range(0, frames, _BLOCK)]
-
-
-def _overlap_of(
-    surface: DeformedSurface, sight: Sight, evidence: Evidence, frames: range
-) -> NDArray[np.float64]:
-    span = slice(frames.start, frames.stop)
-    return _overlaps(sight.look(surface[span], span), [evidence.masks(f) for f in frames])
 
 
 @dataclass(frozen=True)
@@ -185,7 +170,7 @@ class _Solver:
         contours = [self.evidence.contours(f) for f in frames]
         deformation = graph.identity(canonical)
         drawn = sight.look(canonical, span)
-        before = _overlaps(drawn, masks)
+        before = frame_overlaps(drawn, masks)
         for weight in self.rigidity:
             pairs = self._pairs(drawn, contours, canonical)
             objective = self._objective(canonical, pairs, span, weight)
@@ -197,7 +182,7 @@ class _Solver:
         return _Block(
             deformation.to(canonical.new_zeros((), dtype=torch.float32)),
             before,
-            _overlaps(drawn, masks) >= before,
+            frame_overlaps(drawn, masks) >= before,
             folds.numpy(force=True),
         )
 
@@ -232,10 +217,6 @@ class _Solver:
         if self.config.tether > 0:
             energies["tether"] = Tether(len(graph), self.config.tether, unit=self.config.reach)
         return Objective(energies).to(canonical)
-
-
-def _overlaps(drawn: list[list[View]], masks: list[list[Mask]]) -> NDArray[np.float64]:
-    return np.array([overlap(row, of_frame) for row, of_frame in zip(drawn, masks, strict=True)])
 
 
 def _smoothed(surface: DeformedSurface, layer: _Block, width: int) -> Deformation:

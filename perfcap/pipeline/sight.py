@@ -1,4 +1,4 @@
-"""What cameras see of a surface: label maps, overlap with masks, contour correspondences."""
+"""What cameras see of a surface: label maps, and pairs of its contours with those of masks."""
 
 from __future__ import annotations
 
@@ -97,17 +97,3 @@ class Sight:
             )
             for view, contour, height in zip(drawn, contours, heights, strict=True)
         ]
-
-
-def overlap(drawn: Sequence[View], masks: Sequence[Mask]) -> float:
-    """Intersection over union of a drawn surface with masks in one frame, the mean over views.
-
-    A view in which there is neither counts as 1.
-    """
-    pairs = zip(drawn, masks, strict=True)
-    return float(np.mean([_overlap(view.mask, mask) for view, mask in pairs]))
-
-
-def _overlap(a: Mask, b: Mask) -> float:
-    union = np.count_nonzero(a | b)
-    return 1.0 if not union else np.count_nonzero(a & b) / union

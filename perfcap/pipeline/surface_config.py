@@ -56,7 +56,7 @@ class RefineSurfaceConfig:
     stretch: float = 0.003  # m, of an edge of the graph
     tether: float = 0.3  # weight of the mean squared displacement of nodes; the paper has none
     reach: float = 0.03  # m, that counts as one in it
-    folds: float = 0.003  # share of a frame's triangles that may fold over
+    folds: float = 0.003  # share of a frame's area that may fold over
     smoothing: int = 5  # frames of the centred window (MPC-31)
     settle: tuple[float, ...] = (1.0, 1.0)  # rigidity of rounds after it; the paper has none
     settle_smoothing: int = 3  # frames
