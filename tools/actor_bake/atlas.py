@@ -29,6 +29,8 @@ def arrange(body: Body) -> Floats:
     """New texture coordinates of the same corners, (N, 2), origin at the bottom left."""
     uv = body.uv.copy()
     for number, cell in enumerate(_CELLS):
+        if not (body.island == number).any():  # a barefoot body has no shoes
+            continue
         corners = np.unique(body.face_uv[body.island == number])
         island = _magnify_face(body.uv[corners]) if number == 1 else body.uv[corners]
         low, size = island.min(0), np.ptp(island, axis=0)

@@ -1,0 +1,145 @@
+"""Height and girths of a body in its rest pose, as a tailor takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+ARM_JOINTS = tuple(f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist"))
+_JOINTS = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
+_ARM_SHARE = 0.5  # vertices with more than this weight on arm bones are no trunk
+_STEP = 0.005  # metres between the levels that are tried
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Metres. Girths are of the convex outline, as a tape lies.
+
+    Attributes:
+        height: from the soles to the crown.
+        chest: largest girth of the trunk below the armpits and above the waist.
+        waist: smallest girth of the trunk between hips and chest.
+        hip: largest girth between crotch and waist.
+        inseam: from the crotch to the soles.
+    """
+
+    height: float
+    chest: float
+    waist: float
+    hip: float
+    inseam: float
+
+
+def measure(template: Template) -> Measurements:
+    """Measure a body in its rest pose: upright, arms away from the trunk, legs apart.
+
+    Levels are looked for between joints, so any body model with the skeleton's bones serves.
+
+    Raises:
+        InputError: a joint is missing, or there is no trunk between hips and shoulders.
+    """
+    at = {name: template.bone_rest[template.bone(name), :3, 3] for name in _JOINTS}
+    hips = 0.5 * (at["l_hip"] + at["r_hip"])
+    shoulders = 0.5 * (at["l_shoulder"] + at["r_shoulder"])
+    faces = template.faces[~_is_arm(template)[template.faces].any(1)]
+    floor, top = template.vertices[:, 1].min(), template.vertices[:, 1].max()
+    crotch = _crotch(template.vertices, faces, float(hips[0]), float(hips[1]))
+    length = float(shoulders[1] - hips[1])
+    girths = _Girths(template.vertices, faces, template.name)
+    chest_from, chest_to = hips[1] + 0.55 * length, hips[1] + 0.80 * length
+    waist, waist_level = girths.least(hips[1] + 0.15 * length, chest_from)
+    return Measurements(
+        height=float(top - floor),
+        chest=girths.largest(chest_from, chest_to)[0],
+        waist=waist,
+        hip=girths.largest(crotch + 0.01, waist_level)[0],
+        inseam=float(crotch - floor),
+    )
+
+
+def girth(vertices: Floats, faces: Integers, level: float) -> float:
+    """Perimeter of the convex outline of a mesh's section by the plane y = level, metres.
+
+    Args:
+        vertices: (V, 3).
+        faces: triangles that count, (T, 3); leave out the arms for a trunk.
+        level: metres.
+
+    Returns:
+        0 where the plane meets nothing.
+    """
+    points = section(vertices, faces, level)[:, [0, 2]]
+    if len(points) < 3:
+        return 0.0
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # all on a line
+        return 0.0
+    return float(hull.area)  # of a plane figure this is the perimeter
+
+
+def section(vertices: Floats, faces: Integers, level: float) -> Floats:
+    """Points in which the edges of triangles cross the plane y = level, (P, 3)."""
+    height = vertices[:, 1] - level
+    above = height >= 0
+    crossing = faces[above[faces].any(1) & ~above[faces].all(1)]
+    sides = np.concatenate([crossing[:, [0, 1]], crossing[:, [1, 2]], crossing[:, [2, 0]]])
+    a, b = sides[above[sides[:, 0]] != above[sides[:, 1]]].T
+    share = (height[a] / (height[a] - height[b]))[:, None]
+    points: Floats = (1 - share) * vertices[a] + share * vertices[b]
+    return points
+
+
+class _Girths:
+    """Girths of the trunk at levels from one to another."""
+
+    def __init__(self, vertices: Floats, faces: Integers, name: str) -> None:
+        self.vertices, self.faces, self.name = vertices, faces, name
+
+    def largest(self, low: float, high: float) -> tuple[float, float]:
+        """Girth and its level."""
+        return max(self._all(low, high))
+
+    def least(self, low: float, high: float) -> tuple[float, float]:
+        """Girth and its level."""
+        return min(self._all(low, high))
+
+    def _all(self, low: float, high: float) -> list[tuple[float, float]]:
+        levels = np.arange(low, max(high, low + _STEP / 2), _STEP)
+        found = [(girth(self.vertices, self.faces, float(y)), float(y)) for y in levels]
+        found = [pair for pair in found if pair[0] > 0]
+        if not found:
+            raise InputError(
+                f"body {self.name!r} has no surface between {low:.2f} and {high:.2f} m, where its "
+                "trunk should be; measure a body in its rest pose, upright along y"
+            )
+        return found
+
+
+def _crotch(vertices: Floats, faces: Integers, middle: float, hips: float) -> float:
+    """Lowest point of the trunk in the plane between the legs."""
+    swapped = vertices[:, [1, 0, 2]]  # section() cuts the second axis
+    heights = section(swapped, faces, middle)[:, 0]
+    below = heights[heights < hips]
+    if not len(below):
+        raise InputError("body has no crotch below its hips; measure it with the legs apart")
+    return float(below.min())
+
+
+def _is_arm(template: Template) -> NDArray[np.bool_]:
+    """Vertices that move mostly with the arms, (V,); bones below the elbow may have any name."""
+    owner: list[bool] = []
+    for name, parent in zip(template.bone_names, template.bone_parents, strict=True):
+        owner.append(name in ARM_JOINTS or (parent >= 0 and owner[parent]))
+    share = (template.weights * np.array(owner)[template.weight_bones]).sum(1)
+    arm: NDArray[np.bool_] = share > _ARM_SHARE
+    return arm
