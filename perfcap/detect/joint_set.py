@@ -32,7 +32,7 @@ LANDMARKS = (
 # A landmark that a set lacks is the mean of other joints. The first recipe a set can cook is
 # taken; a set that can cook none does not see the landmark.
 _RECIPES = {
-    "neck": (("l_shoulder", "r_shoulder"),),
+    "neck": (("thorax",), ("l_shoulder", "r_shoulder")),
     "l_toe": (("l_big_toe",),),
     "r_toe": (("r_big_toe",),),
 }
@@ -66,6 +66,15 @@ class JointSet:
     def missing(self) -> tuple[str, ...]:
         """Landmarks this set does not see."""
         return tuple(landmark for landmark in LANDMARKS if not self.sources(landmark))
+
+    def mirrored(self) -> tuple[int, ...]:
+        """Index of each joint's counterpart on the other side; its own in the middle."""
+        return tuple(self.joints.index(_other_side(joint, self.joints)) for joint in self.joints)
+
+
+def _other_side(joint: str, joints: Sequence[str]) -> str:
+    swapped = {"l_": "r_", "r_": "l_"}.get(joint[:2], joint[:2]) + joint[2:]
+    return swapped if swapped in joints else joint
 
 
 def map_to_landmarks(
@@ -117,7 +126,10 @@ def canonical_name(name: str) -> str:
     return _SYNONYMS.get(lower, lower)
 
 
-_SYNONYMS = {"headtop": "head_top", "top_of_head": "head_top", "head": "head_top"}
+_SYNONYMS = {
+    **dict.fromkeys(("headtop", "top_of_head", "head"), "head_top"),
+    **dict.fromkeys(("pelvis", "hips", "root", "midhip"), "mid_hip"),
+}
 
 
 def _sides(order: Sequence[str], *joints: str) -> tuple[str, ...]:
@@ -178,11 +190,32 @@ HALPE136 = JointSet(
         *(f"{side}_hand_{i}" for side in "lr" for i in range(21)),
     ),
 )
+_LEGS_UP = ("r_ankle", "r_knee", "r_hip", "l_hip", "l_knee", "l_ankle")
+_ARMS_ACROSS = ("r_wrist", "r_elbow", "r_shoulder", "l_shoulder", "l_elbow", "l_wrist")
+MPII = JointSet("MPII", (*_LEGS_UP, "mid_hip", "thorax", "upper_neck", "head_top", *_ARMS_ACROSS))
+LSP = JointSet("LSP", (*_LEGS_UP, *_ARMS_ACROSS, "neck", "head_top"))
+H36M17 = JointSet(
+    "H36M-17",
+    (
+        *("mid_hip", *_side("r", *_LEG), *_side("l", *_LEG)),
+        *("spine", "thorax", "nose", "head_top", *_side("l", *_ARM), *_side("r", *_ARM)),
+    ),
+)
+BLAZEPOSE33 = JointSet(
+    "BlazePose-33",
+    (
+        "nose",
+        *(f"{side}_{eye}" for side in "lr" for eye in ("eye_inner", "eye", "eye_outer")),
+        *_sides("lr", "ear", "mouth", *_ARM, "pinky", "index", "thumb"),
+        *_sides("lr", *_LEG, "heel", "big_toe"),
+    ),
+)
 
 JOINT_SETS = (
     *(LANDMARKS16, COCO17, COCO18, BODY_25, BODY_25B),
     *(HALPE26, COCO_WHOLEBODY, HALPE136),
+    *(MPII, LSP, H36M17, BLAZEPOSE33),
 )
-"""Every set known by name. BODY_25 and BODY_25B both have 25 joints."""
+"""Every set known by name. BODY_25 and BODY_25B both have 25 joints, MPII has 16 as ours has."""
 
 KNOWN_JOINTS = frozenset(joint for joint_set in JOINT_SETS for joint in joint_set.joints)

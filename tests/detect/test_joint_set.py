@@ -15,12 +15,20 @@ SIZES = {
     "Halpe-26": 26,
     "COCO-WholeBody": 133,
     "Halpe-136": 136,
+    "MPII": 16,
+    "LSP": 14,
+    "H36M-17": 17,
+    "BlazePose-33": 33,
 }
 MISSING = {
     "COCO-17": {"head_top", "r_toe", "l_toe"},
     "COCO-18": {"head_top", "r_toe", "l_toe"},
     "BODY_25": {"head_top"},
     "COCO-WholeBody": {"head_top"},
+    "MPII": {"r_toe", "l_toe"},
+    "LSP": {"r_toe", "l_toe"},
+    "H36M-17": {"r_toe", "l_toe"},
+    "BlazePose-33": {"head_top"},
 }
 
 
@@ -47,6 +55,8 @@ def test_joints_are_found_by_name(joint_set: JointSet) -> None:
             torch.testing.assert_close(mapped[i], named[landmark])
         elif landmark in joint_set.missing():
             assert trust[i] == 0 and (mapped[i] == 0).all()
+        elif landmark == "neck" and "thorax" in named:
+            torch.testing.assert_close(mapped[i], named["thorax"])
         elif landmark == "neck":
             torch.testing.assert_close(mapped[i], (named["l_shoulder"] + named["r_shoulder"]) / 2)
         else:
@@ -71,6 +81,17 @@ def test_published_index_tables() -> None:
         (sets.HALPE26, "l_small_toe", 22),
         (sets.COCO_WHOLEBODY, "l_heel", 19),
         (sets.COCO_WHOLEBODY, "r_big_toe", 20),
+        (sets.MPII, "thorax", 7),
+        (sets.MPII, "r_wrist", 10),
+        (sets.MPII, "l_wrist", 15),
+        (sets.LSP, "head_top", 13),
+        (sets.LSP, "l_hip", 3),
+        (sets.H36M17, "l_hip", 4),
+        (sets.H36M17, "r_wrist", 16),
+        (sets.BLAZEPOSE33, "l_shoulder", 11),
+        (sets.BLAZEPOSE33, "r_hip", 24),
+        (sets.BLAZEPOSE33, "l_heel", 29),
+        (sets.BLAZEPOSE33, "r_big_toe", 32),
     ):
         assert joint_set.joints.index(joint) == index
 
@@ -109,6 +130,13 @@ def test_batch_equals_loop() -> None:
             torch.testing.assert_close((mapped[i, j], trust[i, j]), one)
 
 
+@pytest.mark.parametrize("joint_set", sets.JOINT_SETS, ids=lambda s: s.name)
+def test_mirroring_twice_is_nothing_and_swaps_sides(joint_set: JointSet) -> None:
+    other = joint_set.mirrored()
+    assert [other[other[i]] for i in range(len(joint_set))] == list(range(len(joint_set)))
+    assert other[joint_set.joints.index("l_hip")] == joint_set.joints.index("r_hip")
+
+
 def test_wrong_count_and_repeated_names_are_refused() -> None:
     with pytest.raises(ValueError, match="17 joints of 'COCO-17'"):
         map_to_landmarks(torch.zeros(5, 16, 2), torch.zeros(5, 16), sets.COCO17)
@@ -128,6 +156,7 @@ def test_wrong_count_and_repeated_names_are_refused() -> None:
         ("Head", "head_top"),
         ("HeadTop", "head_top"),
         ("MidHip", "mid_hip"),
+        ("Pelvis", "mid_hip"),
         ("leftAnkle", "l_ankle"),
         ("Neck", "neck"),
     ],

@@ -1,0 +1,141 @@
+"""The part of an image a network sees, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+Frame = NDArray[np.uint8]
+
+_BORDER = 0  # what networks saw outside images when they were trained: black
+
+
+@dataclass(frozen=True)
+class Crop:
+    """An upright rectangle of an image, drawn at a network's input size.
+
+    Attributes:
+        center: (x, y) of its middle, image pixels.
+        width: image pixels; the height follows from the input's shape.
+        size: (height, width) of the input, pixels.
+    """
+
+    center: tuple[float, float]
+    width: float
+    size: tuple[int, int]
+
+    @classmethod
+    def around(
+        cls, box: tuple[float, float, float, float], size: tuple[int, int], padding: float = 1.0
+    ) -> Self:
+        """The smallest crop of the input's shape around a box (left, top, right, bottom).
+
+        Args:
+            box: edges, image pixels.
+            size: of the input.
+            padding: factor of the box.
+        """
+        left, top, right, bottom = box
+        height, width = size
+        wide = max(right - left, (bottom - top) * width / height, 1e-3)
+        return cls((0.5 * (left + right), 0.5 * (top + bottom)), padding * wide, size)
+
+    @property
+    def scale(self) -> float:
+        """Image pixels a crop pixel."""
+        return self.width / self.size[1]
+
+    @property
+    def height(self) -> float:
+        """Image pixels."""
+        return self.scale * self.size[0]
+
+    def cut(self, frame: Frame) -> Frame:
+        """The crop of a frame (H, W, 3), (h, w, 3); black outside the image."""
+        height, width = self.size
+        matrix = np.array(
+            [[self.scale, 0, self._origin[0]], [0, self.scale, self._origin[1]]], np.float64
+        )
+        part: Frame = cv2.warpAffine(
+            frame,
+            matrix,  # crop to image: that is the direction the map is evaluated in
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(_BORDER,) * 3,
+        )
+        return part
+
+    def to_image(self, points: Tensor) -> Tensor:
+        """Image pixels of crop pixels (..., 2)."""
+        return points * self.scale + points.new_tensor(self._origin)
+
+    def from_image(self, points: Tensor) -> Tensor:
+        """Crop pixels of image pixels (..., 2)."""
+        return (points - points.new_tensor(self._origin)) / self.scale
+
+    def matrix(self, like: Tensor) -> Tensor:
+        """``to_image`` as an affine map, (2, 3)."""
+        x, y = self._origin
+        return like.new_tensor([[self.scale, 0.0, x], [0.0, self.scale, y]])
+
+    @property
+    def _origin(self) -> tuple[float, float]:
+        """Image place of crop pixel (0, 0): pixel centres are at integers in both."""
+        half = 0.5 * (self.size[1] - 1), 0.5 * (self.size[0] - 1)
+        return self.center[0] - self.scale * half[0], self.center[1] - self.scale * half[1]
+
+
+# How far a body reaches beyond its joints: crown above the eyes, toes below the ankles.
+_BEYOND = 0.08  # of the larger extent of the joints
+_KEPT_SIZE = 0.95  # of the width of the last crop: limbs that are lost for a frame come back
+_WIDER = 1.15  # factor of the crop where joints are missing: they may be outside
+_MIN_JOINTS = 4
+
+
+def body_box(
+    joints2d: Tensor, confidence: Tensor, threshold: float
+) -> tuple[float, float, float, float] | None:
+    """Box of the confident joints, grown to hold a body; None with too few of them.
+
+    Args:
+        joints2d: (J, 2), pixels.
+        confidence: (J,).
+        threshold: below which a joint does not count.
+    """
+    points = joints2d[confidence >= threshold]
+    if len(points) < _MIN_JOINTS:
+        return None
+    low, high = points.amin(0), points.amax(0)
+    grow = _BEYOND * float((high - low).max())
+    left, top, right, bottom = (float(v) for v in torch.cat((low - grow, high + grow)))
+    return left, top, right, bottom
+
+
+def next_crop(
+    crop: Crop, joints2d: Tensor, confidence: Tensor, threshold: float, padding: float
+) -> Crop | None:
+    """Where to look in the next frame, from the joints of this one; None when the person is lost.
+
+    It shrinks slowly and grows at once, and is wider where joints are missing, so that limbs that
+    are lost for a moment stay inside or come back.
+
+    Args:
+        crop: of this frame.
+        joints2d: (J, 2), image pixels.
+        confidence: (J,).
+        threshold: below which a joint does not count.
+        padding: size of the crop, in sizes of the body.
+    """
+    box = body_box(joints2d, confidence, threshold)
+    if box is None:
+        return None
+    whole = bool((confidence >= threshold).all())
+    found = Crop.around(box, crop.size, padding if whole else _WIDER * padding)
+    return replace(found, width=max(found.width, _KEPT_SIZE * crop.width))

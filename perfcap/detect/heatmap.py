@@ -1,0 +1,193 @@
+"""Heat maps to joints: exact peaks for use, expectations for training, and a head to train."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
+
+_TINY = 1e-10
+
+
+def argmax2d(maps: Tensor) -> tuple[Tensor, Tensor]:
+    """Largest pixel of maps (..., h, w): its (x, y), (..., 2), and its value, (...)."""
+    value, index = maps.flatten(-2).max(-1)
+    width = maps.shape[-1]
+    return torch.stack((index % width, index // width), -1).to(maps), value
+
+
+def decode_quarter(maps: Tensor) -> tuple[Tensor, Tensor]:
+    """Peaks moved a quarter pixel towards the higher neighbour (Newell et al. 2016).
+
+    Args:
+        maps: (..., h, w).
+
+    Returns:
+        Points (..., 2) in map pixels, x and y, and the values at the peaks, (...). Peaks on the
+        border are not moved.
+    """
+    peak, value = argmax2d(maps)
+    around = _patch(maps, peak)
+    inside = _interior(maps, peak)
+    step = torch.stack(
+        (around[..., 1, 2] - around[..., 1, 0], around[..., 2, 1] - around[..., 0, 1]), -1
+    )
+    return peak + 0.25 * step.sign() * inside[..., None], value
+
+
+def decode_dark(maps: Tensor, sigma: float = 1.0) -> tuple[Tensor, Tensor]:
+    """Peaks by one Newton step on the logarithm of the smoothed map (Zhang et al. 2020, DARK).
+
+    Exact where the map is a Gaussian. Arguments and returns as ``decode_quarter``; steps of more
+    than a pixel, and maps that do not curve down at their peak, keep the pixel.
+    """
+    peak, value = argmax2d(maps)
+    smooth = _blur(maps, sigma)
+    log = _patch(smooth, peak).clamp(min=_TINY).log()
+    dx = 0.5 * (log[..., 1, 2] - log[..., 1, 0])
+    dy = 0.5 * (log[..., 2, 1] - log[..., 0, 1])
+    dxx = log[..., 1, 2] - 2 * log[..., 1, 1] + log[..., 1, 0]
+    dyy = log[..., 2, 1] - 2 * log[..., 1, 1] + log[..., 0, 1]
+    dxy = 0.25 * (log[..., 2, 2] - log[..., 2, 0] - log[..., 0, 2] + log[..., 0, 0])
+    determinant = dxx * dyy - dxy.square()
+    curved = (determinant > _TINY) & (dxx < 0) & _interior(maps, peak)
+    safe = torch.where(curved, determinant, 1.0)
+    step = -torch.stack((dyy * dx - dxy * dy, dxx * dy - dxy * dx), -1) / safe[..., None]
+    usable = curved & (step.abs() < 1).all(-1)
+    return peak + torch.where(usable[..., None], step, 0.0), value
+
+
+def soft_argmax(logits: Tensor) -> tuple[Tensor, Tensor]:
+    """Expected place under the softmax of a map, and its spread; both differentiable.
+
+    Args:
+        logits: (..., h, w), any real numbers.
+
+    Returns:
+        Points (..., 2) in map pixels, x and y, and the standard deviation, (...), map pixels:
+        the root of the trace of the covariance.
+    """
+    height, width = logits.shape[-2:]
+    share = logits.flatten(-2).softmax(-1).reshape(logits.shape)
+    x = torch.arange(width, dtype=logits.dtype, device=logits.device)
+    y = torch.arange(height, dtype=logits.dtype, device=logits.device)
+    columns, rows = share.sum(-2), share.sum(-1)
+    mean_x, mean_y = (columns * x).sum(-1), (rows * y).sum(-1)
+    # about the mean: differences of large squares would cancel
+    spread = (columns * (x - mean_x[..., None]).square()).sum(-1)
+    spread = spread + (rows * (y - mean_y[..., None]).square()).sum(-1)
+    return torch.stack((mean_x, mean_y), -1), (spread + _TINY).sqrt()
+
+
+DECODERS: dict[str, Callable[[Tensor], tuple[Tensor, Tensor]]] = {
+    "argmax": decode_quarter,
+    "dark": decode_dark,
+}
+
+
+def map_to_input(points: Tensor, maps: tuple[int, int], size: tuple[int, int], how: str) -> Tensor:
+    """Map pixels to pixels of the network's input.
+
+    Args:
+        points: (..., 2), x and y.
+        maps: (h, w) of the maps.
+        size: (H, W) of the input.
+        how: ``scale``, ``corners`` or ``centers``; see ``OutputSpec.alignment``.
+    """
+    small = points.new_tensor([maps[1], maps[0]])
+    large = points.new_tensor([size[1], size[0]])
+    if how == "corners":
+        return points * (large - 1) / (small - 1).clamp(min=1)
+    if how == "centers":
+        return (points + 0.5) * large / small - 0.5
+    return points * large / small
+
+
+class HeatmapHead(nn.Module):
+    """Features of any backbone to heat maps and, differentiably, to ``Detections``.
+
+    Transposed convolutions double the features' resolution (Xiao et al. 2018), a 1x1 convolution
+    makes a map a joint, the soft-argmax reads them (Sun et al. 2018).
+
+    Args:
+        channels: of the features.
+        joints: what the maps are of.
+        doublings: how often the resolution is doubled.
+        hidden: channels between.
+        spread: standard deviation of a map, in map pixels, at which confidence is exp(-1/2).
+    """
+
+    def __init__(
+        self,
+        channels: int,
+        joints: JointSet = LANDMARKS16,
+        doublings: int = 0,
+        hidden: int = 64,
+        spread: float = 3.0,
+    ) -> None:
+        super().__init__()
+        self.joint_set = joints
+        widths = [channels, *[hidden] * doublings]
+        layers: list[nn.Module] = []
+        for before, after in pairwise(widths):
+            layers += [
+                nn.ConvTranspose2d(before, after, 4, 2, 1, bias=False),
+                nn.BatchNorm2d(after),
+                nn.ReLU(inplace=True),
+            ]
+        self.upsample = nn.Sequential(*layers)
+        self.maps = nn.Conv2d(widths[-1], len(joints), 1)
+        self.spread: Tensor
+        self.register_buffer("spread", torch.tensor(float(spread)))
+
+    def logits(self, features: Tensor) -> Tensor:
+        """Heat maps (..., J, H, W), before the softmax, of features (..., channels, h, w)."""
+        lead = features.shape[:-3]
+        flat = self.maps(self.upsample(features.flatten(0, -4) if lead else features[None]))
+        logits: Tensor = flat.reshape(*lead, *flat.shape[-3:])
+        return logits
+
+    def forward(self, features: Tensor, to_image: Tensor) -> Detections:
+        """Joints in image pixels with gradients back to the features.
+
+        Args:
+            features: (*b, F, C, channels, h, w).
+            to_image: affine map from heat-map pixels to image pixels, (*b, F, C, 2, 3).
+        """
+        points, spread = soft_argmax(self.logits(features))
+        pixels = points @ to_image[..., :2].mT + to_image[..., None, :, 2]
+        confidence = torch.exp(-0.5 * (spread / self.spread).square())
+        joints2d, trust = map_to_landmarks(pixels, confidence, self.joint_set)
+        return Detections.from_joints(joints2d, trust)
+
+
+def _patch(maps: Tensor, center: Tensor) -> Tensor:
+    """The 3x3 pixels (..., 3, 3) of maps (..., h, w) about pixels (..., 2), clamped inside."""
+    height, width = maps.shape[-2:]
+    offset = torch.arange(-1, 2, device=maps.device)
+    x = (center[..., 0, None].long() + offset).clamp(0, width - 1)
+    y = (center[..., 1, None].long() + offset).clamp(0, height - 1)
+    index = (y[..., :, None] * width + x[..., None, :]).flatten(-2)
+    return maps.flatten(-2).gather(-1, index).reshape(*index.shape[:-1], 3, 3)
+
+
+def _interior(maps: Tensor, peak: Tensor) -> Tensor:
+    limit = peak.new_tensor([maps.shape[-1] - 2, maps.shape[-2] - 2])
+    return ((peak >= 1) & (peak <= limit)).all(-1)
+
+
+def _blur(maps: Tensor, sigma: float) -> Tensor:
+    """Gaussian smoothing of the last two axes, borders repeated."""
+    reach = max(1, round(3 * sigma))
+    offset = torch.arange(-reach, reach + 1, dtype=maps.dtype, device=maps.device)
+    kernel = torch.exp(-0.5 * (offset / sigma).square())
+    kernel = kernel / kernel.sum()
+    flat = maps.reshape(-1, 1, *maps.shape[-2:])
+    padded = nn.functional.pad(flat, (reach,) * 4, mode="replicate")
+    rows = nn.functional.conv2d(padded, kernel[None, None, None, :])
+    return nn.functional.conv2d(rows, kernel[None, None, :, None]).reshape(maps.shape)

@@ -1,0 +1,272 @@
+"""Joint networks in ONNX files: images to ``Detections``, as a manifest describes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.crop import Frame
+from perfcap.detect.decode import Estimate, decode
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import JointSet
+from perfcap.detect.manifest import Manifest, read_manifest
+from perfcap.detect.person import Box, follow_person
+from perfcap.detect.session import Execution, Session
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+
+_BATCH = 16  # crops in one call
+_APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
+
+
+class OnnxDetector:
+    """A joint network from disk, run by onnxruntime.
+
+    Args:
+        model: folder with ``manifest.toml`` and the ONNX file it names, or the manifest.
+        execution: provider and threads.
+        flip_test: look at every crop and its mirror image, and average. Twice the time.
+
+    Raises:
+        InputError: the manifest or the model cannot be used, or do not fit each other; one line
+            that names the field and the remedy.
+    """
+
+    def __init__(
+        self,
+        model: str | Path,
+        *,
+        execution: Execution | None = None,
+        flip_test: bool = False,
+    ) -> None:
+        self._settings = str(model), execution, flip_test
+        self.manifest: Manifest = read_manifest(Path(model))
+        self.session = Session(self.manifest.file, execution)
+        self.flip_test = flip_test
+        self._input, self._batch = _check_input(self.manifest, self.session)
+        self._outputs = _check_outputs(self.manifest, self.session)
+        height, width = self.manifest.input.size
+        self.estimate(np.zeros((1, height, width, 3), np.uint8))  # shapes show when it runs
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _reopen, self._settings
+
+    @property
+    def joint_set(self) -> JointSet:
+        """What the network calls its joints."""
+        return self.manifest.joint_set
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know: where it runs, which landmarks it never sees."""
+        missing = self.joint_set.missing()
+        name = self.manifest.path.parent
+        note = f"{name}: {self.joint_set.name} has no {', '.join(missing)}"
+        return (*self.session.warnings, *((note,) if missing else ()))
+
+    @property
+    def crop_size(self) -> tuple[int, int]:
+        """(height, width) of what the network looks at, pixels."""
+        return self.manifest.input.size
+
+    def __call__(
+        self,
+        images: Tensor,
+        boxes: Sequence[Box | None] | None = None,
+        cameras: Camera | None = None,
+    ) -> Detections:
+        """Detect one person, followed from frame to frame in each view.
+
+        Args:
+            images: (F, C, 3, H, W), RGB, uint8 or floats 0 to 1.
+            boxes: where the person is in the first frame of each view: (left, top, right,
+                bottom), pixels; searched for in the whole image where None.
+            cameras: C views; needed where 3D joints come in the axes of crops.
+
+        Returns:
+            Detections of the 16 landmarks, (F, C), in pixels of the images; confidence 0 where
+            nobody is found. Floats follow the images, float32 for uint8.
+        """
+        frames = _as_bytes(images)
+        given = boxes or [None] * images.shape[1]
+        if len(given) != images.shape[1]:
+            raise InputError(
+                f"boxes: are {len(given)}, expected one for each of {len(frames)} views"
+            )
+        found = [
+            self.follow(frames[:, c], box, None if cameras is None else cameras.select([c]))
+            for c, box in enumerate(given)
+        ]
+        whole = stack_views(found)
+        return whole.to(images) if images.is_floating_point() else whole
+
+    def follow(
+        self, frames: Iterable[Frame], box: Box | None = None, camera: Camera | None = None
+    ) -> Detections:
+        """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1)."""
+        return follow_person(self, frames, box, camera)
+
+    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
+        """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""
+        if not len(crops):  # onnxruntime answers an empty batch with outputs of any rank
+            return self._nothing()
+        straight = self._run(crops)
+        if not self.flip_test:
+            return straight
+        return _average(straight, self._mirror(self._run(crops[:, :, ::-1])), self.crop_size)
+
+    def _run(self, crops: NDArray[np.uint8]) -> Estimate:
+        size = self._batch or _BATCH
+        parts = [self._run_batch(crops[i : i + size], size) for i in range(0, len(crops), size)]
+        return _join(parts)
+
+    def _run_batch(self, crops: NDArray[np.uint8], size: int) -> Estimate:
+        count = len(crops)
+        if self._batch and count < size:  # an export of fixed batch gets copies to fill it
+            crops = np.concatenate((crops, np.repeat(crops[-1:], size - count, 0)))
+        outputs = self.session.run({self._input: self._prepare(crops)}, self._outputs)
+        named = {
+            name: value[:count] if value.ndim else value[None]
+            for name, value in zip(self._outputs, outputs, strict=True)
+        }
+        found = decode(named, self.manifest)
+        if len(found.joints2d) != count:
+            raise InputError(
+                f"{self.manifest.file.path}: answers {size} crops with {len(found.joints2d)} "
+                "poses; export it with the crops as first axis of every output"
+            )
+        return found
+
+    def _prepare(self, crops: NDArray[np.uint8]) -> NDArray[Any]:
+        spec = self.manifest.input
+        channels = crops[..., ::-1] if spec.color == "bgr" else crops
+        if spec.dtype == "uint8":
+            values: NDArray[Any] = channels
+        else:
+            mean, std = (np.asarray(v, np.float32) for v in (spec.mean, spec.std))
+            values = ((channels * np.float32(spec.scale) - mean) / std).astype(spec.dtype)
+        return values if spec.layout == "nhwc" else values.transpose(0, 3, 1, 2)
+
+    def _mirror(self, found: Estimate) -> Estimate:
+        """What was seen in mirror images, back on its own side."""
+        order = list(self.joint_set.mirrored())
+        width = self.crop_size[1]
+        joints2d = found.joints2d[:, order] * torch.tensor([-1.0, 1.0])
+        joints3d = None
+        if found.joints3d is not None:
+            joints3d = found.joints3d[:, order] * torch.tensor([-1.0, 1.0, 1.0])
+        shift = torch.tensor([width - 1.0, 0.0])
+        return Estimate(joints2d + shift, found.confidence[:, order], joints3d)
+
+    def _nothing(self) -> Estimate:
+        joints, spec = len(self.joint_set), self.manifest.output
+        has3d = bool(spec.joints3d) or spec.kind == "location_maps"
+        none3d = torch.zeros(0, joints, 3) if has3d else None
+        return Estimate(torch.zeros(0, joints, 2), torch.zeros(0, joints), none3d)
+
+
+def stack_views(views: Sequence[Detections]) -> Detections:
+    """Views of as many frames, each (F, 1), side by side: (F, C)."""
+    joints3d = None
+    if any(view.joints3d is not None for view in views):
+        poses = [
+            torch.zeros(*view.joints2d.shape[:-1], 3) if view.joints3d is None else view.joints3d
+            for view in views
+        ]
+        joints3d = torch.cat(poses, 1)
+    return Detections(
+        torch.cat([view.joints2d for view in views], 1),
+        torch.cat([view.confidence2d for view in views], 1),
+        joints3d,
+        torch.cat([view.trusted3d for view in views], 1),
+    )
+
+
+def _reopen(model: str, execution: Execution | None, flip_test: bool) -> OnnxDetector:
+    return OnnxDetector(model, execution=execution, flip_test=flip_test)
+
+
+def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
+    """Images (F, C, 3, H, W) as bytes (F, C, H, W, 3)."""
+    if images.dim() != 5 or images.shape[2] != 3:
+        raise InputError(
+            f"images: have shape {tuple(images.shape)}, expected (F, C, 3, H, W), RGB; add the "
+            "axes that are missing"
+        )
+    if images.is_floating_point():
+        images = (images.clamp(0, 1) * 255).round().to(torch.uint8)
+    if images.dtype != torch.uint8:
+        raise InputError(f"images: are {images.dtype}, expected uint8, or floats 0 to 1")
+    return images.permute(0, 1, 3, 4, 2).cpu().numpy()
+
+
+def _check_input(manifest: Manifest, session: Session) -> tuple[str, int]:
+    """Name of the input and its fixed batch, 0 when open."""
+    spec = manifest.input
+    name = spec.name or session.inputs[0]
+    if len(session.inputs) != 1 or name not in session.inputs:
+        raise InputError(
+            f"{manifest.path}: input {name!r} is to be the model's only one, it has "
+            f"{', '.join(session.inputs)}; expected a network of one image"
+        )
+    height, width = spec.size
+    image = (3, height, width) if spec.layout == "nchw" else (height, width, 3)
+    found = session.shapes[name]
+    fits = len(found) == 4 and all(
+        a is None or a == b for a, b in zip(found[1:], image, strict=True)
+    )
+    if not fits:
+        raise InputError(
+            f"{manifest.path}: input.size and layout mean (N, {', '.join(map(str, image))}), the "
+            f"model wants {_shown(found)}; correct input.size or input.layout"
+        )
+    if session.dtypes[name] != np.dtype(spec.dtype).type:
+        wanted = session.dtypes[name]
+        raise InputError(
+            f"{manifest.path}: input.dtype is {spec.dtype}, the model wants "
+            f"{np.dtype(wanted).name if wanted else 'another type'}; correct input.dtype"
+        )
+    return name, found[0] or 0
+
+
+def _check_outputs(manifest: Manifest, session: Session) -> tuple[str, ...]:
+    """Names of the outputs to ask for."""
+    for name in manifest.output.names:
+        session.require_output(name, "output.names")
+    if manifest.output.joints3d:
+        session.require_output(manifest.output.joints3d, "output.joints3d")
+    further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
+    return tuple(dict.fromkeys((*manifest.output.names, *further)))
+
+
+def _shown(shape: Sequence[int | None]) -> str:
+    return f"({', '.join('N' if axis is None else str(axis) for axis in shape)})"
+
+
+def _join(parts: Sequence[Estimate]) -> Estimate:
+    poses = [part.joints3d for part in parts if part.joints3d is not None]
+    return Estimate(
+        torch.cat([part.joints2d for part in parts]),
+        torch.cat([part.confidence for part in parts]),
+        torch.cat(poses) if poses else None,
+    )
+
+
+def _average(one: Estimate, other: Estimate, size: tuple[int, int]) -> Estimate:
+    """Mean of two views of the same crops by confidence; the surer one where they disagree."""
+    weights = torch.stack((one.confidence, other.confidence))
+    apart = (one.joints2d - other.joints2d).norm(dim=-1) > _APART * float(np.hypot(*size))
+    surer = (weights == weights.amax(0)).to(weights)
+    shares = torch.where(apart, surer, weights) + 1e-6
+    shares = shares / shares.sum(0)
+    points = shares[0, ..., None] * one.joints2d + shares[1, ..., None] * other.joints2d
+    joints3d = None
+    if one.joints3d is not None and other.joints3d is not None:
+        joints3d = 0.5 * (one.joints3d + other.joints3d)
+    return Estimate(points, weights.mean(0), joints3d)

@@ -1,0 +1,95 @@
+"""Heat maps to joints."""
+
+import pytest
+import torch
+
+from perfcap.detect.heatmap import (
+    HeatmapHead,
+    argmax2d,
+    decode_dark,
+    decode_quarter,
+    map_to_input,
+    soft_argmax,
+)
+from perfcap.detect.joint_set import COCO17
+
+F64 = torch.float64
+CENTERS = torch.tensor([[7.3, 11.8], [20.0, 5.0], [14.49, 16.51]], dtype=F64)
+
+
+def gaussian(
+    centers: torch.Tensor, size: tuple[int, int] = (24, 32), sigma: float = 1.7
+) -> torch.Tensor:
+    y = torch.arange(size[0], dtype=F64)[:, None]
+    x = torch.arange(size[1], dtype=F64)
+    dx, dy = (x - centers[:, 0, None, None]), (y - centers[:, 1, None, None])
+    return torch.exp(-(dx.square() + dy.square()) / (2 * sigma**2))
+
+
+def test_dark_is_exact_on_gaussians_and_better_than_a_quarter() -> None:
+    maps = gaussian(CENTERS)
+    dark = (decode_dark(maps)[0] - CENTERS).norm(dim=-1)
+    quarter = (decode_quarter(maps)[0] - CENTERS).norm(dim=-1)
+    assert dark.max() < 0.01 and quarter.max() < 0.4
+    assert (quarter < (argmax2d(maps)[0] - CENTERS).norm(dim=-1) + 0.36).all()
+
+
+def test_soft_argmax_is_exact_on_logits_and_knows_its_spread() -> None:
+    maps = gaussian(CENTERS, sigma=1.5)
+    points, spread = soft_argmax(maps.log())
+    assert (points - CENTERS).norm(dim=-1).max() < 1e-3
+    torch.testing.assert_close(spread, torch.full((3,), 1.5 * 2**0.5, dtype=F64), atol=1e-2, rtol=0)
+
+
+@pytest.mark.parametrize("decode", [decode_quarter, decode_dark])
+def test_borders_flat_maps_and_batches(decode: object) -> None:
+    corner = gaussian(torch.tensor([[0.0, 0.0], [31.0, 23.0]], dtype=F64))
+    points, value = decode(corner)  # type: ignore[operator]
+    torch.testing.assert_close(points, torch.tensor([[0.0, 0.0], [31.0, 23.0]], dtype=F64))
+    assert (value == 1).all()
+    flat, _ = decode(torch.zeros(2, 3, 24, 32))  # type: ignore[operator]
+    assert flat.isfinite().all() and flat.shape == (2, 3, 2)
+    many = gaussian(CENTERS)[None].repeat(4, 1, 1, 1)
+    torch.testing.assert_close(decode(many)[0][2], decode(many[2])[0])  # type: ignore[operator]
+
+
+def test_map_pixels_to_input_pixels() -> None:
+    last = torch.tensor([47.0, 63.0])
+    maps, size = (64, 48), (256, 192)
+    assert map_to_input(last, maps, size, "corners").tolist() == [191, 255]
+    assert map_to_input(last, maps, size, "scale").tolist() == [188, 252]
+    assert map_to_input(last, maps, size, "centers").tolist() == [189.5, 253.5]
+
+
+def test_soft_argmax_gradient() -> None:
+    logits = torch.randn(2, 5, 6, dtype=F64, requires_grad=True)
+    assert torch.autograd.gradcheck(soft_argmax, logits)
+
+
+def test_head_learns_where_features_point_and_maps_by_name() -> None:
+    """Features with a blob a joint: the head learns to copy them, through the detections."""
+    torch.manual_seed(0)
+    head = HeatmapHead(17, COCO17)
+    centers = torch.rand(6, 17, 2, dtype=F64) * torch.tensor([20.0, 14.0]) + 5
+    features = torch.stack([gaussian(c) for c in centers]).float()[:, None]  # F C channels h w
+    to_image = torch.tensor([[2.0, 0, 10], [0, 2, -3]]).expand(6, 1, 2, 3)
+    optimizer = torch.optim.Adam(head.parameters(), lr=0.3)
+    hip = (COCO17.joints.index("l_hip"), 12)
+    truth = 2 * centers[:, hip[0]].float() + torch.tensor([10.0, -3.0])
+    errors = []
+    for _ in range(40):
+        found = head(features, to_image)
+        loss = (found.joints2d[:, 0, hip[1]] - truth).norm(dim=-1).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        errors.append(loss.item())
+    assert errors[-1] < 0.2 * errors[0]
+    assert (found.confidence2d[:, :, 0] == 0).all()  # COCO-17 has no crown
+
+
+def test_head_doubles_resolution() -> None:
+    head = HeatmapHead(8, COCO17, doublings=2, hidden=16)
+    assert head.logits(torch.zeros(2, 3, 8, 6, 5)).shape == (2, 3, 17, 24, 20)
+    state = HeatmapHead(8, COCO17, doublings=2, hidden=16)
+    state.load_state_dict(head.state_dict())
