@@ -1,0 +1,1 @@
+"""Bare meshes to actors."""
