@@ -9,10 +9,12 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
+from perfcap.energy._landmark_curvature import landmark_curvature
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.second_order import SecondOrder
 
 SHORTEST = 1e-9  # a bone of no length has no direction
 
@@ -92,6 +94,24 @@ class JointPosition(Energy[Motion]):
             None if shared is None else self._derivative(joints, shared),
         )
 
+    def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
+        """Closed form: only the lengths of bones are not linear in the joints."""
+        linearized = self.actor.skeleton.linearize(motion)
+        joints, frame, shared = linearized
+        scaled = (
+            pull.reshape(*joints.shape[:-2], -1, *joints.shape[-2:]) * self.scale[:, None]
+        )  # *b F C J 3
+        centred = scaled - self.share[:, None] * scaled.sum(-2, keepdim=True)
+        on_lengths = -((self.chain.mT @ centred) * self.direction).sum((-3, -1))  # *b F J
+        bones = bone_vectors(joints)
+        length = bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
+        along = bones / length
+        on_joints = centred.sum(-3) + self.bones.mT @ (on_lengths.unsqueeze(-1) * along)
+        across = torch.eye(3).to(bones) - along.unsqueeze(-1) * along.unsqueeze(-2)
+        curvature = (on_lengths.unsqueeze(-1) / length).unsqueeze(-1) * across
+        moved = _bone_derivative(frame), None if shared is None else _bone_derivative(shared)
+        return landmark_curvature(self.actor, motion, linearized, on_joints, moved, curvature)
+
     def _residual(self, joints: Tensor) -> Residual:
         if self._compiled_for(joints):
             from perfcap.energy import _joint_position_numba
@@ -110,7 +130,7 @@ class JointPosition(Energy[Motion]):
             return _joint_position_numba.derivative(self, joints, jacobian)
         bones = bone_vectors(joints)
         along = bones / bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
-        turned = bone_vectors(jacobian.flatten(-2)).reshape(jacobian.shape)
+        turned = _bone_derivative(jacobian)
         length = (along[..., None] * turned).sum(-2)[..., None, :, None, :]  # *b F 1 J 1 D
         lengthened = (length * self.direction[..., None]).flatten(-2)  # *b F C J 3D
         moved = jacobian.flatten(-2).unsqueeze(-3) - self.chain @ lengthened
@@ -119,8 +139,15 @@ class JointPosition(Energy[Motion]):
 
     def _compiled_for(self, joints: Tensor) -> bool:
         """Whether only numbers are asked for, of as many frames as there are predictions."""
-        return self.direction.shape[:-3] == joints.shape[:-2] and is_plain(joints, self.direction)
+        return self.direction.shape[:-3] == joints.shape[:-2] and is_plain(
+            joints, self.direction, self.scale
+        )
 
     def _centre(self, points: Tensor) -> Tensor:
         """Points or derivatives (..., J, n) minus their weighted mean, in ``unit``."""
         return (points - (self.share @ points).unsqueeze(-2)) * self.scale[:, None]
+
+
+def _bone_derivative(jacobian: Tensor) -> Tensor:
+    """Derivative of the bones from that of the joints, both (*b, F, J, 3, D)."""
+    return bone_vectors(jacobian.flatten(-2)).reshape(jacobian.shape)

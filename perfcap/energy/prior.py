@@ -45,6 +45,9 @@ class PosePrior(Energy[Motion]):
             residual, jacobian[:, None].expand(*residual.value.shape[:-2], count, 1, 6 + count)
         )
 
+    def second_order(self, motion: Motion, pull: Tensor) -> None:
+        """None: the residual is linear."""
+
 
 class BoneLengthPrior(Energy[Motion]):
     """Gaussian on the log bone lengths: a person of another size with similar proportions.
@@ -92,3 +95,6 @@ class BoneLengthPrior(Energy[Motion]):
         frame = residual.value.new_zeros(1).expand(*lead, len(self.whiten), 1, motion.frame_dim)
         shared = self.whiten[:, None].expand(*lead, len(self.whiten), 1, motion.shared_dim)
         return Linearization(residual, frame, shared)
+
+    def second_order(self, motion: Motion, pull: Tensor) -> None:
+        """None: the residual is linear."""

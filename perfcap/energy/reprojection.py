@@ -8,10 +8,12 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.energy._landmark_curvature import landmark_curvature
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.product import multiply_views
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.second_order import SecondOrder
 
 
 class Reprojection(Energy[Motion]):
@@ -59,6 +61,25 @@ class Reprojection(Energy[Motion]):
         of_frame = multiply_views(camera, frame).flatten(-4, -3)
         of_shared = None if shared is None else multiply_views(camera, shared).flatten(-4, -3)
         return Linearization(self._residual(pixels), of_frame, of_shared)
+
+    def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
+        """Closed form but for the camera, which three forward-mode tangents differentiate."""
+        linearized = self.actor.skeleton.linearize(motion)
+        joints = linearized[0]
+        pixels, camera = self.cameras.linearize(joints)
+        on_pixels = pull.reshape(pixels.shape) * self.scale[..., None, None]
+        on_joints: Tensor = (on_pixels.unsqueeze(-2) @ camera).squeeze(-2).sum(-3)
+
+        def slope(shift: Tensor) -> Tensor:
+            def value(points: Tensor) -> Tensor:
+                seen: Tensor = on_pixels * self.cameras.project(points)
+                return seen.sum()
+
+            gradient: Tensor = torch.func.grad(value)(joints + shift)
+            return gradient
+
+        curvature = torch.func.jacfwd(slope)(joints.new_zeros(3))
+        return landmark_curvature(self.actor, motion, linearized, on_joints, curvature=curvature)
 
     def _residual(self, pixels: Tensor) -> Residual:
         error = (pixels - self.detections.joints2d) * self.scale[..., None, None]

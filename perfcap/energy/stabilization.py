@@ -7,9 +7,11 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.energy._landmark_curvature import landmark_curvature
 from perfcap.errors import InputError
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.second_order import SecondOrder
 
 
 class Stabilization(Energy[Motion]):
@@ -64,6 +66,11 @@ class Stabilization(Energy[Motion]):
         return Linearization(
             self._residual(joints), scale * frame, None if shared is None else scale * shared
         )
+
+    def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
+        """Closed form: that of the joints."""
+        linearized = self.actor.skeleton.linearize(motion)
+        return landmark_curvature(self.actor, motion, linearized, self.scale * pull)
 
     def _residual(self, joints: Tensor) -> Residual:
         return Residual(self.scale * (joints - self.reference))

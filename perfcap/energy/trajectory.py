@@ -9,6 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import aligned, rotvec_to_quaternion
 from perfcap.solve.energy import WindowEnergy
+from perfcap.solve.second_order import SecondOrder
 from perfcap.temporal.subspace import dct_basis
 
 
@@ -66,7 +67,7 @@ class Trajectory(WindowEnergy[Motion]):
 
     def linearize_features(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Features and their derivative (*b, F, 3 + 4 + A, 6 + A), block-diagonal."""
-        if is_plain(motion.translation, motion.rotation, motion.angles):
+        if is_plain(motion.translation, motion.rotation, motion.angles) and is_plain(self.angles):
             from perfcap.energy import _trajectory_numba
 
             return _trajectory_numba.linearize_features(self, motion)
@@ -78,6 +79,14 @@ class Trajectory(WindowEnergy[Motion]):
         diagonal = self.angles.to(features).expand(count).diag()
         jacobian[..., 7:, 6:] = diagonal
         return features, jacobian
+
+    def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
+        """Closed form: turning a quaternion q by a rotation vector d gives ``- q |d|^2 / 8``."""
+        quaternion = 2 * self.rotation * aligned(rotvec_to_quaternion(motion.rotation))
+        along = (pull[..., 3:7] * quaternion).sum(-1)
+        diagonal = torch.zeros_like(motion.coordinates().frame)
+        diagonal[..., 3:6] = -0.25 * along.unsqueeze(-1)
+        return SecondOrder(torch.diag_embed(diagonal))
 
 
 def _quaternion_derivative(quaternion: Tensor) -> Tensor:

@@ -1,6 +1,7 @@
 """Optimisation that has never heard of bodies."""
 
 from perfcap.solve.adam import Adam
+from perfcap.solve.adjoint import Adjoint, Detached, Implicit, Unrolled
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.dense import ResidualFunction, Vector
 from perfcap.solve.energy import (
@@ -16,19 +17,23 @@ from perfcap.solve.energy import (
 )
 from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
-from perfcap.solve.minimize import Method, solve
-from perfcap.solve.solution import Solution, Status
+from perfcap.solve.method import Method
+from perfcap.solve.minimize import solve
+from perfcap.solve.solution import Sensitivity, Solution, Status
 from perfcap.solve.sparse import BlockLinearization
 from perfcap.solve.truncated_newton import TruncatedNewton
 
 __all__ = [
     "Adam",
+    "Adjoint",
     "BlockLinearization",
     "Bounds",
     "Coupling",
+    "Detached",
     "Energy",
     "GemanMcClure",
     "Huber",
+    "Implicit",
     "Kernel",
     "LevenbergMarquardt",
     "Linearization",
@@ -37,11 +42,13 @@ __all__ = [
     "Quadratic",
     "Residual",
     "ResidualFunction",
+    "Sensitivity",
     "Solution",
     "State",
     "Status",
     "Step",
     "TruncatedNewton",
+    "Unrolled",
     "Vector",
     "WindowEnergy",
     "forward_mode",

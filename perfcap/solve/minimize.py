@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import torch
 
 from perfcap.errors import InputError
+from perfcap.solve.adjoint import Adjoint, Detached
 from perfcap.solve.bounds import Bounds, project
 from perfcap.solve.energy import Objective, StateType, Step
 from perfcap.solve.layout import Layout
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.method import Method
 from perfcap.solve.solution import Solution
-
-
-class Method(Protocol):
-    """A minimiser: a value that holds settings and nothing else."""
-
-    def minimize(
-        self, objective: Objective, initial: StateType, bounds: Bounds | None
-    ) -> Solution[StateType]:
-        """Minimise from an initial state that is within the bounds and carries no gradient."""
 
 
 def solve(
@@ -28,6 +19,7 @@ def solve(
     initial: StateType,
     method: Method | None = None,
     bounds: Bounds | None = None,
+    adjoint: Adjoint | None = None,
 ) -> Solution[StateType]:
     """Minimise an objective over a state, each batch element on its own.
 
@@ -36,10 +28,14 @@ def solve(
         initial: where to start, (*b); moved into the bounds if it is outside.
         method: settings of a minimiser, ``LevenbergMarquardt()`` by default.
         bounds: box on the coordinates of the state; every state visited stays in it.
+        adjoint: whether and how the state of the solution carries gradients to what the energies
+            hold: ``Detached()`` by default, ``Implicit()`` or ``Unrolled()``.
 
     Returns:
-        The solution, detached from the graph. An element that meets a value that is not finite
-        keeps its last finite state and says so in its status; it never stops the others.
+        The solution. The solve runs in the precision of the state, whatever autocast says, and
+        carries no gradient but for the one that ``adjoint`` attaches. An element that meets a
+        value that is not finite keeps its last finite state and says so in its status; it never
+        stops the others.
 
     Raises:
         InputError: the state has no unknowns, or the bounds do not fit it.
@@ -57,7 +53,9 @@ def solve(
         start = project(initial, bounds)
         if here.frame.requires_grad or here.shared.requires_grad:
             start = start.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
-    return (method or LevenbergMarquardt()).minimize(objective, start, bounds)
+    with torch.autocast(here.frame.device.type, enabled=False):
+        way = adjoint or Detached()
+        return way.solve(objective, start, method or LevenbergMarquardt(), bounds)
 
 
 def _keep_freed_memory() -> None:

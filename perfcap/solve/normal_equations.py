@@ -163,6 +163,10 @@ class NormalEquations:
 
         return self._map(pick, other)
 
+    def detach(self) -> NormalEquations:
+        """The same numbers without a graph."""
+        return self._map(torch.Tensor.detach)
+
     def zeros(self) -> NormalEquations:
         """Equations of the same shape that know nothing: a stand-in for what is not finite."""
         return self._map(torch.zeros_like)

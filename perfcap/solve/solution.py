@@ -26,6 +26,16 @@ class Status(enum.IntEnum):
         return _SENTENCES[self]
 
 
+class Sensitivity(enum.IntEnum):
+    """What the gradient of a batch element's state is."""
+
+    ZERO = 0  # the solve failed, or nothing could be inverted
+    EXACT = 1  # of the minimum, with the full Hessian
+    GAUSS_NEWTON = 2  # with Gauss-Newton's matrix: chosen, or the Hessian was not positive definite
+    DAMPED = 3  # the same, damped: some unknowns were not determined
+    UNROLLED = 4  # of the last steps
+
+
 _SENTENCES = {
     Status.CONVERGED: "converged: the model promises no further decrease worth a step",
     Status.MAX_STEPS: "stopped at the largest number of steps while still improving; "
@@ -39,7 +49,7 @@ _SENTENCES = {
 
 @dataclass(frozen=True)
 class Solution(Generic[StateType]):
-    """Result of a solve, detached from the graph.
+    """Result of a solve. All is detached from the graph, but for a state that was asked for.
 
     Args:
         state: the unknowns found, always within the bounds.
@@ -47,6 +57,8 @@ class Solution(Generic[StateType]):
         terms: each energy's share by name, (*b,).
         steps: steps tried, (*b,) integers.
         status: ``Status`` values, (*b,) integers.
+        sensitivity: ``Sensitivity`` values of a state that carries a graph, (*b,) integers; None
+            if it carries none.
     """
 
     state: StateType
@@ -54,6 +66,7 @@ class Solution(Generic[StateType]):
     terms: dict[str, Tensor]
     steps: Tensor
     status: Tensor
+    sensitivity: Tensor | None = None
 
     @classmethod
     def over_batch(

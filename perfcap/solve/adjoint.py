@@ -1,0 +1,174 @@
+"""How a solve is differentiated: not at all, at its solution, or step by step.
+
+A solution x(theta) of a bounded minimisation, where theta is whatever the energies hold, has
+
+    dx_F / dtheta = - H_FF^-1  d g_F / dtheta,      dx_A / dtheta = 0,
+
+with the gradient g and the Hessian H of the energy, on the coordinates A that press against their
+bounds and on all others, F (Fiacco 1976, under strict complementarity). H is block-diagonal but
+for the low rank of the window energies and the border of shared unknowns, exactly as the normal
+equations are, so this costs one more factorization.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.solve.assembly import assemble
+from perfcap.solve.bounds import Bounds
+from perfcap.solve.energy import Objective, StateType
+from perfcap.solve.implicit_step import (
+    ReducedInverse,
+    attach,
+    finite_saved_numbers,
+    free_unknowns,
+    invert,
+)
+from perfcap.solve.layout import Layout
+from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.method import Method
+from perfcap.solve.solution import Sensitivity, Solution, Status
+from perfcap.solve.stationarity import gradient, hessian
+from perfcap.solve.unrolled_steps import record, replay
+
+_FAILED = (Status.STALLED, Status.NOT_FINITE)
+
+
+class Adjoint(ABC):
+    """How the state of a solution depends on what the energies hold."""
+
+    @abstractmethod
+    def solve(
+        self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        """Minimise from an initial state that is within the bounds and carries no gradient."""
+
+
+@dataclass(frozen=True)
+class Detached(Adjoint):
+    """The solution is a constant."""
+
+    def solve(  # noqa: D102
+        self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        return method.minimize(objective, initial, bounds)
+
+
+@dataclass(frozen=True)
+class Implicit(Adjoint):
+    """Differentiate at the solution, by the implicit function theorem.
+
+    Gradients reach everything that the energies hold and that requires one: detections,
+    confidences, weights, cameras, bone lengths, masks. A coordinate that presses against its bound
+    stays there, so its own gradient is zero; one that lies on its bound without pressing counts as
+    free. Elements whose solve failed get a gradient of exactly zero, and ``Solution.sensitivity``
+    says so. The gradient is that of the minimum: solve to a tolerance that deserves it.
+
+    Args:
+        hessian: "full" is exact at a minimum; "gauss_newton" leaves out second derivatives of
+            residuals and kernels, is a little cheaper and always positive. Where the full Hessian
+            is not positive definite, Gauss-Newton's takes its place.
+        damping: added to the Hessian, relative to the curvature of the data, to shorten gradients
+            along what the data hardly see.
+    """
+
+    hessian: Literal["full", "gauss_newton"] = "full"
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.hessian not in ("full", "gauss_newton") or not self.damping >= 0:
+            raise InputError(
+                f"Implicit has hessian {self.hessian!r} and damping {self.damping}; expected "
+                "'full' or 'gauss_newton', and a damping from 0 on"
+            )
+
+    def solve(  # noqa: D102
+        self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        solution = method.minimize(objective, initial, bounds)
+        if not torch.is_grad_enabled():
+            return solution
+        state, layout = solution.state, Layout.of(solution.state)
+        good = _solved(solution, layout)
+        with finite_saved_numbers(good):
+            rows = gradient(objective, state, layout)
+        if not rows.requires_grad:
+            return solution
+        with torch.no_grad():
+            inverse = self._inverse(objective, state, bounds, good)
+        step = attach(torch.where(good.unsqueeze(-1), rows, 0), inverse)
+        return replace(
+            solution,
+            state=state.retract(layout.unflatten(step)),
+            sensitivity=inverse.sensitivity.reshape(layout.batch),
+        )
+
+    def _inverse(
+        self, objective: Objective, state: StateType, bounds: Bounds | None, good: Tensor
+    ) -> ReducedInverse:
+        equations = assemble(objective, state)
+        good = good & equations.finite()
+        exact = hessian(objective, state, equations) if self.hessian == "full" else None
+        free = free_unknowns(state, bounds, equations.gradient(), equations.layout)
+        return invert(exact, equations, free, good, self.damping)
+
+
+@dataclass(frozen=True)
+class Unrolled(Adjoint):
+    """Differentiate the last steps of Levenberg-Marquardt, one by one.
+
+    Costs the graphs of all these steps. It is the gradient of the numbers that were computed,
+    converged or not; of a converged solve it tends to ``Implicit``'s as steps are added.
+
+    Args:
+        steps: how many of the last successful steps, all of them if None.
+    """
+
+    steps: int | None = 5
+
+    def __post_init__(self) -> None:
+        if self.steps is not None and self.steps < 1:
+            raise InputError(f"Unrolled has steps {self.steps}; expected at least 1, or None")
+
+    def solve(  # noqa: D102
+        self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        if not isinstance(method, LevenbergMarquardt):
+            raise InputError(
+                f"Unrolled got the method {type(method).__name__}, expected LevenbergMarquardt; "
+                "Implicit differentiates what others solve"
+            )
+        if not torch.is_grad_enabled():
+            return method.minimize(objective, initial, bounds)
+        with torch.no_grad():
+            whole = record(objective, initial, method, bounds)
+        solution = whole.solution
+        layout = Layout.of(solution.state)
+        good = _solved(solution, layout)
+        if not whole.steps:
+            return solution
+        with finite_saved_numbers(good):
+            state = replay(objective, whole.steps, bounds, good, self.steps)
+        kind = torch.where(good, Sensitivity.UNROLLED, Sensitivity.ZERO)
+        return replace(solution, state=state, sensitivity=kind.reshape(layout.batch))
+
+
+def _solved(solution: Solution[StateType], layout: Layout) -> Tensor:
+    """Elements that have a minimum to speak of, (B,)."""
+    if solution.status.shape != layout.batch:
+        raise InputError(
+            f"the method gives a status of shape {tuple(solution.status.shape)} for a batch "
+            f"{tuple(layout.batch)}: it solves frames on their own, which has no Implicit "
+            "gradient yet; use LevenbergMarquardt or Adam"
+        )
+    status = solution.status.reshape(-1)
+    good = torch.ones_like(status, dtype=torch.bool)
+    for failure in _FAILED:
+        good = good & (status != failure)
+    return good
