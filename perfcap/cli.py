@@ -38,10 +38,15 @@ class Capture:
     """Name of a shipped actor, a skinned .glb/.gltf, or a folder with actor.glb."""
     cameras: Path
     """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder."""
-    detections: tuple[Path, ...]
-    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view."""
     out: Path
     """Folder for the results."""
+    detections: tuple[Path, ...] = ()
+    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view."""
+    detector: str | None = None
+    """Find the joints in the videos instead: a folder with manifest.toml and an ONNX network."""
+    box: tuple[float, ...] = ()
+    """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view,
+    pixels; searched for if not given."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
     frames: str | None = None

@@ -21,8 +21,11 @@ from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
+from perfcap.app.networks import DETECTORS, Detecting, find_model, model_files, parse_boxes
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor
+from perfcap.io.detections import save_detections
 from perfcap.io.gltf import load_template
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
@@ -32,7 +35,7 @@ from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
-OVERLAY, TEXTURED = "overlay.mp4", "textured.mp4"
+OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
 DONE, INCOMPLETE = 0, 3
 
 _LOG = logging.getLogger(__name__)
@@ -45,8 +48,10 @@ class CaptureRequest:
     videos: tuple[Path, ...]
     actor: str
     cameras: Path
-    detections: tuple[Path, ...]
     out: Path
+    detections: tuple[Path, ...] = ()
+    detector: str | None = None
+    box: tuple[float, ...] = ()
     until: str = "refine_surface"
     frames: str | None = None
     preset: str = "default"
@@ -70,18 +75,13 @@ def run_capture(request: CaptureRequest) -> int:
     if request.resume and _finished(folder, request, source.path):
         return DONE
     actor = Actor(load_template(source.path))
-    inputs = read_inputs(
-        request.videos,
-        request.cameras,
-        request.detections,
-        frames=request.frames,
-        video_map=request.video_map,
-        detections_in_video=request.detections_in == "video",
-    )
+    inputs = _read(request)
     solve_bones = _solve_bones(request.bones, source.generic, inputs.clip.views)
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
     run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
+    if request.detector is not None:
+        _save_detections(folder, inputs)
     performance.save(folder, inputs.clip.start, run, inputs.rig.names)
     for line in (
         *inputs.warnings,
@@ -90,6 +90,44 @@ def run_capture(request: CaptureRequest) -> int:
     ):
         _LOG.warning("%s", line)
     return DONE if performance.complete else INCOMPLETE
+
+
+def _read(request: CaptureRequest) -> Inputs:
+    """The inputs; joints are detected in the videos where a detector is given."""
+    if bool(request.detections) == (request.detector is not None):
+        given = "and --detector are both given" if request.detections else "is missing"
+        raise InputError(
+            f"--detections: {given}; expected files of joints, or --detector MODEL to find them in "
+            "the videos"
+        )
+    if request.box and request.detector is None:
+        raise InputError("--box: is for --detector; expected no box with --detections")
+    read = partial(
+        read_inputs,
+        request.videos,
+        request.cameras,
+        request.detections,
+        frames=request.frames,
+        video_map=request.video_map,
+        detections_in_video=request.detections_in == "video",
+    )
+    if request.detector is None:
+        return read()
+    detector = OnnxDetector(find_model(request.detector, DETECTORS))
+    boxes = parse_boxes(request.box, len(request.videos))
+    with progress_bars() as tell:
+        return read(detecting=Detecting(detector, boxes, tell))
+
+
+def _save_detections(folder: Path, inputs: Inputs) -> None:
+    """What was detected, as a later ``--detections`` reads it."""
+    save_detections(
+        folder / DETECTIONS,
+        inputs.detections,
+        inputs.rig.names,
+        start=inputs.clip.start,
+        pixel_offset=inputs.rig.pixel_offset,
+    )
 
 
 def _perform(
@@ -165,10 +203,13 @@ def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
         written = (folder / REPORT).stat().st_mtime
         used = [*request.videos, request.cameras, *request.detections, actor]
         used += [request.video_map] if request.video_map else []
+        if request.detector is not None:
+            used += model_files(find_model(request.detector, DETECTORS))
         changed = any(path.stat().st_mtime > written for path in used)
     except (OSError, ValueError):
         return False
     expected = (*FILES, *_videos(request))
+    expected += (DETECTIONS,) if request.detector is not None else ()
     expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
     there = all((folder / name).is_file() for name in expected)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from perfcap.app.networks import Detecting, detect_clip
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.calibration import (
@@ -49,6 +50,7 @@ def read_inputs(
     frames: str | None = None,
     video_map: Path | None = None,
     detections_in_video: bool = False,
+    detecting: Detecting | None = None,
 ) -> Inputs:
     """Read a clip with its cameras and detections.
 
@@ -60,6 +62,7 @@ def read_inputs(
         video_map: maps from video to calibration pixels, where they differ.
         detections_in_video: whether detections are in pixels of the videos rather than of the
             calibration.
+        detecting: finds the joints in the videos, where there are no files of detections.
 
     Raises:
         InputError: anything that cannot be used, in one line.
@@ -71,6 +74,11 @@ def read_inputs(
         clip = Clip.open(list(videos), fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     pixel_map = match_image(rig, clip.sizes, read_pixel_map(video_map) if video_map else None)
+    if detecting is not None:
+        chosen = _detect(clip, rig, pixel_map, detecting)
+        told = (*clip.warnings, *rig.warnings, *detecting.detector.warnings)
+        lost = clip.lost if part.stop is None else 0
+        return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     whole = clip.start + len(clip) if part.stop is None else None  # a part may end anywhere
     read = partial(read_detections, list(detections), views=rig.names)
     found, notes = read(pixel_offset=rig.pixel_offset, frames=whole)
@@ -83,6 +91,13 @@ def read_inputs(
         # of the frames that the file promises, those count that somebody detected joints in
         lost += min(clip.lost, max(0, read()[0].frame_count - whole))
     return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
+
+
+def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detecting) -> Detections:
+    """Joints found in the clip, in pixels of the calibration."""
+    cameras = pixel_map.cameras(_camera_frames(rig, clip, len(clip)).cameras, clip.sizes)
+    found = detect_clip(clip, detecting, cameras).to(cameras.intrinsics)
+    return _to_calibration(found, pixel_map)
 
 
 def _part_of(detections: Detections, clip: Clip) -> Detections:

@@ -1,0 +1,134 @@
+"""The networks of a capture: found by name, run over a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from perfcap.detect.crop import Frame
+from perfcap.detect.detections import Detections
+from perfcap.detect.manifest import FILE as MANIFEST
+from perfcap.detect.onnx import OnnxDetector, stack_views
+from perfcap.detect.person import Box
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.actor import models_folder
+from perfcap.io.clip import Clip
+
+DETECTORS = "detectors"
+
+_CHUNK = 16  # frames decoded at once
+
+# called with a stage's name, what is done and what there is to do
+Tell = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Detecting:
+    """How to detect joints in the images of a clip.
+
+    Attributes:
+        detector: the network.
+        boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
+            search.
+        tell: told how far it is.
+    """
+
+    detector: OnnxDetector
+    boxes: tuple[Box, ...] = ()
+    tell: Tell = lambda stage, done, total: None
+
+
+def find_model(name: str, kind: str) -> Path:
+    """A model's folder or manifest by path, or a shipped one by name.
+
+    Args:
+        name: what the user said.
+        kind: folder under ``models``.
+
+    Raises:
+        InputError: there is no such model.
+    """
+    path = Path(name)
+    if path.is_dir() or path.is_file():
+        return path
+    shipped = models_folder() / kind
+    if path.name == name and (shipped / name / MANIFEST).is_file():
+        return shipped / name
+    known = sorted(p.parent.name for p in shipped.glob(f"*/{MANIFEST}"))
+    listing = f", or one of {', '.join(known)}" if known else ""
+    raise InputError(
+        f"--{kind.removesuffix('s')} {name}: no such folder; expected a folder with {MANIFEST} and "
+        f"a model{listing}"
+    )
+
+
+def model_files(folder: Path) -> list[Path]:
+    """The files of a model, for telling whether it changed."""
+    return sorted(folder.iterdir()) if folder.is_dir() else [folder]
+
+
+def parse_boxes(numbers: Sequence[float], views: int) -> tuple[Box, ...]:
+    """Four numbers a view: left, top, right, bottom.
+
+    Raises:
+        InputError: another count, or a box without area.
+    """
+    if not numbers:
+        return ()
+    if len(numbers) != 4 * views:
+        raise InputError(
+            f"--box: has {len(numbers)} numbers, expected LEFT TOP RIGHT BOTTOM for each of "
+            f"{views} views"
+        )
+    boxes = []
+    for i in range(0, len(numbers), 4):
+        left, top, right, bottom = numbers[i : i + 4]
+        if not (right > left and bottom > top):
+            raise InputError(
+                f"--box: {left:g} {top:g} {right:g} {bottom:g} is no box; expected left < right "
+                "and top < bottom, in pixels of the video"
+            )
+        boxes.append((left, top, right, bottom))
+    return tuple(boxes)
+
+
+def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections:
+    """Joints of one person in all views of a clip, in pixels of the videos, (F, C, 16).
+
+    Args:
+        clip: the videos.
+        detecting: network and settings.
+        cameras: C views, in pixels of the videos.
+
+    Raises:
+        InputError: nobody is found anywhere.
+    """
+    boxes: Sequence[Box | None] = detecting.boxes or [None] * clip.views
+    found = [
+        detecting.detector.follow(
+            _frames(clip, view, detecting.tell), box, _view(cameras, view, len(clip))
+        )
+        for view, box in enumerate(boxes)
+    ]
+    whole = stack_views(found)
+    if not (whole.confidence2d > 0).any() and whole.joints3d is None:
+        raise InputError(
+            f"{', '.join(clip.names)}: nobody is found in any frame by "
+            f"{detecting.detector.manifest.path.parent}; expected a visible person; say where "
+            "with --box LEFT TOP RIGHT BOTTOM"
+        )
+    return whole
+
+
+def _frames(clip: Clip, view: int, tell: Tell) -> Iterator[Frame]:
+    total = clip.views * len(clip)
+    for start in range(0, len(clip), _CHUNK):
+        tell("detect", view * len(clip) + start, total)
+        yield from clip.read_view(view, start, min(start + _CHUNK, len(clip)))
+    tell("detect", (view + 1) * len(clip), total)
+
+
+def _view(cameras: Camera, view: int, frames: int) -> Camera:
+    return cameras.frames(slice(0, frames)).select([view])

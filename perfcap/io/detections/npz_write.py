@@ -1,0 +1,60 @@
+"""Detections as ``detections.npz``, which ``read_detections`` reads again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.atomic import writing
+
+
+def save_detections(
+    path: Path,
+    detections: Detections,
+    views: Sequence[str] = (),
+    *,
+    start: int = 0,
+    pixel_offset: float = 0.0,
+) -> None:
+    """Write the 16 landmarks of C views.
+
+    Args:
+        path: the file, .npz.
+        detections: (F, C, 16).
+        views: names of the views, C.
+        start: frames of the video before the first detection; written as unseen, so that frame
+            numbers are those of the video.
+        pixel_offset: what readers will add to pixels: ``CameraRig.pixel_offset``.
+
+    Raises:
+        InputError: the place cannot be written.
+    """
+    seen = detections.confidence2d[..., None] > 0
+    joints2d = (detections.joints2d - pixel_offset).where(seen, 0)
+    arrays = {
+        "joints2d": _padded(joints2d, start),
+        "confidence2d": _padded(detections.confidence2d, start),
+        "joint_names": np.array(LANDMARKS),
+    }
+    if detections.joints3d is not None:
+        trusted = detections.trusted3d[..., None, None]
+        pose = (1000 * detections.joints3d).where(trusted, float("nan"))
+        arrays["joints3d_mm"] = _padded(pose, start, fill=np.nan)
+    if detections.views == 1:
+        arrays = {k: v[:, 0] if k != "joint_names" else v for k, v in arrays.items()}
+    elif views:
+        arrays["view_names"] = np.array(list(views))
+    with writing(path) as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def _padded(values: Tensor, start: int, fill: float = 0.0) -> NDArray[np.float32]:
+    array = values.detach().cpu().numpy().astype(np.float32)
+    before = np.full((start, *array.shape[1:]), fill, np.float32)
+    return np.concatenate((before, array))

@@ -1,0 +1,171 @@
+"""``perfcap capture --detector``: from images and a network alone."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from runs import Command
+from takes import TakeFiles, camera_entry, detect, make_take, shrunk, write_json, write_take
+from tiny_networks import MANIFESTS, draw, vitpose, write_model
+
+from perfcap.detect.detections import Detections
+from perfcap.io.detections import read_detections, save_detections
+
+SIZE = (240, 320)
+UNTIL = ("--until", "track_motion", "--no-overlay")
+
+
+def write_images(folder: Path, detections: Detections, view: int = 0) -> Path:
+    """Frames in which each landmark is a dot of its colour."""
+    folder.mkdir(parents=True)
+    for f, places in enumerate(detections.joints2d[:, view].numpy()):
+        image = draw(SIZE, places, 2.5)
+        cv2.imwrite(str(folder / f"{f:06d}.png"), np.ascontiguousarray(image[..., ::-1]))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def dots(tmp_path_factory: pytest.TempPathFactory) -> TakeFiles:
+    """A take whose images show the joints."""
+    folder = tmp_path_factory.mktemp("dots")
+    files = write_take(folder, 12, size=SIZE)
+    write_images(folder / "images", files.take.detections)
+    return files
+
+
+@pytest.fixture(scope="session")
+def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    text = MANIFESTS["vitpose"].replace("COCO-17", "landmarks16")
+    return write_model(tmp_path_factory.mktemp("models") / "dots", vitpose(16), text)
+
+
+def located(found: Detections, truth: Detections) -> float:
+    """Mean error of joints that are seen, pixels; few are hidden by other dots."""
+    seen = found.confidence2d > 0.3
+    assert seen.double().mean() > 0.9
+    return float((found.joints2d - truth.joints2d)[seen].norm(dim=-1).mean())
+
+
+def call(dots: TakeFiles, network: Path | str, out: Path, *more: str) -> list[str]:
+    parts = {"actor": dots.actor, "cameras": dots.camera, "detector": network, "out": out}
+    options = [str(text) for key, value in parts.items() for text in (f"--{key}", value)]
+    return ["capture", str(dots.folder / "images"), *options, *UNTIL, *more]
+
+
+def test_images_and_a_network_are_enough(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    outcome = perfcap(call(dots, network, tmp_path))
+    assert outcome.code == 0, outcome
+    found, _ = read_detections(tmp_path / "detections.npz")
+    truth = dots.take.detections
+    assert located(found, truth) < 0.5
+    assert found.joints3d is None
+    run = json.loads((tmp_path / "run.json").read_text())
+    assert run["request"]["detector"] == str(network)
+    with np.load(tmp_path / "motion.npz") as motion:
+        pixels = dots.take.cameras.project(torch.tensor(motion["joints3d"]))
+    # one view and no 3D joints: depth is a guess, the image is not
+    assert (pixels - truth.joints2d).norm(dim=-1).mean() < 4
+    again = [*call(dots, network, tmp_path), "--resume"]
+    before = (tmp_path / "run.json").stat().st_mtime_ns
+    assert perfcap(again).code == 0
+    assert (tmp_path / "run.json").stat().st_mtime_ns == before
+
+
+def test_detections_written_are_detections_read(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    """A part keeps the frame numbers of the video, so its file serves a later call."""
+    part = ("--frames", "3:9")
+    assert perfcap(call(dots, network, tmp_path / "a", *part)).code == 0
+    with np.load(tmp_path / "a" / "detections.npz") as written:
+        assert written["joints2d"].shape == (9, 16, 2)
+        assert (written["confidence2d"][:3] == 0).all()
+    files = [str(a) for a in call(dots, network, tmp_path / "b", *part)]
+    place = files.index("--detector")
+    files[place : place + 2] = ["--detections", str(tmp_path / "a" / "detections.npz")]
+    assert perfcap(files).code == 0
+    motions = [np.load(tmp_path / name / "motion.npz")["joints3d"] for name in "ab"]
+    assert np.abs(motions[0] - motions[1]).max() < 2e-3  # the file holds single precision
+
+
+def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: Command) -> None:
+    take = make_take(6, views=2, actor=dots.take.actor)
+    cameras = shrunk(take.cameras, SIZE)
+    truth = detect(take.actor, cameras, take.truth, lifted=False)
+    folders = [write_images(tmp_path / name, truth, c) for c, name in enumerate("ab")]
+    entries = {name: camera_entry(cameras, c) for c, name in enumerate("ab")}
+    write_json(tmp_path / "cameras.json", {"views": entries})
+    line = call(dots, network, tmp_path / "out", "--box", *["0", "0", "319", "239"] * 2)
+    line[1:2] = [str(folder) for folder in folders]
+    line[line.index("--cameras") + 1] = str(tmp_path / "cameras.json")
+    outcome = perfcap(line)
+    assert outcome.code == 0, outcome
+    found, _ = read_detections(tmp_path / "out" / "detections.npz", views=["a", "b"])
+    assert located(found, truth) < 0.5
+    with np.load(tmp_path / "out" / "motion.npz") as motion:
+        error = take.error_mm(torch.tensor(motion["joints3d"]))
+    assert error.mean() < 25
+
+
+MISTAKES = {
+    "both": (("--detections", "x.npz"), "both given"),
+    "a short box": (("--box", "1", "2", "3"), "LEFT TOP RIGHT BOTTOM"),
+    "an empty box": (("--box", "9", "2", "3", "8"), "is no box"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command, mistake: str
+) -> None:
+    more, words = MISTAKES[mistake]
+    assert words in perfcap(call(dots, network, tmp_path, *more)).refused()
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_such_network(dots: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    line = perfcap(call(dots, "none", tmp_path)).refused()
+    assert "--detector none: no such folder" in line
+
+
+def test_neither_files_nor_network(dots: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    line = call(dots, "none", tmp_path)
+    place = line.index("--detector")
+    del line[place : place + 2]
+    assert "--detections: is missing" in perfcap(line).refused()
+
+
+def test_nobody_in_the_images(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    grey = tmp_path / "grey"
+    grey.mkdir()
+    for f in range(3):
+        cv2.imwrite(str(grey / f"{f}.png"), np.full((*SIZE, 3), 90, np.uint8))
+    line = call(dots, network, tmp_path / "out")
+    line[1] = str(grey)
+    assert "nobody is found in any frame" in perfcap(line).refused()
+
+
+def test_saved_3d_is_millimetres_and_untrusted_frames_are_unknown(tmp_path: Path) -> None:
+    found = make_take(5, views=2).detections
+    trusted = found.trusted3d.clone()
+    trusted[2, 1] = False
+    assert found.joints3d is not None
+    partial = Detections(found.joints2d, found.confidence2d, found.joints3d, trusted)
+    save_detections(tmp_path / "d.npz", partial, ["a", "b"], pixel_offset=-0.5)
+    again, _ = read_detections(tmp_path / "d.npz", views=["b", "a"], pixel_offset=-0.5)
+    assert again.joints3d is not None
+    torch.testing.assert_close(again.joints2d, found.select([1, 0]).joints2d, atol=1e-3, rtol=0)
+    assert torch.equal(again.trusted3d, trusted[:, [1, 0]])
+    torch.testing.assert_close(
+        again.joints3d[trusted[:, [1, 0]]],
+        found.select([1, 0]).joints3d[trusted[:, [1, 0]]],  # type: ignore[index]
+        atol=1e-5,
+        rtol=0,
+    )
