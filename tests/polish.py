@@ -13,7 +13,7 @@ from perfcap.solve.stationarity import hessian
 
 def minimum(objective: Objective, initial: State, bounds: Bounds | None = None) -> State:
     """Levenberg-Marquardt, then Newton steps on the free coordinates until the gradient is gone."""
-    state = solve(objective, initial, LevenbergMarquardt(300, 1e-14), bounds).state
+    state = solve(objective, initial, LevenbergMarquardt(300, 1e-12), bounds).state
     layout = Layout.of(state)
     with torch.no_grad():
         for _ in range(4):

@@ -63,23 +63,27 @@ class Reprojection(Energy[Motion]):
         return Linearization(self._residual(pixels), of_frame, of_shared)
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
-        """Closed form but for the camera, which three forward-mode tangents differentiate."""
+        """Closed form but for the bend of the cameras, which is differentiated twice."""
         linearized = self.actor.skeleton.linearize(motion)
         joints = linearized[0]
         pixels, camera = self.cameras.linearize(joints)
         on_pixels = pull.reshape(pixels.shape) * self.scale[..., None, None]
         on_joints: Tensor = (on_pixels.unsqueeze(-2) @ camera).squeeze(-2).sum(-3)
 
-        def slope(shift: Tensor) -> Tensor:
-            def value(points: Tensor) -> Tensor:
-                seen: Tensor = on_pixels * self.cameras.project(points)
-                return seen.sum()
-
-            gradient: Tensor = torch.func.grad(value)(joints + shift)
-            return gradient
-
-        curvature = torch.func.jacfwd(slope)(joints.new_zeros(3))
+        curvature = self._bend(joints, on_pixels)
         return landmark_curvature(self.actor, motion, linearized, on_joints, curvature=curvature)
+
+    def _bend(self, joints: Tensor, on_pixels: Tensor) -> Tensor:
+        """Second derivative of ``<on_pixels, pixels>`` in each joint, (*b, F, J, 3, 3)."""
+        with torch.enable_grad():
+            points = joints.detach().requires_grad_()
+            value = (on_pixels.detach() * self.cameras.project(points)).sum()
+            (slope,) = torch.autograd.grad(value, points, create_graph=True)
+            rows = [
+                torch.autograd.grad(axis.sum(), points, retain_graph=True)[0]
+                for axis in slope.unbind(-1)
+            ]
+        return torch.stack(rows, -2)
 
     def _residual(self, pixels: Tensor) -> Residual:
         error = (pixels - self.detections.joints2d) * self.scale[..., None, None]

@@ -17,7 +17,7 @@ from perfcap.pipeline.objective import angle_bounds
 from perfcap.solve import GemanMcClure, Implicit, LevenbergMarquardt, Objective, Sensitivity, solve
 
 F64 = torch.float64
-FRAMES = 5
+FRAMES = 3
 TIGHT = LevenbergMarquardt(300, 1e-14)
 
 
