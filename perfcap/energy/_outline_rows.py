@@ -60,6 +60,29 @@ class OutlineRows:
         view = edges // (count * count)
         return cls(view, ends, vertices, products.view(-1, 5, 5), rest)
 
+    def pull(self, derivative: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
+        """Half the derivative of each view's squared residual, (C, D), and that square, (C,).
+
+        Both are differentiable in the residuals, in the derivative, and to first order in where
+        the vertices are.
+
+        Args:
+            derivative: of the vertices' pixels in the unknowns, (C, N, 2, D).
+            pixels: of the vertices, (C, N, 2).
+        """
+        view = self.view
+        chain = derivative[view.unsqueeze(-1), self.ends].flatten(1, 2)  # E 4 D
+        here = pixels[view.unsqueeze(-1), self.ends].flatten(1)  # E 4
+        moved = here - here.detach()
+        products = self.products
+        first = products[:, :4, 4]
+        slope = first + (products[:, :4, :4].detach() @ moved.unsqueeze(-1)).squeeze(-1)
+        pulled = (chain.mT @ slope.unsqueeze(-1)).squeeze(-1)  # E D
+        square = products[:, 4, 4] + 2 * (first.detach() * moved).sum(-1)
+        views = len(self.rest)
+        none = pulled.new_zeros(views, pulled.shape[-1])
+        return none.index_add(0, view, pulled), self.rest.index_add(0, view, square)
+
     def contract(self, derivative: Tensor) -> Tensor:
         """Products of rows in D other unknowns, (C, D + 1, D + 1), the residual last.
 

@@ -100,6 +100,27 @@ class SilhouetteOverlap(Energy[Any]):
         root = square_root(products).view(*slope.shape[:-3], *products.shape[-2:])
         return Linearization(Residual(root[..., -1]), root[..., :-1])
 
+    def gradient(self, state: Any) -> tuple[Tensor, None]:
+        """Half the gradient, (*b, F, D), differentiable in masks, trust, cameras and the surface.
+
+        In what moves the outline, where its second derivative would be needed, it is
+        differentiated as Gauss-Newton does.
+        """
+        frames = self._outline_rows(state)
+        points, derivative = self._linearize_points(state, self._used(frames, state))
+        pixels, camera = self.cameras.linearize(points)  # *b F C N 2 3
+        slope = multiply_views(camera, derivative)
+        parts = zip(frames, slope.flatten(0, -5), pixels.flatten(0, -4), strict=True)
+        pulls, squares = zip(*(rows.pull(*each) for rows, *each in parts), strict=True)
+        lead = state.coordinates().frame.shape[:-1]
+        strength = self.kernel.slope(torch.stack(squares).view(*lead, -1))
+        weight = self.weight.to(strength)[(..., *[None] * (2 if self.weight.ndim else 0))]
+        pulled = torch.stack(pulls).view(*lead, *pulls[0].shape)  # *b F C D
+        return ((weight * strength).unsqueeze(-1) * pulled).sum(-2), None
+
+    def second_order(self, state: Any, pull: Tensor) -> None:
+        """None: coverage has no second derivative, so Gauss-Newton's curvature is all there is."""
+
     def linearize_blocks(self, state: Any) -> BlockLinearization:
         """Residual of five rows an outline edge, and one group for the pixels that see none.
 

@@ -47,18 +47,19 @@ def second_order(energy: Energy[StateType], state: StateType, pull: Tensor) -> S
     if isinstance(energy, OffersSecondOrder):
         return energy.second_order(state, pull)
     if isinstance(energy, WindowEnergy):
-        return forward_over_reverse(energy.features, state, pull)
-    found = forward_over_reverse(lambda at: energy.residual(at).value, state, pull)
+        return twice_differentiated(energy.features, state, pull)
+    found = twice_differentiated(lambda at: energy.residual(at).value, state, pull)
     return found if energy.sees_shared else SecondOrder(found.frame)
 
 
-def forward_over_reverse(
+def twice_differentiated(
     function: Callable[[StateType], Tensor], state: StateType, pull: Tensor
 ) -> SecondOrder:
     """Second derivative of ``<pull, function(state)>`` by automatic differentiation.
 
-    Rows of frame f see frame f only, so one tangent shared by all frames and batch elements
-    returns every block in D + S columns.
+    Rows of frame f see frame f only, so the derivative of the slopes in one unknown, summed over
+    frames and batch elements, is a column of every block: D + S passes through one graph. Passes
+    one by one need no more memory than one of them.
 
     Args:
         function: of the state, (*b, F, ...), each frame on its own.
@@ -66,17 +67,27 @@ def forward_over_reverse(
         pull: a constant of the same shape.
     """
     here = state.coordinates()
-    zero = here.frame.new_zeros(state.frame_dim + state.shared_dim)
+    with torch.enable_grad():
+        frame = torch.zeros_like(here.frame, requires_grad=True)
+        shared = torch.zeros_like(here.shared, requires_grad=True)
+        value = (pull.detach() * function(state.retract(Step(frame, shared)))).sum()
+        both = frame, shared
+        slopes = torch.autograd.grad(value, both, create_graph=True, materialize_grads=True)
+        columns = [_columns(slope, both) for slope in slopes]
+    by_frame, by_shared = columns[0][0], [part.mT for part in columns[1]]
+    return SecondOrder(by_frame, by_shared[0], by_shared[1])
 
-    def slope(tangent: Tensor) -> tuple[Tensor, Tensor]:
-        frame = tangent[: state.frame_dim].expand_as(here.frame)
-        shared = tangent[state.frame_dim :].expand_as(here.shared)
-        slopes: tuple[Tensor, Tensor] = torch.func.grad(value, argnums=(0, 1))(frame, shared)
-        return slopes
 
-    def value(frame: Tensor, shared: Tensor) -> Tensor:
-        return (pull * function(state.retract(Step(frame, shared)))).sum()
-
-    by_frame, by_shared = torch.func.jacfwd(slope)(zero)
-    cut = state.frame_dim
-    return SecondOrder(by_frame[..., :cut], by_frame[..., cut:], by_shared[..., cut:])
+def _columns(slope: Tensor, unknowns: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Derivative of each entry of slopes (*b, ..., n) in unknowns (*b, ..., m): (*b, ..., n, m)."""
+    if not slope.requires_grad or not slope.shape[-1]:
+        first, second = (u.new_zeros(*u.shape[:-1], slope.shape[-1], u.shape[-1]) for u in unknowns)
+        return first, second
+    rows = [
+        torch.autograd.grad(
+            entry.sum(), unknowns, retain_graph=True, allow_unused=True, materialize_grads=True
+        )
+        for entry in slope.unbind(-1)
+    ]
+    first, second = (torch.stack(part, -2) for part in zip(*rows, strict=True))
+    return first, second

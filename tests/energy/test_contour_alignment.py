@@ -23,6 +23,8 @@ from perfcap.segment.correspondence import Correspondences
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.energy import forward_mode
 from perfcap.solve.kernels import GemanMcClure
+from perfcap.solve.layout import Layout
+from perfcap.solve.stationarity import gradient
 
 F64 = torch.float64
 ACTOR = actor()
@@ -311,3 +313,33 @@ def test_recovers_a_pose_from_outlines(views: int) -> None:
     assert (before > 40).all()
     assert (after < (0.1 if views > 1 else 5.0)).all(), after
     assert energies.energies["contour"](solution.state) < 1e-4
+
+
+def test_gradients_of_solutions_reach_what_contours_are_made_of() -> None:
+    """The gradient that ``Implicit`` differentiates leads to them as the energy's own does."""
+    motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(2)
+    found = pairs(motion, camera, noise=3.0)
+    here = motion.coordinates()
+    direction = torch.randn(here.frame.shape, generator=torch.Generator().manual_seed(5), dtype=F64)
+    for name in ("target", "normal", "confidence", "translation", "weight"):
+        parts = {n: getattr(found, n) for n in ("target", "normal", "confidence")}
+        parts |= {"translation": camera.translation, "weight": torch.tensor(0.7, dtype=F64)}
+        leaf = parts[name] = parts[name].clone().requires_grad_()
+        energy = ContourAlignment(
+            points_of(found),
+            replace(camera, translation=parts.pop("translation")),
+            weight=parts.pop("weight"),
+            correspondences=replace(found, **parts),
+            kernel=GemanMcClure(4.0),
+        )
+        layout = Layout.of(motion)
+        closed = gradient(Objective(contour=energy), motion, layout)
+        step = torch.zeros_like(here.frame, requires_grad=True)
+        value = energy(motion.retract(Step(step, here.shared))).sum()
+        (own,) = torch.autograd.grad(0.5 * value, step, create_graph=True)
+        torch.testing.assert_close(closed.view_as(own), own)
+        slopes = [
+            torch.autograd.grad((direction * each.view_as(own)).sum(), leaf, retain_graph=True)[0]
+            for each in (closed, own)
+        ]
+        torch.testing.assert_close(*slopes, msg=lambda text, name=name: f"{name}: {text}")

@@ -15,7 +15,7 @@ from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.stabilization import Stabilization
 from perfcap.energy.trajectory import Trajectory
 from perfcap.solve.energy import Energy, WindowEnergy
-from perfcap.solve.second_order import forward_over_reverse, second_order
+from perfcap.solve.second_order import second_order, twice_differentiated
 
 F64 = torch.float64
 ACTOR = actor()
@@ -58,7 +58,7 @@ def test_closed_form_agrees_with_automatic(shape: bool, distorted: bool) -> None
             continue
         rows = energy.features if isinstance(energy, WindowEnergy) else residuals(energy)
         pull = normal(*rows(state).shape)
-        automatic = forward_over_reverse(rows, state, pull)
+        automatic = twice_differentiated(rows, state, pull)
         closed = second_order(energy, state, pull)
         if closed is None:
             assert not automatic.frame.any() and not automatic.shared.any(), name

@@ -17,10 +17,11 @@ from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
+from perfcap.energy.stabilization import Stabilization
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
-from perfcap.solve import Adam, LevenbergMarquardt, Objective, Step, solve
+from perfcap.solve import Adam, Implicit, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.kernels import GemanMcClure
 from perfcap.solve.truncated_newton import TruncatedNewton
 
@@ -241,3 +242,49 @@ def test_edges_have_no_robust_kernel() -> None:
     energy = overlap(drawn(truth()), kernel=GemanMcClure(1.0))
     with pytest.raises(InputError, match="Quadratic"):
         energy.linearize_blocks(truth())
+
+
+def half_gradient(energy: SilhouetteOverlap, motion: Motion) -> Tensor:
+    """Half the gradient of the energy in the motion's tangent, by automatic differentiation."""
+    here = motion.coordinates()
+    step = torch.zeros_like(here.frame, requires_grad=True)
+    value = energy(motion.retract(Step(step, here.shared))).sum()
+    return 0.5 * torch.autograd.grad(value, step)[0]
+
+
+@pytest.mark.parametrize("kernel", [None, GemanMcClure(0.3)])
+def test_gradients_of_solutions_reach_masks_and_trust(kernel: GemanMcClure | None) -> None:
+    motion = truth()
+    masks, random = drawn(near(motion)), torch.Generator().manual_seed(2)
+    masks = 0.05 + 0.9 * masks
+    trust = 0.2 + 0.8 * torch.rand(masks.shape, generator=random, dtype=F64)
+    direction = torch.randn(motion.coordinates().frame.shape, generator=random, dtype=F64)
+    for name in ("masks", "trust"):
+        values = {"masks": masks, "trust": trust}
+        leaf = values[name] = values[name].clone().requires_grad_()
+        energy = overlap(values["masks"], trust=values["trust"], kernel=kernel, weight=2.0)
+        gradient, _ = energy.gradient(motion)
+        torch.testing.assert_close(gradient.detach(), half_gradient(energy, motion))
+        (slope,) = torch.autograd.grad((direction * gradient).sum(), leaf)
+        move = torch.randn(leaf.shape, generator=random, dtype=F64) * 0.05
+        ends = []
+        for sign in (1, -1):
+            values[name] = leaf.detach() + sign * 1e-3 * move
+            moved = overlap(values["masks"], trust=values["trust"], kernel=kernel, weight=2.0)
+            ends.append((direction * half_gradient(moved, motion)).sum())
+        numeric = float((ends[0] - ends[1]) / 2e-3)
+        assert float((slope * move).sum()) == pytest.approx(numeric, rel=1e-5)
+
+
+def test_gradients_of_solutions_reach_cameras() -> None:
+    """To first order: where masks nearly fit, a camera that moves takes the person along."""
+    motion = truth()[:1]
+    masks = drawn(motion)
+    position = CAMERAS.translation.clone().requires_grad_()
+    moving = overlap(masks, replace(CAMERAS, translation=position))
+    priors = Stabilization(ACTOR, ACTOR.joints(motion), 1e-2)
+    objective = Objective(masks=moving, hold=priors)
+    found = solve(objective, motion, LevenbergMarquardt(5), None, Implicit())
+    (gradient,) = torch.autograd.grad(found.state.translation[0, 1], position)
+    # both cameras up by a metre: the world's y points up, the images' down
+    assert float(gradient[:, 1].sum()) == pytest.approx(1, abs=0.1)
