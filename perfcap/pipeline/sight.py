@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -13,6 +14,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.render import LabelMap, MeshEdges, rasterize
 from perfcap.render.occluding_contour import occluding_contour
+from perfcap.render.part_depth import part_depth
 from perfcap.segment import Contour, Matches
 from perfcap.segment.matching import match
 
@@ -41,10 +43,18 @@ class Sight:
         cameras: C views in pixels of their images, (C,) or (F, C), with their sizes.
         faces: of the mesh, (T, 3).
         welded: vertices at one place, split by texture seams, share a number, (V,).
+        parts: the limb each triangle belongs to, (T,); all one when not given.
     """
 
-    def __init__(self, cameras: Camera, faces: Tensor, welded: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        cameras: Camera,
+        faces: Tensor,
+        welded: NDArray[np.int64],
+        parts: NDArray[np.int64] | None = None,
+    ) -> None:
         self.cameras = cameras
+        self.parts = None if parts is None else torch.from_numpy(parts)
         self.faces = faces.cpu()
         self.edges = MeshEdges.build(self.faces.numpy(), welded)
 
@@ -88,12 +98,14 @@ class Sight:
             config: spacing and limits.
             heights: of the upright person in every view, px.
         """
-        return [
-            match(
-                occluding_contour(view.pixels, view.depth, self.edges, view.labels, config.spacing),
-                contour,
-                config.matching,
-                height,
-            )
-            for view, contour, height in zip(drawn, contours, heights, strict=True)
-        ]
+        rows = zip(drawn, contours, heights, strict=True)
+        return [self._match(*row, config) for row in rows]
+
+    def _match(self, view: View, contour: Contour, height: float, config: ContourConfig) -> Matches:
+        mesh = (view.pixels, view.depth, self.edges, view.labels)
+        model = occluding_contour(*mesh, config.spacing)
+        room = None
+        if self.parts is not None:
+            parts = view.labels.label(self.parts, -1).numpy()
+            room = part_depth(model.points, model.normals, parts, 0.2 * height)
+        return match(model, contour, config.matching, height, room)

@@ -92,7 +92,8 @@ class Matches:
         normal: (P, 2).
         confidence: (P,), above 0.
         model: (P,) int64, index of the pair's point in the model contour.
-        image: (P,) int64, index of the pair's point in the image contour.
+        image: (P,) int64, index of the pair's point in the image contour, -1 for a point of the
+            model that is held where it is.
     """
 
     vertices: Integers

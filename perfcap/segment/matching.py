@@ -41,6 +41,9 @@ class Matching:
         neighbours: most that are asked of a third of all points, and how far away they may be.
         support: shares of agreeing neighbours that make a pair's confidence 0 and 1.
         margin: by how much a pair may reach beyond another side of the model.
+        squeeze: share of the width of a part whose other side is not seen, by which its one side
+            may move towards that; ``margin`` at least.
+        hold: confidence in that a point of the model's silhouette without a pair is where it is.
         both_ways: also from the image to the model.
         pruned: without it, every point of the model's silhouette has its pair, whatever it is.
     """
@@ -55,6 +58,8 @@ class Matching:
     neighbours: tuple[int, float] = (16, 0.12)
     support: tuple[float, float] = (0.6, 0.9)
     margin: float = 0.008
+    squeeze: float = 0.5
+    hold: float = 0.0
     both_ways: bool = True
     pruned: bool = True
 
@@ -80,6 +85,7 @@ def match(
     image: Contour,
     settings: Matching | None = None,
     size: float | None = None,
+    room: Floats | None = None,
 ) -> Matches:
     """Pairs of one frame and view.
 
@@ -89,11 +95,15 @@ def match(
         settings: limits.
         size: height of the upright person at its distance, px; the longer side of the model
             contour's bounding box when not given.
+        room: width of the part that each point of the model's contour is on, where its other side
+            lies before another part, (P,) px; infinite elsewhere. See ``part_depth``.
 
     Returns:
         Pairs with a confidence above 0, at most one for each point of either contour (unpruned:
         of the model's). Confidence is that of the image point, falling to 0 at the limits of
-        distance, angle and support. Nothing to pair gives no pairs.
+        distance, angle and support. Nothing to pair gives no pairs. With ``hold``, points of the
+        model's silhouette that have none are paired with themselves: few pairs at a shoulder
+        would swing an arm that has no mask.
 
     Raises:
         InputError: ``size`` is not positive.
@@ -104,7 +114,8 @@ def match(
     if not len(model) or not len(image):
         nothing = np.zeros(0, np.int64)
         return _matches(model, image, _Pairs(nothing, nothing), np.zeros(0))
-    search = _Search(model, image, settings, size or max(float(np.ptp(model.points, 0).max()), 1.0))
+    size = size or max(float(np.ptp(model.points, 0).max()), 1.0)
+    search = _Search(model, image, settings, size, room)
     pairs = search.outward()
     if not settings.pruned:
         return _matches(model, image, pairs, image.confidence[pairs.image])
@@ -115,16 +126,24 @@ def match(
         pairs += more[nearest_claim(more.model, search.distance(more))]
     confidence = search.confidence(pairs)
     confidence[search.crosses(pairs, confidence > 0)] = 0.0
-    return _matches(model, image, pairs, confidence)
+    found = _matches(model, image, pairs, confidence)
+    return found if settings.hold == 0 else _held(found, model, settings.hold)
 
 
 class _Search:
     """The two contours with lengths in pixels."""
 
     def __init__(
-        self, model: ModelContour, image: Contour, settings: Matching, size: float
+        self,
+        model: ModelContour,
+        image: Contour,
+        settings: Matching,
+        size: float,
+        room: Floats | None,
     ) -> None:
         self.model, self.image, self.settings, self.size = model, image, settings, size
+        room = np.full(len(model), np.inf) if room is None else room
+        self.inmost = np.maximum(settings.squeeze * room, settings.margin * size)
         self.turn = settings.turn * size
         self.limit = min(settings.distance * size, settings.farthest)
         self.least_cosine = float(np.cos(np.radians(settings.angle)))
@@ -185,7 +204,9 @@ class _Search:
         across = np.abs(np.einsum("nx,nx->n", offset, middle))
         longest = self.settings.slide * self.size + self.settings.slope * across
         near = np.linalg.norm(offset, axis=1) <= self.limit
-        return pairs[near & (cosine >= self.least_cosine) & (slide(offset, middle) <= longest)]
+        like = (cosine >= self.least_cosine) & (slide(offset, middle) <= longest)
+        inward = -np.einsum("nx,nx->n", offset, self.model.normals[pairs.model])
+        return pairs[near & like & (inward <= self.inmost[pairs.model])]
 
     def crosses(self, pairs: _Pairs, asked: Flags) -> Integers:
         """Those of the pairs asked for that reach through another side of the model.
@@ -252,4 +273,19 @@ def _matches(model: ModelContour, image: Contour, pairs: _Pairs, confidence: Flo
         confidence[kept],
         pairs.model,
         pairs.image,
+    )
+
+
+def _held(found: Matches, model: ModelContour, confidence: float) -> Matches:
+    """The pairs, and points of the silhouette without one paired with where they are."""
+    idle = np.setdiff1d(np.flatnonzero(model.outer), found.model)
+    still = model[idle]
+    return Matches(
+        np.concatenate([found.vertices, still.vertices]),
+        np.concatenate([found.weights, still.weights]),
+        np.concatenate([found.target, still.points]),
+        np.concatenate([found.normal, still.normals]),
+        np.concatenate([found.confidence, np.full(len(idle), confidence)]),
+        np.concatenate([found.model, idle]),
+        np.concatenate([found.image, np.full(len(idle), -1)]),
     )

@@ -282,6 +282,33 @@ def test_limb_is_not_squeezed_through_itself() -> None:
     assert len(match(model, both, Matching(distance=0.3))) > 100
 
 
+def test_a_part_in_front_of_another_is_not_squeezed() -> None:
+    """An arm of 12 px before the torso, whose edge is all that a mask without the arm shows."""
+    arm, torso = line((50, 20), (50, 120), (-1.0, 0)), line((61, 20), (61, 120), (-1.0, 0))
+    model, image = of_points(*arm), Contour(*torso, np.ones(len(torso[0])))
+    wide = np.full(len(model), np.inf)
+    settings = Matching(distance=0.3)
+    assert len(match(model, image, settings, room=wide)) > 70
+    assert len(match(model, image, settings, room=np.full(len(model), 12.0))) == 0
+    # the way out is free, and so is a part as wide as that
+    assert len(match(model, image, settings, room=np.full(len(model), 24.0))) > 70
+    outward = Contour(*line((39, 20), (39, 120), (-1.0, 0)), np.ones(len(torso[0])))
+    assert len(match(model, outward, settings, room=np.full(len(model), 12.0))) > 70
+
+
+def test_what_has_no_pair_is_held() -> None:
+    model, image = seen_as(person()), extract_contour(person((2, 1), parts="thrl"))
+    free, held = match(model, image), match(model, image, Matching(hold=0.1))
+    np.testing.assert_array_equal(np.sort(held.model), np.flatnonzero(model.outer))
+    np.testing.assert_array_equal(held.target[: len(free)], free.target)
+    still = held.image < 0
+    assert still.sum() == len(held) - len(free) > 20
+    np.testing.assert_array_equal(held.target[still], model.points[held.model[still]])
+    assert (held.confidence[still] == 0.1).all()
+    inner = replace(model, outer=np.zeros(len(model), bool))
+    assert len(match(inner, image, Matching(hold=0.1))) == len(match(inner, image))
+
+
 def test_unpruned_pairs_every_silhouette_point() -> None:
     model = joined(
         seen_as(person()), of_points(*line((160, 100), (160, 150), (1.0, 0)), outer=False)

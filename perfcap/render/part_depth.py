@@ -1,0 +1,38 @@
+"""How far a part of the surface goes inward from its contour until another part takes over."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.integer]
+
+_START = 1.5  # px inward, where a point's own part is seen for sure
+
+
+def part_depth(points: Floats, normals: Floats, parts: Integers, reach: float) -> Floats:
+    """Width of the part that a contour point is on, where its far side lies before another part.
+
+    An arm that hangs in front of the torso, or beside it and touching, has one side only on the
+    silhouette. Where its other side would have to be is known from the model alone.
+
+    Args:
+        points: of the model's contour, (P, 2) px.
+        normals: outward, unit, (P, 2).
+        parts: which part each pixel sees, (H, W), negative where it sees none.
+        reach: px to look inward.
+
+    Returns:
+        (P,) px; infinite where background ends the part, or nothing does within reach.
+    """
+    steps = np.arange(_START, max(reach, _START) + 1.0)
+    at = points[:, None] - steps[:, None] * normals[:, None]  # P S 2
+    column, row = np.rint(at).astype(np.int64).transpose(2, 0, 1)
+    height, width = parts.shape
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    seen = np.where(inside, parts[row.clip(0, height - 1), column.clip(0, width - 1)], -1)
+    other = seen != seen[:, :1]
+    first = other.argmax(1)
+    ends = other.any(1) & (seen[:, 0] >= 0) & (seen[np.arange(len(seen)), first] >= 0)
+    return np.where(ends, steps[first], np.inf)

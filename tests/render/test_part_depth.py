@@ -1,0 +1,36 @@
+"""How wide a part is whose far side lies in front of another part."""
+
+import numpy as np
+import pytest
+
+from perfcap.render.part_depth import part_depth
+
+# an arm (1) of 12 px in front of a torso (0), which background (-1) ends on the right
+PARTS = np.full((40, 60), -1)
+PARTS[:, 10:22] = 1
+PARTS[:, 22:50] = 0
+LEFT, RIGHT = np.array([[-1.0, 0.0]]), np.array([[1.0, 0.0]])
+
+
+def test_an_arm_ends_where_the_torso_begins() -> None:
+    found = part_depth(np.array([[9.5, 20.0]]), LEFT, PARTS, 30)
+    assert found == pytest.approx(12, abs=1)
+
+
+def test_seen_across_at_an_angle_it_is_wider() -> None:
+    normal = np.array([[-(0.5**0.5), -(0.5**0.5)]])
+    found = part_depth(np.array([[9.5, 10.0]]), normal, PARTS, 30)
+    assert found == pytest.approx(12 * 2**0.5, abs=1.5)
+
+
+def test_background_and_reach_are_no_other_part() -> None:
+    torso = part_depth(np.array([[49.5, 20.0]]), RIGHT, PARTS, 20)
+    alone = part_depth(np.array([[9.5, 20.0]]), LEFT, np.where(PARTS == 1, 1, -1), 30)
+    assert np.isinf(torso) and np.isinf(alone)
+
+
+def test_points_that_see_nothing_inward() -> None:
+    outside = np.array([[-5.0, 20.0], [200.0, 3.0], [5.0, 20.0]])
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]])
+    assert np.isinf(part_depth(outside, normals, PARTS, 30)).all()
+    assert part_depth(np.zeros((0, 2)), np.zeros((0, 2)), PARTS, 30).shape == (0,)
