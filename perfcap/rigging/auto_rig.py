@@ -1,0 +1,185 @@
+"""Bare mesh in, actor's template out: orientation, joints, weights."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.actor.anatomy import JOINTS, PARENTS
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
+from perfcap.rigging.bones import skeleton_bones
+from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
+from perfcap.rigging.overrides import Override
+from perfcap.rigging.target_surface import TargetSurface
+from perfcap.rigging.upright import Upright, stand_up
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+logger = logging.getLogger(__name__)
+
+MOST_VERTICES = 2_000_000
+_ENDS = ("head_top", "l_toe", "r_toe")  # landmarks that are bones without weights
+_FAR = 0.25  # share of the mesh far from the fitted body above which it is no such person
+
+
+@dataclass(frozen=True, eq=False)
+class BareMesh:
+    """A mesh without bones, as it comes from a file.
+
+    Attributes:
+        vertices: (V, 3), any unit and axes.
+        faces: (T, 3).
+        uv: texture coordinates with the origin at the top left, (V, 2), or None.
+        texture: an encoded JPEG or PNG, or None.
+        name: what to call the actor.
+    """
+
+    vertices: Floats
+    faces: Integers
+    uv: Floats | None = None
+    texture: bytes | None = None
+    name: str = "actor"
+
+
+@dataclass(frozen=True, eq=False)
+class RigReport:
+    """What was done to a mesh, and how well it fits.
+
+    Attributes:
+        upright: how it was turned and scaled; None where joints were given.
+        fit: of the body model; None where joints were given.
+        heat: of the weights.
+        warnings: what to look at.
+    """
+
+    upright: Upright | None
+    fit: SurfaceFit | None
+    heat: HeatReport
+    warnings: tuple[str, ...] = ()
+
+
+def auto_rig(
+    mesh: BareMesh,
+    model: BodyModel,
+    height: float | None = None,
+    overrides: tuple[Override, ...] = (),
+    settings: FitSettings | None = None,
+) -> tuple[Template, RigReport]:
+    """Make an actor of a bare mesh of one person in a T- or A-pose.
+
+    The mesh is turned to y up, facing +z, and scaled to metres; a body model is fitted into it,
+    whose joints become the skeleton; weights are heat from its bones.
+
+    Args:
+        mesh: what to rig.
+        model: the body to look for in it.
+        height: of the person with shoes and hair, metres; without it the unit is guessed.
+        overrides: regions that only some bones may move; boxes are in the upright mesh.
+        settings: of the fit.
+
+    Raises:
+        InputError: it is no mesh, or not of one person in such a pose.
+    """
+    vertices, faces = _checked(mesh)
+    rng = np.random.default_rng(0)
+    fitter = BodyFitter(model, settings)
+    samples = TargetSurface(vertices, faces, rng, dense=2400).points
+    people = [fitter.surface(start)[0].numpy()[::6] for start in fitter.starts()]
+    upright, standing, fit = _fit(fitter, vertices, faces, stand_up(samples, people, height))
+    if fit.far > _FAR:
+        raise InputError(
+            f"mesh {mesh.name!r}: {100 * fit.far:.0f} % of it is farther than 0.15 m from the "
+            "fitted body; expected one person in a T- or A-pose, without floor or other objects"
+        )
+    template, heat = rig_with_joints(
+        BareMesh(standing, faces, mesh.uv, mesh.texture, mesh.name), fit.joints, overrides
+    )
+    report = RigReport(upright, fit, heat, tuple(_warnings(upright, fit, heat)))
+    for warning in report.warnings:
+        logger.warning("%s: %s", mesh.name, warning)
+    return template, report
+
+
+def rig_with_joints(
+    mesh: BareMesh, joints: Mapping[str, Floats], overrides: tuple[Override, ...] = ()
+) -> tuple[Template, HeatReport]:
+    """Rig an upright mesh whose joints are known.
+
+    Args:
+        mesh: metres, y up, facing +z.
+        joints: positions of the skeleton's 16 joints and of head_top, l_toe and r_toe, (3,).
+        overrides: as for ``auto_rig``.
+
+    Raises:
+        InputError: a joint is missing, or the mesh cannot be rigged.
+    """
+    names = (*JOINTS, *_ENDS)
+    missing = [name for name in names if name not in joints]
+    if missing:
+        raise InputError(f"joints lack {', '.join(missing)}; give positions of {', '.join(names)}")
+    weights, heat = bone_heat_weights(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
+    rest = np.tile(np.eye(4), (len(names), 1, 1))
+    rest[:, :3, 3] = [joints[name] for name in names]
+    owners = {**PARENTS, "head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+    parents = [-1 if owners[n] is None else names.index(str(owners[n])) for n in names]
+    template = Template(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        bone_names=names,
+        bone_parents=np.array(parents),
+        bone_rest=rest,
+        weight_bones=np.tile(np.arange(len(JOINTS)), (len(weights), 1)),
+        weights=weights,
+        uv=mesh.uv,
+        texture=mesh.texture if mesh.uv is not None else None,
+        name=mesh.name,
+    )
+    return template, heat
+
+
+def _fit(
+    fitter: BodyFitter, vertices: Floats, faces: Integers, candidates: list[Upright]
+) -> tuple[Upright, Floats, SurfaceFit]:
+    """The direction that fits best after a first fit, the mesh in it, and its full fit."""
+    tried = []
+    for upright in candidates:
+        standing = upright.apply(vertices)
+        target = fitter.target(standing, faces)
+        distance, motion = fitter.screen(target)
+        logger.debug("direction %s: %.1f mm", upright.rotation.tolist(), 1e3 * distance)
+        tried.append((distance, upright, standing, target, motion))
+    _, upright, standing, target, motion = min(tried, key=lambda entry: entry[0])
+    return upright, standing, fitter.refine(motion, target)
+
+
+def _checked(mesh: BareMesh) -> tuple[Floats, Integers]:
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    if not len(faces) or not len(vertices):
+        raise InputError(f"mesh {mesh.name!r} has no faces; give a mesh, not a point cloud")
+    if len(vertices) > MOST_VERTICES:
+        raise InputError(
+            f"mesh {mesh.name!r} has {len(vertices)} vertices; expected at most {MOST_VERTICES}, "
+            "decimate it"
+        )
+    if not np.isfinite(vertices).all():
+        raise InputError(f"mesh {mesh.name!r} has vertices that are not finite; repair it")
+    return vertices, faces.astype(np.int64)
+
+
+def _warnings(upright: Upright, fit: SurfaceFit, heat: HeatReport) -> list[str]:
+    found = []
+    if upright.unit == "unknown":
+        found.append(f"its unit is unknown; scaled to {1.72} m, give the height of the person")
+    if fit.far > 0.06:
+        found.append(f"{100 * fit.far:.0f} % of the surface is far from the body beneath")
+    if heat.seen < 0.3:
+        found.append(f"only {100 * heat.seen:.0f} % of the surface sees a bone")
+    return found

@@ -1,0 +1,112 @@
+"""Energies that fit a body model to a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.rigging.shaped_points import ShapedPoints
+from perfcap.solve import Coupling, Energy, Linearization, Residual
+from perfcap.solve.kernels import Kernel
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Where points should be: place (N, 3), unit normal of the surface there (N, 3), trust (N,)."""
+
+    place: Tensor
+    normal: Tensor
+    trust: Tensor
+
+
+class SurfaceMatch(Energy[Motion]):
+    """Distance of points of a body to places on a surface, mostly along its normal.
+
+    The residual of a point is ``(slide + (1 - slide) n n') (x - y)``: points may slide along the
+    surface at a price of ``slide``, which keeps smooth limbs from turning in place.
+
+    Args:
+        points: of the body, N.
+        matches: of each.
+        slide: 1 is the plain distance, 0 the distance to the tangent plane.
+        weight: of the energy.
+        kernel: acts on the squared residual, metres.
+    """
+
+    coupling = Coupling.FRAME
+    sees_shared = True
+    place: Tensor
+    trust: Tensor
+    metric: Tensor
+
+    def __init__(
+        self,
+        points: ShapedPoints,
+        matches: Matches,
+        slide: float = 0.3,
+        weight: float | Tensor = 1.0,
+        kernel: Kernel | None = None,
+    ) -> None:
+        super().__init__(weight, kernel)
+        self.points = points
+        normal = matches.normal
+        outer = normal[:, :, None] * normal[:, None]
+        self.register_buffer("metric", slide * torch.eye(3).to(outer) + (1 - slide) * outer)
+        self.register_buffer("place", matches.place)
+        self.register_buffer("trust", matches.trust)
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, N, 3)."""
+        return self._residual(self.points(motion))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """Closed form."""
+        points, frame, shared = self.points.linearize(motion)
+        return Linearization(self._residual(points), self.metric @ frame, self.metric @ shared)
+
+    def _residual(self, points: Tensor) -> Residual:
+        error = (self.metric @ (points - self.place)[..., None]).squeeze(-1)
+        return Residual(error, self.trust.expand(error.shape[:-1]))
+
+
+class ShapePrior(Energy[Motion]):
+    """Gaussian on coefficients of shape: sum (shape / deviation)^2, however many the frames.
+
+    Args:
+        components: S.
+        frames: F.
+        deviation: of every coefficient.
+        weight: of the energy.
+    """
+
+    coupling = Coupling.FRAME
+    sees_shared = True
+
+    def __init__(
+        self,
+        components: int,
+        frames: int = 1,
+        deviation: float = 1.0,
+        weight: float | Tensor = 1.0,
+    ) -> None:
+        super().__init__(weight)
+        self.components, self.scale = components, 1 / (deviation * frames**0.5)
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, S, 1), equal in all frames."""
+        if motion.shape is None:
+            raise ValueError("ShapePrior needs a motion with shape coefficients; it has none")
+        value = (self.scale * motion.shape)[..., None, :, None]
+        lead = motion.angles.shape[:-1]
+        return Residual(value.expand(*lead, self.components, 1))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """A constant diagonal in the shared block."""
+        residual = self.residual(motion)
+        lead = residual.value.shape[:-2]
+        frame = residual.value.new_zeros(1).expand(*lead, self.components, 1, motion.frame_dim)
+        shared = self.scale * torch.eye(self.components).to(residual.value)[:, None]
+        return Linearization(residual, frame, shared.expand(*lead, *shared.shape))
