@@ -6,7 +6,7 @@ the pose is his clothes. Labels repeat to an IoU of about 0.98 (``tests/labels``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,10 +59,7 @@ def run(config: Experiment) -> Report:
     real = balancing(config.data)
     clip, pixel_map = clip_of(real)
     images = Images(clip, pixel_map.cameras(real.cameras, clip.sizes))
-    labels = [
-        {f: fill(lines, size) for f, lines in read_labels(path, size).items()}
-        for path, size in zip(sorted(_LABELS.glob("*.json")), clip.sizes, strict=True)
-    ]
+    labels = labels_of(clip.sizes)
     views = list(range(real.cameras.views))
     together = _capture(real, images, views, real)
     rows = _rows("four views", together, images.cameras, views, labels)
@@ -72,6 +69,14 @@ def run(config: Experiment) -> Report:
         rows += _rows(f"{name} alone", found, images.cameras.select([view]), [view], labels)
     columns = ("captured from", "what", *real.rig.names)
     return Report((Table("IoU with masks drawn by hand, %", columns, tuple(rows)),))
+
+
+def labels_of(sizes: Sequence[tuple[int, int]]) -> list[dict[int, Mask]]:
+    """Masks drawn by hand in every view of that (H, W), by frame."""
+    return [
+        {f: fill(lines, size) for f, lines in read_labels(path, size).items()}
+        for path, size in zip(sorted(_LABELS.glob("*.json")), sizes, strict=True)
+    ]
 
 
 def _capture(

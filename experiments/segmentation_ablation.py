@@ -25,15 +25,15 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.sight import Mask, Sight
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.surface_config import SilhouetteConfig
 from perfcap.segment import SequenceSettings
 from perfcap.segment.baselines import box_grabcut
-from perfcap.segment.settings import MODEL_ONLY, PAPER, GrabCutSettings
+from perfcap.segment.settings import MODEL_ONLY, PAPER, SECOND_PASS, GrabCutSettings
 
 _VARIANTS = {
     "model": MODEL_ONLY,
     "model + motion (the paper's)": PAPER,
     "default": GrabCutSettings(),
+    "default, model believed more": SECOND_PASS,
 }
 
 
@@ -76,7 +76,7 @@ def _table(recording: Recording, every: int) -> Table:
         return sight.look(recording.actor.surface(first.motion[span]), span)[0][0].mask
 
     def extract(motion: Motion, settings: GrabCutSettings) -> Evidence:
-        chosen = SilhouetteConfig(SequenceSettings(frame=settings))
+        chosen = SequenceSettings(frame=settings)
         height = person_height(recording.detections)
         with torch.no_grad():
             return extract_silhouettes(

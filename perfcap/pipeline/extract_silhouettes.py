@@ -18,12 +18,11 @@ from perfcap.geometry.camera import NEAR, Camera
 from perfcap.pipeline.evidence import Evidence, Mask, MaskRecord, encode_confidence
 from perfcap.pipeline.images import FrameReader, Frames
 from perfcap.pipeline.sight import Sight
-from perfcap.pipeline.surface_config import SilhouetteConfig
 from perfcap.pipeline.track_motion import Progress
 from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Scene, Segmentation, extract_contour, survey
 from perfcap.segment.scene import sample_frames
-from perfcap.segment.sequence import BLOCK, Footage, segment_block
+from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, segment_block
 from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trust import boundary_trust
 
@@ -43,7 +42,7 @@ def extract_silhouettes(
     reader: FrameReader,
     motion: Motion,
     heights: Tensor,
-    config: SilhouetteConfig,
+    settings: SequenceSettings,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Evidence:
@@ -55,16 +54,20 @@ def extract_silhouettes(
         reader: F frames of C views.
         motion: where the person is, (F,).
         heights: of the upright person in each view, (C,), px.
-        config: of the segmentation.
+        settings: of the segmentation.
         workers: threads; all cores when not given. The result does not depend on it.
         progress: called with (frames done, frames), summed over views.
     """
-    source = _Source(actor, sight, reader, motion, config)
+    source = SilhouetteSource(actor, sight, reader, motion, settings)
+
+    def records(block: FrameBlock) -> list[MaskRecord]:
+        return [_record(found) for found in source.segment(block)]
+
     total = motion.frames * sight.views
     views: list[list[MaskRecord]] = []
     for view in range(sight.views):
         done: list[MaskRecord] = []
-        for part in ordered_map(source.segment, source.blocks(view), workers):
+        for part in ordered_map(records, source.blocks(view), workers):
             done += part
             if progress is not None:
                 progress(view * motion.frames + len(done), total)
@@ -73,7 +76,7 @@ def extract_silhouettes(
 
 
 @dataclass(frozen=True)
-class _Block:
+class FrameBlock:
     """Frames of one view: those to segment, and those around them that help."""
 
     view: int
@@ -83,7 +86,7 @@ class _Block:
     scene: Scene
 
 
-class _Source:
+class SilhouetteSource:
     """Blocks of a clip, and what the model says about them."""
 
     def __init__(
@@ -92,41 +95,39 @@ class _Source:
         sight: Sight,
         reader: FrameReader,
         motion: Motion,
-        config: SilhouetteConfig,
+        settings: SequenceSettings,
     ) -> None:
         self.actor, self.sight, self.reader = actor, sight, reader
-        self.motion, self.config = motion, config
+        self.motion, self.settings = motion, settings
 
-    def blocks(self, view: int) -> Iterator[_Block]:
+    def blocks(self, view: int) -> Iterator[FrameBlock]:
         """Blocks of a view in order, read as they are asked for."""
-        frames, scenes = self.motion.frames, self.config.sequence.scene
+        frames, scenes = self.motion.frames, self.settings.scene
         for start in range(0, frames, scenes.span):
             stop = min(start + scenes.span, frames)
             scene = self._survey(view, sample_frames(start, stop, scenes.samples))
-            reach = self.config.sequence.reach if scene.plate is None else 1
+            reach = self.settings.reach if scene.plate is None else 1
             for first in range(start, stop, BLOCK):
                 wanted = range(first, min(first + BLOCK, stop))
                 shown = range(max(first - reach, 0), min(wanted.stop + reach, frames))
                 images = self.reader.read_view(view, shown.start, shown.stop)
-                yield _Block(view, wanted, shown, images, scene)
+                yield FrameBlock(view, wanted, shown, images, scene)
 
-    def segment(self, block: _Block) -> list[MaskRecord]:
-        """The masks of a block."""
+    def segment(self, block: FrameBlock) -> list[Segmentation]:
+        """The person in the wanted frames of a block."""
         models = [self._model(block.view, f, block) for f in block.shown]
         bones = self._bones(block.view, block.shown)
         footage = Footage(list(block.images), models, bones)
         first = block.wanted.start - block.shown.start
         chosen = range(first, first + len(block.wanted))
-        found = segment_block(footage, chosen, block.scene, self.config.sequence)
-        return [_record(each) for each in found]
+        return list(segment_block(footage, chosen, block.scene, self.settings))
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
         images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
         models = [self._draw(view, f) for f in frames]
-        sequence = self.config.sequence
-        return survey(images, models, sequence.frame.plate, sequence.scene)
+        return survey(images, models, self.settings.frame.plate, self.settings.scene)
 
-    def _model(self, view: int, frame: int, block: _Block) -> Mask:
+    def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
         """The model's silhouette; of frames around a block it only matters if the camera moves."""
         if frame in block.wanted or block.scene.plate is None:
             return self._draw(view, frame)

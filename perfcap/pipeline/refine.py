@@ -25,6 +25,7 @@ from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import MotionProblem, Progress
+from perfcap.segment import SequenceSettings
 
 # a context in which a stage runs, by name; it gives what to tell progress to
 StageContext = Callable[[str], AbstractContextManager[Progress]]
@@ -94,16 +95,16 @@ def refine(
     sight = Sight(images.cameras.to(motion.angles), faces, actor.template.weld()[0])
     heights = _heights(problem, images)
 
-    def extract(name: str, motion: Motion) -> Evidence:
+    def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
         with stage(name) as tell:
             return extract_silhouettes(
-                actor, sight, images.reader, motion, heights, config.silhouettes, workers, tell
+                actor, sight, images.reader, motion, heights, settings, workers, tell
             )
 
-    evidence = extract("extract_silhouettes", motion)
+    evidence = extract("extract_silhouettes", motion, config.silhouettes.first)
     with stage("refine_pose") as tell:
         pose = refine_pose(problem, sight, evidence, motion, config.refine_pose, workers, tell)
-    evidence = extract("extract_silhouettes_again", pose.motion)
+    evidence = extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
     if until < Stage.REFINE_SURFACE:
         vertices = SkinnedSurface(actor, pose.motion)
         return Refinement(pose.motion, evidence, pose, None, vertices)

@@ -9,14 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perfcap.segment import Matching, SequenceSettings
-from perfcap.segment.settings import PAPER
+from perfcap.segment.settings import PAPER, SECOND_PASS
 
 
 @dataclass(frozen=True)
 class SilhouetteConfig:
     """Automatic silhouettes (Xu 2018, Sec. 5.1)."""
 
-    sequence: SequenceSettings = field(default_factory=SequenceSettings)
+    first: SequenceSettings = field(default_factory=SequenceSettings)
+    # from the refined pose, which says more about where the person is
+    again: SequenceSettings = field(default_factory=lambda: SequenceSettings(frame=SECOND_PASS))
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class RefineSurfaceConfig:
 # pixel is taken as 0.2 % of the person's height, as in ``MONOPERFCAP_POSE``, and its unit of
 # length as a millimetre.
 _PAPER_CONTOUR = ContourConfig(weight=1.0, deviation=0.2, scale=None)
-MONOPERFCAP_SILHOUETTES = SilhouetteConfig(SequenceSettings(frame=PAPER))
+MONOPERFCAP_SILHOUETTES = SilhouetteConfig(*2 * (SequenceSettings(frame=PAPER),))
 MONOPERFCAP_REFINE_POSE = RefinePoseConfig(
     contour=_PAPER_CONTOUR, stabilization=0.06, deviation=0.001, whole=False
 )

@@ -25,6 +25,8 @@ _BESIDE = (1.5, 2.5, 3.5)  # px from the boundary, where evidence is looked at
 _LIMIT = 2.0  # px from the boundary at which labels must be open
 _NATS = (-4.0, 12.0, 8.0)  # of evidence: least, most inside, most outside
 _CONTRAST = (5.0, 150.0)  # grey levels: least, most
+_EDGE = 50.0  # grey levels that count as an edge
+_FAR = 4.0  # percent of the person's size: departures from the model beyond it are all alike
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,7 @@ class TrustSettings:
     Attributes:
         inside: per nat in favour of the person just inside the boundary.
         outside: per nat against the person just outside.
-        contrast: per e-fold of the colour difference across the boundary over ``edge``.
-        edge: grey levels.
+        contrast: per e-fold of the colour difference across the boundary over 50 grey levels.
         departure: per percent of the person's size between boundary and model, four at most.
         offset: the rest.
     """
@@ -43,7 +44,6 @@ class TrustSettings:
     inside: float = 0.15
     outside: float = 0.3
     contrast: float = 0.6
-    edge: float = 50.0
     departure: float = -0.45
     offset: float = 0.5
 
@@ -60,23 +60,30 @@ def boundary_trust(
         settings: weights.
     """
     settings = settings or TrustSettings()
-    trimap = found.trimap
     if not len(points) or not found.evidence.size:
         return np.zeros(len(points))
+    weights = (settings.inside, settings.outside, settings.contrast, settings.departure)
+    score = boundary_clues(found, points, normals) @ np.array(weights) + settings.offset
+    at = points - [found.trimap.box[1].start, found.trimap.box[0].start]
+    trust: Floats = _measured(found.trimap, at, normals) / (1 + np.exp(-score))
+    return trust
+
+
+def boundary_clues(found: Segmentation, points: Floats, normals: Floats) -> Floats:
+    """What the weights of ``TrustSettings`` are multiplied with, in their order, (N, 4)."""
+    trimap = found.trimap
     at = points - [trimap.box[1].start, trimap.box[0].start]
     inside = np.mean([_sample(found.evidence, at - k * normals) for k in _BESIDE], 0)
     outside = np.mean([_sample(found.evidence, at + k * normals) for k in _BESIDE], 0)
     contrast = np.clip(_contrast(found.image, at, normals), *_CONTRAST)
     departure = np.abs(_sample(trimap.distance, at)) / (0.01 * trimap.size)
-    score = (
-        settings.inside * np.clip(inside, _NATS[0], _NATS[1])
-        + settings.outside * np.clip(-outside, _NATS[0], _NATS[2])
-        + settings.contrast * np.log(contrast / settings.edge)
-        + settings.departure * np.minimum(departure, 4)
-        + settings.offset
+    clues = (
+        np.clip(inside, _NATS[0], _NATS[1]),
+        np.clip(-outside, _NATS[0], _NATS[2]),
+        np.log(contrast / _EDGE),
+        np.minimum(departure, _FAR),
     )
-    trust: Floats = _measured(trimap, at, normals) / (1 + np.exp(-score))
-    return trust
+    return np.stack(clues, 1)
 
 
 def _contrast(image: NDArray[np.uint8], at: Floats, normals: Floats) -> Floats:
