@@ -141,11 +141,69 @@ class Doctor:
         return run_doctor(self.cameras, self.detections, self.videos, self.video_map)
 
 
+@dataclass(frozen=True)
+class ActorInspect:
+    """Print what an actor is and what is wrong with it; draw a contact sheet."""
+
+    actor: tyro.conf.Positional[str]
+    """Name of a shipped actor, a skinned .glb/.gltf, or a folder with actor.glb."""
+    mapping: Path | None = None
+    """TOML that names the bones of joints, for rigs that are not recognised."""
+    out: Path | None = None
+    """Folder for contact_sheet.jpg."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_inspect import run_inspect
+
+        return run_inspect(self.actor, self.mapping, self.out)
+
+
+@dataclass(frozen=True)
+class ActorBuild:
+    """Make an actor folder of a rigged character."""
+
+    source: tyro.conf.Positional[Path]
+    """A skinned .glb or .gltf with any bones, in any units, with any axis up."""
+    out: Path
+    """Folder for actor.glb, manifest.toml and contact_sheet.jpg."""
+    mapping: Path | None = None
+    """TOML that names the bones of joints, for rigs that are not recognised."""
+    name: str | None = None
+    """What to call the actor; the name of the file."""
+    licence: str | None = None
+    """Under which licence it may be used; what the file says."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_build import BuildRequest, run_build
+
+        return run_build(BuildRequest(**vars(self)))
+
+
+ActorCommand = (
+    Annotated[ActorBuild, tyro.conf.subcommand("build")]
+    | Annotated[ActorInspect, tyro.conf.subcommand("inspect")]
+)
+
+
+@dataclass(frozen=True)
+class ActorTools:
+    """Make or examine an actor."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[ActorCommand]]
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        return self.command.run()
+
+
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Capture, tyro.conf.subcommand("capture")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Render, tyro.conf.subcommand("render")]
+    | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
 )
 
@@ -153,7 +211,7 @@ Command = (
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
-    command: Demo | Capture | Evaluate | Render | Doctor = tyro.cli(
+    command: Demo | Capture | Evaluate | Render | ActorTools | Doctor = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,

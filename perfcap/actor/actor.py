@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.actor.anatomy import JOINTS, human_rig
+from perfcap.actor.bone_owners import bone_owners
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
@@ -20,13 +21,14 @@ from perfcap.errors import InputError
 class Actor(nn.Module):
     """Skeleton, template mesh and skinning weights of one person.
 
-    Every bone of the template moves rigidly with one joint of the skeleton: the joint of its
-    name, or of its nearest ancestor that has one. Extra bones (fingers, twists) are thus carried
-    along, and an exported animation plays on the user's own bones.
+    Every bone of the template moves rigidly with one joint of the skeleton: its own, as
+    ``template.joint_bones`` or its name says, or that of its nearest ancestor. Extra bones
+    (fingers, twists) are thus carried along, and an exported animation plays on the user's own
+    bones.
 
     Args:
         template: the rigged mesh.
-        rig: its skeleton; built from the bones by name when not given.
+        rig: its skeleton; built from the joints' bones when not given.
     """
 
     vertices: Tensor
@@ -35,7 +37,7 @@ class Actor(nn.Module):
         super().__init__()
         self.template = template
         self.skeleton = Skeleton(rig if rig is not None else human_rig(_positions(template)))
-        self.bone_joints = _bone_joints(template, self.skeleton.rig.joints)
+        self.bone_joints = _bone_joints(template, self.skeleton.rig)
         like = self.skeleton.rest_positions
         self.register_buffer("vertices", torch.tensor(template.vertices).to(like))
         # skinning weights of joints rather than bones: bones of one joint move as one
@@ -76,19 +78,21 @@ class Actor(nn.Module):
 
 
 def _positions(template: Template) -> dict[str, Tensor]:
-    """Rest positions of bones and landmarks by name."""
+    """Rest positions of joints and landmarks by name."""
     rest = torch.tensor(template.bone_rest)[:, :3, 3]
-    positions = dict(zip(template.bone_names, rest, strict=True))
+    bones = dict(zip(template.bone_names, range(len(rest)), strict=True))
+    positions = {name: rest[bone] for name, bone in (template.joint_bones or bones).items()}
     return {**positions, **{n: torch.tensor(p) for n, (_, p) in template.landmarks.items()}}
 
 
-def _bone_joints(template: Template, joints: tuple[str, ...]) -> tuple[int, ...]:
+def _bone_joints(template: Template, rig: Rig) -> tuple[int, ...]:
     """Index of the joint each bone moves with."""
-    owner: list[int] = []
-    for name, parent in zip(template.bone_names, template.bone_parents, strict=True):
-        owner.append(joints.index(name) if name in joints else owner[parent] if parent >= 0 else 0)
-    if len(set(owner)) < 2:
+    named = {name: bone for bone, name in enumerate(template.bone_names)}
+    bones = template.joint_bones or named
+    own = {bones[name]: joint for joint, name in enumerate(rig.joints) if name in bones}
+    if len(own) < 2:
         raise InputError(
             f"actor {template.name!r} has no bone of the skeleton; expected {', '.join(JOINTS)}"
         )
-    return tuple(owner)
+    parents = template.bone_parents.tolist()
+    return bone_owners(parents, template.bone_rest[:, :3, 3], own, rig.parents)

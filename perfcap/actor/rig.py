@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -70,3 +71,27 @@ class Rig:
             raise InputError(
                 f"skeleton has hinges on {', '.join(sorted(unknown))}, which are no joints of it"
             )
+
+
+def with_limits(rig: Rig, limits: Mapping[str, tuple[float, float]]) -> Rig:
+    """The rig with other limits (lower, upper), radians, of some of its angles.
+
+    Raises:
+        InputError: there is no such angle, or the limits are not in order.
+    """
+    unknown = set(limits) - {hinge.name for hinge in rig.hinges}
+    if unknown:
+        known = ", ".join(hinge.name for hinge in rig.hinges)
+        raise InputError(f"limits: {', '.join(sorted(unknown))} is no angle; expected {known}")
+    for name, (lower, upper) in limits.items():
+        if not lower < upper:
+            raise InputError(f"limits: {name} is {lower} to {upper}; expected lower below upper")
+    return replace(
+        rig,
+        hinges=tuple(
+            replace(hinge, lower=limits[hinge.name][0], upper=limits[hinge.name][1])
+            if hinge.name in limits
+            else hinge
+            for hinge in rig.hinges
+        ),
+    )

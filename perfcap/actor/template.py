@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.actor.bone_space import BoneSpace
 from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -18,6 +19,8 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 INFLUENCES = 4  # bones per vertex; what glTF viewers and game engines read
 _WEIGHT_SUM_TOLERANCE = 1e-3
 _RIGID_TOLERANCE = 1e-3
+# Multiples of 2^-23 up to one are exact in float32, and so are their sums in any order.
+_WEIGHT_UNIT = 2.0**-23
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,10 @@ class Template:
         texture_mime: ``image/jpeg`` or ``image/png`` when there is a texture.
         name: what to call the actor.
         landmarks: named points (bone, rest position (3,) m) that ride rigidly on a bone.
+        joint_bones: the bone of each joint of the skeleton; bones are called like their joints
+            where it is empty.
+        space: how the file that the bones come from measures them; animations are written in it,
+            so that they play on the file's own bones. Metres in the world where None.
     """
 
     vertices: Floats
@@ -54,6 +61,8 @@ class Template:
     texture_mime: str | None = None
     name: str = "actor"
     landmarks: Mapping[str, tuple[int, Floats]] = field(default_factory=dict)
+    joint_bones: Mapping[str, int] = field(default_factory=dict)
+    space: BoneSpace | None = None
 
     def __post_init__(self) -> None:
         bones = len(self.bone_names)
@@ -69,6 +78,7 @@ class Template:
         if not len(self.vertices) or not len(self.faces):
             raise self._bad("vertices", "an empty mesh", "at least one triangle")
         self._check_bones()
+        self._check_joints()
         self._check_texture()
         self._normalize_weights()
         self._check_landmarks()
@@ -79,6 +89,22 @@ class Template:
         # Unused slots name bone 0 with weight 0, so they must be added, not assigned.
         np.add.at(dense, (np.arange(len(dense))[:, None], self.weight_bones), self.weights)
         return dense
+
+    def rounded(self) -> Self:
+        """The template as files hold it: saved and read again, it is the same bit for bit.
+
+        Coordinates become multiples of float32's steps, weights multiples of 2^-23.
+        """
+        return replace(
+            self,
+            vertices=self.vertices.astype(np.float32),
+            uv=None if self.uv is None else self.uv.astype(np.float32),
+            weights=exact_weights(self.weights),
+        )
+
+    def bone_frames(self) -> Floats:
+        """Rest transforms of the bones as the file has them, with their units, (B, 4, 4)."""
+        return self.bone_rest if self.space is None else self.space.scaled(self.bone_rest)
 
     def weld(self) -> tuple[Integers, Integers]:
         """Merge vertices that a texture seam split: same position, same skinning.
@@ -121,6 +147,15 @@ class Template:
         is_affine = np.allclose(self.bone_rest[:, 3], (0, 0, 0, 1))
         if deviation > _RIGID_TOLERANCE or not is_affine or np.any(np.linalg.det(rotation) < 0):
             raise self._bad("bone_rest", "scale, shear or mirroring", "rigid 4x4 matrices")
+
+    def _check_joints(self) -> None:
+        bones = len(self.bone_names)
+        self._set("joint_bones", dict(self.joint_bones))
+        wrong = [n for n, bone in self.joint_bones.items() if not 0 <= bone < bones]
+        if wrong:
+            raise self._bad("joint_bones", f"no bone for {', '.join(wrong)}", f"0 to {bones - 1}")
+        if self.space is not None and len(self.space.units) != bones:
+            raise self._bad("space", f"{len(self.space.units)} units", f"one for {bones} bones")
 
     def _check_texture(self) -> None:
         if self.texture is None:
@@ -202,6 +237,13 @@ def strongest_influences(bones: Integers, weights: Floats) -> tuple[Integers, Fl
     weights = np.take_along_axis(weights, order, 1)
     bones = np.where(weights > 0, np.take_along_axis(bones, order, 1), 0)
     return bones, weights / weights.sum(1, keepdims=True)
+
+
+def exact_weights(weights: Floats) -> Floats:
+    """Nearest weights whose float32 sum is exactly one, (V, 4); heaviest first stays so."""
+    units = np.round(weights / _WEIGHT_UNIT)
+    units[:, 0] += 1 / _WEIGHT_UNIT - units.sum(1)
+    return np.asarray(units * _WEIGHT_UNIT)
 
 
 def image_mime(data: bytes) -> str | None:

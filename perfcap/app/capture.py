@@ -24,9 +24,8 @@ from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, Detecting, find_model, model_files, parse_boxes
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
-from perfcap.io.actor import find_actor
+from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.detections import save_detections
-from perfcap.io.gltf import load_template
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
@@ -74,7 +73,7 @@ def run_capture(request: CaptureRequest) -> int:
     source = find_actor(request.actor)
     if request.resume and _finished(folder, request, source.path):
         return DONE
-    actor = Actor(load_template(source.path))
+    actor = load_actor(request.actor)
     inputs = _read(request)
     solve_bones = _solve_bones(request.bones, source.generic, inputs.clip.views)
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)

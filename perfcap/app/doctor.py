@@ -10,7 +10,7 @@ from rich.console import Console
 from perfcap.errors import InputError
 from perfcap.io.doctor import Severity, examine_inputs, examine_installation
 
-_COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFO: "default"}
+COLORS = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFO: "default"}
 
 
 def run_doctor(
@@ -34,7 +34,7 @@ def run_doctor(
         findings += examine_inputs(cameras, list(detections), list(videos), video_map)
     console = Console(highlight=False)
     for finding in findings:
-        console.print(str(finding), style=_COLOURS[finding.severity], soft_wrap=True, markup=False)
+        console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True, markup=False)
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     console.print(f"{errors} errors, {len(findings) - errors} other findings")
     return 2 if errors else 0

@@ -1,6 +1,8 @@
 """Files to types and back."""
 
 from perfcap.io.actor import find_actor, load_actor, models_folder
+from perfcap.io.actor_folder import save_actor
+from perfcap.io.actor_import import import_actor
 from perfcap.io.bvh import BvhMotion, load_bvh, save_bvh
 from perfcap.io.calibration import CameraRig, PixelMap, read_cameras, read_pixel_map
 from perfcap.io.clip import Clip
@@ -20,6 +22,7 @@ __all__ = [
     "SurfaceFile",
     "VideoWriter",
     "find_actor",
+    "import_actor",
     "load_actor",
     "load_bvh",
     "load_template",
@@ -29,6 +32,7 @@ __all__ = [
     "read_detections",
     "read_pixel_map",
     "read_result",
+    "save_actor",
     "save_animation",
     "save_bvh",
     "save_masks",

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import logging
 import sys
-import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.bone_correction import unit_name
 from perfcap.errors import InputError
-from perfcap.io.files import read_text
-from perfcap.io.gltf import load_template
+from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_folder import (
+    MANIFEST,
+    MESH,
+    UNKNOWN,
+    Manifest,
+    load_actor_folder,
+    read_manifest,
+)
+from perfcap.io.actor_import import import_actor, mapping_rows, require_sound
+from perfcap.io.actor_mapping import read_mapping
+from perfcap.io.doctor.finding import Finding, Severity
 
-_FILE, _MANIFEST = "actor.glb", "manifest.toml"
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -49,28 +60,109 @@ def find_actor(name: str | Path) -> ActorFile:
     if path.is_file():
         return ActorFile(path, generic=False)
     folder = path if path.is_dir() else models_folder() / "actors" / path.name
-    if not (folder / _FILE).is_file():
-        known = sorted(p.parent.name for p in (models_folder() / "actors").glob(f"*/{_FILE}"))
+    if not (folder / MESH).is_file():
+        known = sorted(p.parent.name for p in (models_folder() / "actors").glob(f"*/{MESH}"))
         raise InputError(
             f"--actor {name}: no such file, and no shipped actor has that name; expected a skinned "
-            f".glb, a folder with {_FILE}, or one of {', '.join(known)}"
+            f".glb, a folder with {MESH}, or one of {', '.join(known)}"
         )
-    return ActorFile(folder / _FILE, _is_generic(folder / _MANIFEST))
+    return ActorFile(folder / MESH, read_manifest(folder / MANIFEST).generic)
 
 
-def load_actor(name: str | Path) -> Actor:
-    """The actor of a name or file (see ``find_actor``), in float64.
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """An actor and all there is to say about it.
+
+    Attributes:
+        path: its mesh.
+        actor: the actor.
+        manifest: what its folder or file says about it.
+        convention: whose names the bones have.
+        space: units and axes of its file.
+        rows: joint or landmark, its bone, and how it was found.
+        parts: name and number of vertices of the parts of the file.
+        findings: what is odd or wrong.
+    """
+
+    path: Path
+    actor: Actor
+    manifest: Manifest
+    convention: str
+    space: str
+    rows: tuple[tuple[str, str, str], ...]
+    parts: tuple[tuple[str, int], ...]
+    findings: tuple[Finding, ...]
+
+
+def examine(name: str | Path, mapping: str | Path | None = None) -> Examination:
+    """Look at an actor of any kind; see ``load_actor`` for the arguments.
 
     Raises:
-        InputError: it cannot be read, has no skin, or lacks bones of the skeleton.
+        InputError: it cannot be read, or its joints cannot be found.
     """
-    return Actor(load_template(find_actor(name).path))
+    path = find_actor(name).path
+    manifest = _manifest(path)
+    if mapping is None and manifest.joints:
+        return _examine_built(path, manifest)
+    imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
+    rights = imported.character.copyright
+    if manifest.licence == UNKNOWN and rights is not None:
+        manifest = replace(manifest, licence=rights)
+    template, correction = imported.actor.template, imported.correction
+    unit = unit_name(correction.scale)
+    return Examination(
+        path,
+        imported.actor,
+        manifest,
+        imported.bones.convention or "not known: joints were found by their places",
+        f"in {unit}, {correction.up} up, facing {correction.ahead}",
+        tuple(mapping_rows(template, imported.bones)),
+        imported.character.parts,
+        imported.findings,
+    )
 
 
-def _is_generic(manifest: Path) -> bool:
-    if not manifest.is_file():
-        return False
-    try:
-        return bool(tomllib.loads(read_text(manifest, "manifest")).get("generic", False))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{manifest}: is not TOML ({error}); restore it") from None
+def _examine_built(path: Path, manifest: Manifest) -> Examination:
+    actor = load_actor_folder(path.parent)
+    template, made = actor.template, "manifest"
+    rows = [(n, template.bone_names[b], made) for n, b in template.joint_bones.items()]
+    rows += [(name, "", made) for name in template.landmarks]
+    return Examination(
+        path,
+        actor,
+        manifest,
+        made,
+        "in metres, y up, facing z",
+        tuple(rows),
+        (),
+        examine_actor(template),
+    )
+
+
+def load_actor(name: str | Path, mapping: str | Path | None = None) -> Actor:
+    """The actor of a name or file (see ``find_actor``), in float64.
+
+    A character of another program may have any bones, units and axes: see ``import_actor``.
+
+    Args:
+        name: a shipped actor, a file or a folder.
+        mapping: a file that names the bones of joints, where names and places do not tell.
+
+    Raises:
+        InputError: it cannot be read, has no skin, lacks joints of the skeleton, or has faults
+            that would spoil a capture.
+    """
+    path = find_actor(name).path
+    if mapping is None and _manifest(path).joints:
+        return load_actor_folder(path.parent)
+    imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
+    require_sound(path, imported.findings)
+    for finding in imported.about_file:
+        if finding.severity is Severity.WARNING:
+            _LOG.warning("%s: %s", path, finding)
+    return imported.actor
+
+
+def _manifest(path: Path) -> Manifest:
+    """The manifest beside an actor's mesh; of other files there is none."""
+    return read_manifest(path.with_name(MANIFEST)) if path.name == MESH else Manifest()

@@ -34,23 +34,27 @@ def read_bone_transforms(document: Document, template: Template, frames: int) ->
     if len(skins) != 1 or skins[0].get("joints") != list(range(bones)):
         raise document.error(f"its bones are not its first {bones} nodes; {_FOREIGN}")
     local = np.tile(_rest_to_parent(template), (frames, 1, 1, 1))
+    scale = np.cbrt(np.linalg.det(local[0, :, :3, :3]))
     for bone, path, values in _tracks(document, bones, frames):
         if path == "translation":
             local[:, bone, :3, 3] = values
         else:
-            local[:, bone, :3, :3] = Rotation.from_quat(values).as_matrix()
+            local[:, bone, :3, :3] = scale[bone] * Rotation.from_quat(values).as_matrix()
     posed = np.empty_like(local)
+    frame = np.eye(4) if template.space is None else template.space.frame
     for bone, parent in enumerate(template.bone_parents):
-        posed[:, bone] = local[:, bone] if parent < 0 else posed[:, parent] @ local[:, bone]
-    transforms: Floats = posed @ np.linalg.inv(template.bone_rest)
+        posed[:, bone] = (frame if parent < 0 else posed[:, parent]) @ local[:, bone]
+    transforms: Floats = posed @ np.linalg.inv(template.bone_frames())
     return transforms
 
 
 def _rest_to_parent(template: Template) -> Floats:
-    rest = template.bone_rest
-    above = np.where(template.bone_parents < 0, 0, template.bone_parents)
-    local: Floats = np.linalg.inv(rest[above]) @ rest
-    return np.where((template.bone_parents < 0)[:, None, None], rest, local)
+    """Bone-to-parent rest transforms in the file's units, (B, 4, 4)."""
+    rest = template.bone_frames()
+    frame = np.eye(4) if template.space is None else template.space.frame
+    is_root = (template.bone_parents < 0)[:, None, None]
+    local: Floats = np.linalg.inv(np.where(is_root, frame, rest[template.bone_parents])) @ rest
+    return local
 
 
 def _tracks(document: Document, bones: int, frames: int) -> Iterator[tuple[int, str, Floats]]:

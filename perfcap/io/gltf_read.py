@@ -5,42 +5,51 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.actor.template import Template, image_mime
+from perfcap.actor.bone_space import BoneSpace, is_similarity
+from perfcap.actor.template import Template
 from perfcap.errors import InputError
-from perfcap.io.gltf_document import Document, Object, open_document
-from perfcap.io.gltf_scene import NodeTree, Skin, read_skin, read_tree
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import Document, open_document
+from perfcap.io.gltf_part import Part, joined, joined_uv, read_parts
+from perfcap.io.gltf_scene import NodeTree, Skin, read_tree
+from perfcap.io.gltf_texture import one_texture
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _LOG = logging.getLogger(__name__)
-_TRIANGLES = 4
-_MAX_VERTICES = 4_000_000
+_PLAIN = 1e-6  # parts of one: less scale or turn than this is rounding of the file
+_EVEN = 1e-2  # difference of a bone's scales along its axes that is put up with
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """One primitive: world vertices, and skinning by node index."""
+class Character:
+    """A template as its file has it, and what a user should know about the file.
 
-    vertices: Floats
-    faces: Integers
-    nodes: Integers  # (v, K)
-    weights: Floats  # (v, K)
-    uv: Floats | None
-    image: object  # index of the base colour image, or None
+    Attributes:
+        template: the rigged mesh.
+        parts: name and number of vertices of each part, in the order of the vertices.
+        findings: what is odd about the file.
+        copyright: what the file says about its rights.
+    """
+
+    template: Template
+    parts: tuple[tuple[str, int], ...]
+    findings: tuple[Finding, ...]
+    copyright: str | None = None
 
 
 def load_template(path: str | Path) -> Template:
     """Load the skinned mesh of a ``.glb`` or ``.gltf`` as a `Template`.
 
     The inverse bind matrices decide the rest pose; the nodes place it in the world, so scaled or
-    turned armatures come out in metres, y up. All primitives of all skinned meshes are merged.
-    Joints without weights are kept as bones: they mark places such as the top of the head.
+    turned armatures come out in metres, y up. All primitives of all skinned meshes are merged, and
+    meshes that hang on a bone go with it. Joints without weights are kept as bones: they mark
+    places such as the top of the head.
 
     Raises:
         InputError: the file is missing, damaged, compressed, or has no skinned mesh.
@@ -50,106 +59,39 @@ def load_template(path: str | Path) -> Template:
 
 def read_template(document: Document) -> Template:
     """Like ``load_template``, of a file that is already open."""
+    character = read_character(document)
+    for finding in character.findings:
+        if finding.severity is not Severity.INFO:
+            _LOG.warning("%s: %s", document.path, finding)
+    return character.template
+
+
+def read_character(document: Document) -> Character:
+    """The template of an open file with all there is to say about it.
+
+    Raises:
+        InputError: it is damaged, or has no skinned mesh.
+    """
     tree = read_tree(document)
-    skins: dict[int, Skin] = {}
-    parts: list[_Part] = []
-    for node in document.items("nodes"):
-        if "mesh" not in node or "skin" not in node:
-            continue
-        number = document.integer(node["skin"], "node.skin")
-        if number not in skins:
-            skins[number] = read_skin(document, document.item("skins", number), tree)
-        parts += _read_mesh(document, document.item("meshes", node["mesh"]), skins[number])
+    notes: list[Finding] = []
+    parts, skins = read_parts(document, tree, notes)
     if not parts:
         raise document.error(
             "has no skinned mesh; bind the mesh to a skeleton, or use `perfcap actor build`"
         )
-    return _assemble(document, tree, list(skins.values()), parts)
-
-
-def _read_mesh(document: Document, mesh: Object, skin: Skin) -> list[_Part]:
-    primitives = mesh.get("primitives")
-    parts = []
-    for primitive in primitives if isinstance(primitives, list) else []:
-        attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
-        if not isinstance(attributes, dict):
-            raise document.error("damaged file, a primitive has no attributes")
-        if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
-            raise document.error("holds strips, lines or points; export plain triangles")
-        if "JOINTS_0" in attributes:
-            parts.append(_read_primitive(document, primitive, attributes, skin))
-        else:
-            _LOG.warning("%s: a primitive without weights is left out", document.path)
-    return parts
-
-
-def _read_primitive(document: Document, primitive: Object, attributes: Object, skin: Skin) -> _Part:
-    local = _floats(document, attributes.get("POSITION"), "VEC3")
-    if len(local) > _MAX_VERTICES:
-        raise document.error(f"{len(local)} vertices; at most {_MAX_VERTICES} are read")
-    linear, offset = skin.bind_to_world[:3, :3], skin.bind_to_world[:3, 3]
-    nodes, weights = _read_weights(document, attributes, skin, len(local))
-    coordinate, image = _base_color(document, primitive)
-    uv = None
-    if f"TEXCOORD_{coordinate}" in attributes:
-        uv = _floats(document, attributes[f"TEXCOORD_{coordinate}"], "VEC2", len(local))
-    faces = _read_faces(document, primitive, len(local))
-    if np.linalg.det(linear) < 0:
-        faces = faces[:, ::-1]  # a mirrored armature turns triangles inside out
-    return _Part(local @ linear.T + offset, faces, nodes, weights, uv, image)
-
-
-def _read_faces(document: Document, primitive: Object, vertices: int) -> Integers:
-    if "indices" in primitive:
-        indices = document.accessor(primitive["indices"], "SCALAR")[:, 0]
-        if indices.dtype.kind != "u" or indices.max() >= vertices:
-            raise document.error(f"triangle indices {indices.max()} of {vertices} vertices")
-    else:
-        indices = np.arange(vertices)
-    if len(indices) % 3:
-        raise document.error(f"{len(indices)} triangle indices, not a multiple of 3")
-    return indices.astype(np.int64).reshape(-1, 3)
-
-
-def _read_weights(
-    document: Document, attributes: Object, skin: Skin, vertices: int
-) -> tuple[Integers, Floats]:
-    """Node indices and weights of a primitive, (v, 4 or more), rows summing to one."""
-    slots, weights = [], []
-    for group in range(4):
-        if f"JOINTS_{group}" not in attributes:
-            break
-        slots.append(_attribute(document, attributes[f"JOINTS_{group}"], "VEC4", vertices))
-        weights.append(_floats(document, attributes.get(f"WEIGHTS_{group}"), "VEC4", vertices))
-    slot, weight = np.concatenate(slots, axis=1), np.concatenate(weights, axis=1)
-    weight = np.maximum(weight, 0.0)
-    slot = np.where(weight > 0, slot, 0)
-    if slot.dtype.kind not in "iu" or slot.max() >= len(skin.joints):
-        raise document.error(f"weights name joint {slot.max()} of {len(skin.joints)}")
-    total = weight.sum(1)
-    if np.any(total < 1e-6):
-        _LOG.warning("%s: %d vertices without weights follow the first joint of the skin",
-                     document.path, int((total < 1e-6).sum()))  # fmt: skip
-        weight[total < 1e-6, 0] = 1.0
-    return np.array(skin.joints)[slot], weight / weight.sum(1, keepdims=True)
-
-
-def _base_color(document: Document, primitive: Object) -> tuple[int, object]:
-    """Texture coordinate set and image index of a primitive's base colour; 0 and None if plain."""
-    if "material" not in primitive:
-        return 0, None
-    material = document.item("materials", primitive["material"])
-    reference: Any = material.get("pbrMetallicRoughness")
-    reference = reference.get("baseColorTexture") if isinstance(reference, dict) else None
-    if not isinstance(reference, dict):
-        return 0, None
-    texture = document.item("textures", reference.get("index"))
-    coordinate = document.integer(reference.get("texCoord", 0), "texCoord", 0, 15)
-    return coordinate, texture.get("source")
+    template = _assemble(document, tree, skins, parts, notes)
+    asset = document.tree.get("asset")
+    rights = asset.get("copyright") if isinstance(asset, dict) else None
+    return Character(
+        template,
+        tuple((part.name, len(part.vertices)) for part in parts),
+        tuple(notes),
+        rights if isinstance(rights, str) else None,
+    )
 
 
 def _assemble(
-    document: Document, tree: NodeTree, skins: list[Skin], parts: list[_Part]
+    document: Document, tree: NodeTree, skins: list[Skin], parts: list[Part], notes: list[Finding]
 ) -> Template:
     rest = {
         node: matrix
@@ -159,21 +101,25 @@ def _assemble(
     bones = _bone_order(tree, skins)
     index = np.zeros(len(tree.world), dtype=np.int64)
     index[bones] = np.arange(len(bones))
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    texture = _first_texture(document, parts)
+    vertices, faces = joined(parts)
+    texture, coordinates = one_texture(
+        document, [part.material for part in parts], [part.uv for part in parts], notes
+    )
     weight_bones, weights = _stack_weights(parts)
+    parents = np.array([_parent_bone(tree, node, index, rest) for node in bones])
     return Template(
-        vertices=np.concatenate([part.vertices for part in parts]),
-        faces=np.concatenate([p.faces + s for p, s in zip(parts, starts, strict=False)]),
+        vertices=vertices,
+        faces=faces,
         bone_names=_bone_names(document, bones),
-        bone_parents=np.array([_parent_bone(tree, node, index, rest) for node in bones]),
+        bone_parents=parents,
         bone_rest=np.stack([rest[node] for node in bones]),
         weight_bones=index[weight_bones],
         weights=weights,
-        uv=_stack_uv(parts),
+        uv=joined_uv(parts, coordinates),
         texture=texture,
         name=document.path.stem,
-    )
+        space=_space(tree, bones, parents, notes),
+    ).rounded()
 
 
 def _bone_order(tree: NodeTree, skins: list[Skin]) -> list[int]:
@@ -189,31 +135,34 @@ def _bone_order(tree: NodeTree, skins: list[Skin]) -> list[int]:
     return listed
 
 
-def _stack_weights(parts: list[_Part]) -> tuple[Integers, Floats]:
+def _space(
+    tree: NodeTree, bones: list[int], parents: Integers, notes: list[Finding]
+) -> BoneSpace | None:
+    """Units and frame of the bones; None where they are metres in the world."""
+    linear = tree.world[bones][:, :3, :3]
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    uneven = np.any(sizes[:, 2] < (1 - _EVEN) * sizes[:, 0])
+    holder = int(tree.parents[bones[int(np.argmax(parents < 0))]])
+    frame = np.eye(4) if holder < 0 else tree.world[holder].copy()
+    if uneven or np.any(np.linalg.det(linear) < 0) or not is_similarity(frame):
+        what = "bones are mirrored, or scaled differently along their axes"
+        remedy = "apply the scale of the armature if animations should play on this very file"
+        notes.append(Finding(Severity.WARNING, "skeleton", what, remedy))
+        return None
+    units = np.cbrt(sizes.prod(1))
+    units[np.abs(units - 1) < _PLAIN] = 1.0
+    if np.abs(frame - np.eye(4)).max() < _PLAIN:
+        frame = np.eye(4)
+    space = BoneSpace(units, frame)
+    return None if space.is_plain() else space
+
+
+def _stack_weights(parts: list[Part]) -> tuple[Integers, Floats]:
     width = max(part.nodes.shape[1] for part in parts)
     pad = [((0, 0), (0, width - part.nodes.shape[1])) for part in parts]
     nodes = [np.pad(part.nodes, p, mode="edge") for part, p in zip(parts, pad, strict=True)]
     weights = [np.pad(part.weights, p) for part, p in zip(parts, pad, strict=True)]
     return np.concatenate(nodes), np.concatenate(weights)
-
-
-def _stack_uv(parts: list[_Part]) -> Floats | None:
-    if all(part.uv is None for part in parts):
-        return None
-    return np.concatenate([np.zeros((len(p.vertices), 2)) if p.uv is None else p.uv for p in parts])
-
-
-def _first_texture(document: Document, parts: list[_Part]) -> bytes | None:
-    images = list(dict.fromkeys(p.image for p in parts if isinstance(p.image, int)))
-    if not images:
-        return None
-    if len(images) > 1 or any(part.image is None for part in parts):
-        _LOG.warning("%s: several materials; only the first texture is kept", document.path)
-    data = document.image(images[0])
-    if image_mime(data) is None:
-        _LOG.warning("%s: its texture is neither JPEG nor PNG and is left out", document.path)
-        return None
-    return data
 
 
 def _bone_names(document: Document, bones: list[int]) -> tuple[str, ...]:
@@ -234,17 +183,3 @@ def _parent_bone(tree: NodeTree, node: int, index: Integers, rest: dict[int, Flo
     while parent >= 0 and parent not in rest:
         parent = int(tree.parents[parent])
     return -1 if parent < 0 else int(index[parent])
-
-
-def _floats(document: Document, index: object, kind: str, count: int | None = None) -> Floats:
-    values = _attribute(document, index, kind, count).astype(np.float64)
-    if not np.isfinite(values).all():
-        raise document.error(f"accessor {index} holds NaN or infinity; export it again")
-    return values
-
-
-def _attribute(document: Document, index: object, kind: str, count: int | None) -> NDArray[Any]:
-    values = document.accessor(index, kind)
-    if count is not None and len(values) != count:
-        raise document.error(f"accessor {index} has {len(values)} rows for {count} vertices")
-    return values

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_LOG = logging.getLogger(__name__)
 _BIND_TOLERANCE = 1e-3  # metres, and parts of one: below it the nodes stand in the bind pose
+_ROUNDING = 1e-5  # below it they differ by what inverse binds, in float32, cannot express
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,9 @@ def _local_matrix(document: Document, node: Object) -> Floats:
     return matrix
 
 
-def read_skin(document: Document, skin: Object, tree: NodeTree) -> Skin:
+def read_skin(
+    document: Document, skin: Object, tree: NodeTree, notes: list[Finding] | None = None
+) -> Skin:
     """Place the bind pose of a skin in the world.
 
     A vertex v is drawn at ``world_j @ inverse_bind_j @ v``. Where the nodes stand in the bind
@@ -102,10 +104,15 @@ def read_skin(document: Document, skin: Object, tree: NodeTree) -> Skin:
     bind_to_world: Floats = placements[min(range(len(joints)), key=lambda j: position[joints[j]])]
     if not abs(np.linalg.det(bind_to_world[:3, :3])) > 0:
         raise document.error("its skeleton is scaled to zero; apply the scale and export again")
-    posed = placements @ np.linalg.inv(bind_to_world) - np.eye(4)
-    if np.abs(posed).max() > _BIND_TOLERANCE:
-        _LOG.warning("%s: nodes are posed; the bind pose is used as rest pose", document.path)
-    return Skin(joints, bind_to_world, _rigid(bind_to_world @ np.linalg.inv(inverse_bind)))
+    if np.abs(bind_to_world - np.eye(4)).max() < _ROUNDING / 10:
+        bind_to_world = np.eye(4)
+    posed = np.abs(placements @ np.linalg.inv(bind_to_world) - np.eye(4)).max()
+    if posed > _BIND_TOLERANCE and notes is not None:
+        what = "nodes are posed; the bind pose is used as rest pose"
+        notes.append(Finding(Severity.WARNING, "skeleton", what))
+    if posed < _ROUNDING:
+        return Skin(joints, bind_to_world, rigid(tree.world[list(joints)]))
+    return Skin(joints, bind_to_world, rigid(bind_to_world @ np.linalg.inv(inverse_bind)))
 
 
 def _inverse_bind(document: Document, skin: Object, joints: int) -> Floats:
@@ -121,10 +128,10 @@ def _inverse_bind(document: Document, skin: Object, joints: int) -> Floats:
     return matrices
 
 
-def _rigid(matrices: Floats) -> Floats:
-    """Nearest rigid transforms: scale and shear of a bone's axes move no vertex."""
+def rigid(matrices: Floats) -> Floats:
+    """Nearest rigid transforms (N, 4, 4): scale and shear of a bone's axes move no vertex."""
     u, _, vt = np.linalg.svd(matrices[:, :3, :3])
     u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-    rigid = matrices.copy()
-    rigid[:, :3, :3] = u @ vt
-    return rigid
+    result = matrices.copy()
+    result[:, :3, :3] = u @ vt
+    return result

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from perfcap.actor.template import Template
+from perfcap.actor.template import Template, exact_weights
 from perfcap.errors import InputError
 from perfcap.io import gltf_morph
 from perfcap.io.atomic import writing
@@ -24,8 +24,6 @@ _Track = tuple[int, str, Floats]  # node, what moves of it, and its values at th
 _TRIANGLES, _LINEAR, _LINEAR_MIPMAP, _CLAMP = 4, 9729, 9987, 33071
 _STILL = 1e-6  # metres, or quaternion entries: less movement than this gets no channel
 _RIGID_TOLERANCE = 1e-3
-# Multiples of 2^-23 up to one are exact in float32, and so are their sums in any order.
-_WEIGHT_UNIT = 2.0**-23
 
 
 def save_animation(
@@ -59,7 +57,7 @@ def save_animation(
     mesh = _mesh(buffer, template)
     tracks = list(_tracks(template, transforms))
     if surface is not None and fits:
-        skin = (template.weight_bones, _exact_weights(template.weights))
+        skin = (template.weight_bones, exact_weights(template.weights))
         targets = gltf_morph.add_targets(buffer, template.vertices, skin, transforms, surface)
         mesh["primitives"][0]["targets"] = targets
         mesh["extras"] = {"targetNames": [f"frame_{i}" for i in range(len(targets))]}
@@ -67,7 +65,7 @@ def save_animation(
     tree: Object = {
         "asset": {"version": "2.0", "generator": "perfcap"},
         "scene": 0,
-        "scenes": [{"nodes": [*_roots(template), len(template.bone_names)]}],
+        "scenes": [{"nodes": _top(template)}],
         "nodes": _nodes(template),
         "meshes": [mesh],
         "skins": [_skin(buffer, template)],
@@ -103,17 +101,29 @@ def _roots(template: Template) -> list[int]:
     return np.flatnonzero(template.bone_parents < 0).tolist()
 
 
-def _to_parent(template: Template, world: Floats) -> Floats:
-    """Bone-to-parent transforms from bone-to-world ones, (..., B, 4, 4)."""
-    rotation, position = world[..., :3, :3], world[..., :3, 3]
-    inverse = np.zeros_like(world)
-    inverse[..., :3, :3] = rotation.mT
-    inverse[..., :3, 3] = -(rotation.mT @ position[..., None])[..., 0]
-    inverse[..., 3, 3] = 1
+def _top(template: Template) -> list[int]:
+    """Nodes at the top of the scene: what holds the bones, and the mesh."""
+    mesh = len(template.bone_names)
+    return [*(_roots(template) if template.space is None else [mesh + 1]), mesh]
+
+
+def _to_parent(template: Template, transforms: Floats | None = None) -> Floats:
+    """Bone-to-parent transforms (..., B, 4, 4) in the file's units, posed by rest-to-posed ones."""
+    world = template.bone_frames()
+    world = world if transforms is None else transforms @ world
+    inverse = np.linalg.inv(world)
+    frame = np.eye(4) if template.space is None else np.linalg.inv(template.space.frame)
     parents = template.bone_parents
     is_root = (parents < 0)[:, None, None]
-    local: Floats = np.where(is_root, world, inverse[..., np.maximum(parents, 0), :, :] @ world)
+    above = np.where(is_root, frame, inverse[..., np.maximum(parents, 0), :, :])
+    local: Floats = above @ world
     return local
+
+
+def _unscaled(local: Floats) -> tuple[Floats, Floats]:
+    """Rotations (..., 3, 3) and scales (...) of transforms that scale evenly."""
+    scale = np.cbrt(np.linalg.det(local[..., :3, :3]))
+    return local[..., :3, :3] / scale[..., None, None], scale
 
 
 def _quaternions(rotations: Floats) -> Floats:
@@ -123,8 +133,9 @@ def _quaternions(rotations: Floats) -> Floats:
 
 
 def _nodes(template: Template) -> list[Object]:
-    local = _to_parent(template, template.bone_rest)
-    rotation = _quaternions(local[:, :3, :3])
+    local = _to_parent(template)
+    turn, scale = _unscaled(local)
+    rotation = _quaternions(turn)
     nodes: list[Object] = []
     for bone, name in enumerate(template.bone_names):
         node: Object = {
@@ -132,10 +143,25 @@ def _nodes(template: Template) -> list[Object]:
             "translation": local[bone, :3, 3].tolist(),
             "rotation": rotation[bone].tolist(),
         }
+        if abs(scale[bone] - 1) > _STILL:
+            node["scale"] = [float(scale[bone])] * 3
         children = np.flatnonzero(template.bone_parents == bone).tolist()
         nodes.append(node | {"children": children} if children else node)
     # A skinned mesh at the top of the scene: transforms above it would be ignored anyway.
-    return [*nodes, {"name": template.name, "mesh": 0, "skin": 0}]
+    nodes.append({"name": template.name, "mesh": 0, "skin": 0})
+    return nodes if template.space is None else [*nodes, _holder(template, template.space.frame)]
+
+
+def _holder(template: Template, frame: Floats) -> Object:
+    """The node above the bones that takes their space to the world."""
+    turn, scale = _unscaled(frame)
+    return {
+        "name": f"{template.name}_space",
+        "translation": frame[:3, 3].tolist(),
+        "rotation": _quaternions(turn).tolist(),
+        "scale": [float(scale)] * 3,
+        "children": _roots(template),
+    }
 
 
 def _mesh(buffer: Buffer, template: Template) -> Object:
@@ -147,7 +173,7 @@ def _mesh(buffer: Buffer, template: Template) -> Object:
     }
     if template.uv is not None:
         attributes["TEXCOORD_0"] = buffer.add(template.uv, "f4", ARRAY_BUFFER)
-    weights = _exact_weights(template.weights)
+    weights = exact_weights(template.weights)
     weight_bones = np.where(weights > 0, template.weight_bones, 0)
     attributes["JOINTS_0"] = buffer.add(weight_bones, bones, ARRAY_BUFFER)
     attributes["WEIGHTS_0"] = buffer.add(weights, "f4", ARRAY_BUFFER)
@@ -175,15 +201,8 @@ def vertex_normals(template: Template) -> Floats:
     return normals[index]
 
 
-def _exact_weights(weights: Floats) -> Floats:
-    """Nearest weights whose float32 sum is exactly one, (V, 4); heaviest first stays so."""
-    units = np.round(weights / _WEIGHT_UNIT)
-    units[:, 0] += 1 / _WEIGHT_UNIT - units.sum(1)
-    return units * _WEIGHT_UNIT
-
-
 def _skin(buffer: Buffer, template: Template) -> Object:
-    inverse = np.linalg.inv(template.bone_rest)
+    inverse = np.linalg.inv(template.bone_frames())
     inverse[:, 3] = (0, 0, 0, 1)
     roots = _roots(template)
     skin: Object = {
@@ -212,11 +231,11 @@ def _material(buffer: Buffer, template: Template) -> Object:
 
 def _tracks(template: Template, transforms: Floats) -> Iterator[_Track]:
     """What moves against its parent; other bones keep their rest transform."""
-    local = _to_parent(template, transforms @ template.bone_rest)
-    rest = _to_parent(template, template.bone_rest)
+    local, rest = _to_parent(template, transforms), _to_parent(template)
+    turned, turned_rest = (_quaternions(_unscaled(each)[0]) for each in (local, rest))
     tracks = {
         "translation": (local[..., :3, 3], rest[:, :3, 3]),
-        "rotation": (_continuous(_quaternions(local[..., :3, :3])), _quaternions(rest[:, :3, :3])),
+        "rotation": (_continuous(turned), turned_rest),
     }
     for bone in range(len(template.bone_names)):
         for path, (values, resting) in tracks.items():

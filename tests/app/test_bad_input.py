@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from runs import Command
-from synthetic import template
 from takes import (
     TakeFiles,
     camera_entry,
@@ -249,17 +248,22 @@ def an_actor_without_a_skin(take: TakeFiles, at: Path) -> dict[str, Any]:
     return {"actor": put(at / "a.glb", chunked(tree))}
 
 
-@case("no bone named")
-def an_actor_with_bones_of_other_names(take: TakeFiles, at: Path) -> dict[str, Any]:
+@case("no bone found for pelvis")
+def an_actor_whose_joints_nobody_can_tell(take: TakeFiles, at: Path) -> dict[str, Any]:
     marked = marked_template()
     names = tuple(f"Bone.{i:03d}" for i in range(len(marked.bone_names)))
-    write_actor(at / "a.glb", replace(marked, bone_names=names))
+    rest = marked.bone_rest.copy()
+    rest[:, :3, 3] = rest[::-1, :3, 3]
+    write_actor(at / "a.glb", replace(marked, bone_names=names, bone_rest=rest))
     return {"actor": at / "a.glb"}
 
 
-@case("no bone named head_top, r_toe, l_toe")
-def an_actor_without_the_ends(take: TakeFiles, at: Path) -> dict[str, Any]:
-    write_actor(at / "a.glb", replace(template(), landmarks={}))
+@case("metres_per_unit")
+def an_actor_as_tall_as_a_house(take: TakeFiles, at: Path) -> dict[str, Any]:
+    marked = marked_template()
+    rest = marked.bone_rest.copy()
+    rest[:, :3, 3] *= 17
+    write_actor(at / "a.glb", replace(marked, vertices=17 * marked.vertices, bone_rest=rest))
     return {"actor": at / "a.glb"}
 
 

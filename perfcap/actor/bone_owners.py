@@ -1,0 +1,49 @@
+"""Which joint moves each of a rig's bones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def bone_owners(
+    parents: Sequence[int],
+    places: NDArray[np.float64],
+    own: Mapping[int, int],
+    joint_parents: Sequence[int],
+) -> tuple[int, ...]:
+    """Index of the joint each bone moves with, (B,).
+
+    A bone that is no joint moves with its nearest ancestor that is one. Where there is none, it
+    may hold joints, as the clavicle of a loose arm does, and moves with what they hang on; a loose
+    bone that holds nothing moves with the nearest joint.
+
+    Args:
+        parents: of the bones, -1 for roots, parents first, (B,).
+        places: rest positions of the bones, (B, 3).
+        own: joint by bone, for the bones that are joints.
+        joint_parents: of the skeleton, -1 for its root, (J,).
+    """
+    owner: list[int] = []
+    for bone, parent in enumerate(parents):
+        owner.append(own.get(bone, owner[parent] if parent >= 0 else -1))
+    held = _held(parents, own)
+    for bone, joint in enumerate(owner):
+        if joint < 0 and bone in held:
+            owner[bone] = max(joint_parents[held[bone]], 0)
+        elif joint < 0:
+            apart = {j: float(np.linalg.norm(places[b] - places[bone])) for b, j in own.items()}
+            owner[bone] = min(apart, key=lambda j: apart[j], default=0)
+    return tuple(owner)
+
+
+def _held(parents: Sequence[int], own: Mapping[int, int]) -> dict[int, int]:
+    """The joint nearest to the skeleton's root among those that hang on each bone."""
+    first = dict(own)
+    for bone in range(len(parents) - 1, -1, -1):
+        parent = parents[bone]
+        if bone in first and parent >= 0 and parent not in own:
+            first[parent] = min(first[bone], first.get(parent, first[bone]))
+    return first

@@ -1,0 +1,151 @@
+"""An actor on one picture: from all sides, by what moves it, and through its range of motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.io.atomic import writing
+from perfcap.pipeline.appearance import Appearance
+from perfcap.pipeline.camera_path import orbit
+from perfcap.pipeline.free_view import Studio
+from perfcap.pipeline.objective import neutral_angles
+from perfcap.pipeline.scene import Scene
+from perfcap.render import Texture, draw_caption
+from perfcap.render.backdrop import Backdrop
+from perfcap.render.texture import to_srgb
+
+Image = NDArray[np.uint8]
+
+SHEET = "contact_sheet.jpg"
+_LARGE, _SMALL = 480, 320  # px, sides of the pictures of the rows of four and of six
+_VIEWS = ("front", "its left", "back", "its right")
+_ASIDE = 3, 24  # poses are seen from 3/24 of a turn to the person's left
+_QUALITY = 90
+
+# degrees of angles that differ from standing; ``pitch`` leans all of the body forwards
+POSES: Mapping[str, Mapping[str, float]] = {
+    "arms up": {"shoulder_elevation": 165, "elbow_flexion": 10},
+    "squat": {
+        "hip_flexion": 105, "knee_flexion": 115, "ankle_dorsiflexion": 25, "hip_abduction": 15,
+        "pitch": 25, "spine_flexion": 10, "shoulder_elevation": 75, "shoulder_horizontal": 50,
+    },
+    "kick": {
+        "r_hip_flexion": 85, "r_knee_flexion": 10, "l_shoulder_elevation": 70,
+        "l_shoulder_horizontal": 40, "r_shoulder_elevation": 40, "spine_flexion": 10,
+    },
+    "twist": {"spine_axial": 40, "neck_axial": 45, "shoulder_elevation": 85, "elbow_flexion": 30},
+    "bow": {"pitch": 50, "hip_flexion": 50, "spine_flexion": 40, "neck_flexion": 20},
+    "run": {
+        "pitch": 10, "l_hip_flexion": 65, "l_knee_flexion": 85, "r_hip_flexion": -15,
+        "r_knee_flexion": 45, "elbow_flexion": 90, "r_shoulder_elevation": 55,
+        "r_shoulder_horizontal": 50, "l_shoulder_elevation": -40,
+    },
+}  # fmt: skip
+
+
+def save_sheet(actor: Actor, path: Path) -> None:
+    """Draw the contact sheet into a JPEG file.
+
+    Raises:
+        InputError: the place cannot be written, or the texture not be decoded.
+    """
+    picture = contact_sheet(actor)
+    encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    with writing(path) as file:
+        file.write(encoded.tobytes())
+
+
+def contact_sheet(actor: Actor) -> Image:
+    """Four textured views, four with weights in the colours of joints, six poses, (H, W, 3)."""
+    look = Appearance.of(actor.template)
+    weights = replace(look, texture=weight_colors(actor))
+    rest = actor.skeleton.rest_motion()
+    sides = [_pictures(actor, each, rest, _LARGE, 4, _VIEWS) for each in (look, weights)]
+    poses = []
+    for name, degrees in POSES.items():
+        turn = [""] * _ASIDE[1]
+        turn[_ASIDE[0]] = name
+        poses += _pictures(actor, look, pose(actor, degrees), _SMALL, _ASIDE[1], turn)
+    rows = [np.concatenate(row, axis=1) for row in (*sides, poses)]
+    return np.concatenate(rows)
+
+
+def pose(actor: Actor, degrees: Mapping[str, float]) -> Motion:
+    """Standing with some angles changed, within the limits, feet on the ground, (1,).
+
+    Args:
+        actor: who is posed.
+        degrees: by name of the angle; without ``l_`` or ``r_`` of both sides.
+    """
+    angles = neutral_angles(actor).clone()
+    for index, name in enumerate(actor.skeleton.angle_names):
+        for key in (name[2:] if name[:2] in ("l_", "r_") else name, name):
+            if key in degrees:
+                angles[index] = math.radians(degrees[key])
+    angles = angles.clamp(actor.skeleton.lower, actor.skeleton.upper)
+    pitch = angles.new_tensor([[math.radians(degrees.get("pitch", 0.0)), 0.0, 0.0]])
+    rest = actor.skeleton.rest_motion()
+    motion = Motion(rest.translation, pitch, angles[None])
+    lift = actor.surface(motion)[..., 1].min()
+    return replace(motion, translation=motion.translation - lift * torch.eye(3).to(lift)[1])
+
+
+def weight_colors(actor: Actor) -> Texture:
+    """Faces in the colours of the joints that move them, mixed as their weights are."""
+    bones, shares, _ = actor.skin.rows()
+    colors = _palette(len(actor.skeleton.rig.joints))[bones]  # V K 3
+    faces = torch.tensor(actor.template.faces)
+    mixed = (shares[..., None].float() * colors).sum(1)[faces].mean(1)
+    side = math.ceil(math.sqrt(len(faces)))
+    image = torch.zeros(side * side, 3, dtype=torch.uint8)
+    image[: len(faces)] = to_srgb(mixed)
+    # a texel for each face, looked up at its middle
+    texel = torch.arange(len(faces))
+    middle = torch.stack(((texel % side + 0.5) / side, (texel // side + 0.5) / side), -1)
+    corners = texel[:, None].expand(-1, 3)
+    return Texture.from_image(image.view(side, side, 3), middle, corners)
+
+
+def _palette(count: int) -> Tensor:
+    """Linear colours that neighbours in a chain of joints do not share, (J, 3)."""
+    hue = torch.arange(count) * 0.381966 % 1.0  # steps of the golden angle
+    value = 0.55 + 0.45 * (torch.arange(count) % 2)
+    wheel = (hue[:, None] * 6 + torch.tensor([0.0, 4.0, 2.0])) % 6
+    color: Tensor = value[:, None] * ((wheel - 3).abs() - 1).clamp(0.06, 1)
+    return color
+
+
+def _pictures(
+    actor: Actor,
+    look: Appearance,
+    motion: Motion,
+    size: int,
+    around: int,
+    captions: Sequence[str],
+) -> list[Image]:
+    """Pictures of one pose by a camera that goes around it in steps; those with a caption."""
+    up, ahead = torch.eye(3, dtype=torch.float64)[[1, 2]]
+    vertices = actor.surface(motion)[0].detach().double()
+    ground = vertices[:, 1].min()
+    scene = Scene(up, ahead, float(ground))
+    middle = vertices.mean(0)
+    backdrop = Backdrop(up, middle + (ground - middle @ up) * up)
+    moment = Studio(look, scene, backdrop).at(vertices)
+    joints = actor.joints(motion).double()
+    path = orbit(joints, scene, [0] * around, (size, size), 1.0)
+    return [
+        draw_caption(moment.seen_by(path.camera(step)), caption)
+        for step, caption in enumerate(captions)
+        if caption
+    ]

@@ -1,0 +1,254 @@
+"""An actor as a folder: ``actor.glb`` that any program opens, and ``manifest.toml`` beside it.
+
+The manifest says what a glTF has no place for: which bone is which joint, landmarks, joint limits
+that differ from the usual ones, where the actor comes from and under which licence.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS, human_rig
+from perfcap.actor.rig import Rig, with_limits
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+from perfcap.io.actor_mapping import read_toml
+from perfcap.io.atomic import unwritable, writing
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import read_template
+from perfcap.io.gltf_write import save_animation
+
+MESH, MANIFEST = "actor.glb", "manifest.toml"
+UNKNOWN = "unknown"
+_SAME = 1e-9  # rad; limits nearer than this are the usual ones
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What is known about an actor besides its mesh.
+
+    Attributes:
+        name: what to call it.
+        licence: under which it may be used.
+        provenance: where it comes from.
+        generic: whether it stands for anybody, so that bone lengths should be solved.
+        shape_space: file beside the manifest with its shape space, if it has one.
+        joints: names of bones by joint; empty where bones are called like their joints.
+        landmarks: name of a bone and rest position, m, by landmark.
+        limits: lower and upper limit by angle, rad, where they differ from the usual ones.
+    """
+
+    name: str | None = None
+    licence: str = UNKNOWN
+    provenance: str = UNKNOWN
+    generic: bool = False
+    shape_space: str | None = None
+    joints: Mapping[str, str] = field(default_factory=dict)
+    landmarks: Mapping[str, tuple[str, tuple[float, float, float]]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def save_actor(
+    actor: Actor,
+    folder: str | Path,
+    *,
+    licence: str = UNKNOWN,
+    provenance: str = UNKNOWN,
+    generic: bool = False,
+    shape_space: str | None = None,
+) -> None:
+    """Write an actor as a folder that ``load_actor`` reads back.
+
+    Vertices, texture coordinates, weights and texture come back bit for bit if the template is
+    ``rounded``, as all that perfcap reads or imports is. Each file appears complete or not at all,
+    the manifest last.
+
+    Args:
+        actor: what to write; its skeleton is the human one.
+        folder: made if it does not exist.
+        licence: such as ``CC0-1.0``.
+        provenance: where the actor comes from.
+        generic: whether it stands for anybody rather than for one person.
+        shape_space: name of a file in the folder that holds its shape space.
+
+    Raises:
+        InputError: another skeleton, or a folder that cannot be written.
+    """
+    folder, template = Path(folder), actor.template
+    manifest = Manifest(
+        template.name,
+        licence,
+        provenance,
+        generic,
+        shape_space,
+        {name: template.bone_names[bone] for name, bone in _joint_bones(template).items()},
+        {n: (template.bone_names[b], _triple(p)) for n, (b, p) in template.landmarks.items()},
+        _own_limits(actor),
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    still = np.eye(4)[None, None].repeat(len(template.bone_names), 1)
+    save_animation(folder / MESH, template, still, fps=1.0)
+    with writing(folder / MANIFEST) as file:
+        file.write("\n".join([*_lines(manifest, folder / MESH), ""]).encode())
+
+
+def _joint_bones(template: Template) -> Mapping[str, int]:
+    named = {name: bone for bone, name in enumerate(template.bone_names) if name in JOINTS}
+    return template.joint_bones or named
+
+
+def _own_limits(actor: Actor) -> dict[str, tuple[float, float]]:
+    """Limits that differ from those that the joints' places give."""
+    rig = actor.skeleton.rig
+    if rig.joints != JOINTS:
+        raise InputError(
+            f"actor {actor.template.name!r}: has a skeleton of its own; only actors with the human "
+            "one are written as folders"
+        )
+    places = zip((*rig.joints, *rig.landmarks), (*rig.positions, *rig.landmark_positions),
+                 strict=True)  # fmt: skip
+    usual = {hinge.name: hinge for hinge in human_rig(dict(places)).hinges}
+    return {
+        hinge.name: (hinge.lower, hinge.upper)
+        for hinge in rig.hinges
+        if abs(hinge.lower - usual[hinge.name].lower) > _SAME
+        or abs(hinge.upper - usual[hinge.name].upper) > _SAME
+    }
+
+
+def _triple(place: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in place)
+    return x, y, z
+
+
+def _lines(manifest: Manifest, mesh: Path) -> Iterator[str]:
+    """The manifest as TOML."""
+    data = mesh.read_bytes()
+    yield "# What this actor is; `perfcap actor inspect` reads it."
+    for key in ("name", "licence", "provenance", "generic", "shape_space"):
+        value = getattr(manifest, key)
+        if value is not None:
+            yield f"{key} = {_toml(value)}"
+    yield from ("", "[[file]]", f"name = {_toml(mesh.name)}", f"size = {len(data)}")
+    yield f'sha256 = "{hashlib.sha256(data).hexdigest()}"'
+    yield from ("", "[joints]  # bones of the skeleton's joints")
+    for joint, bone in manifest.joints.items():
+        yield f"{joint} = {_toml(bone)}"
+    for name, (bone, place) in manifest.landmarks.items():
+        yield from ("", f"[landmarks.{name}]  # metres, in the rest pose", f"bone = {_toml(bone)}")
+        yield f"position = [{', '.join(map(repr, place))}]"
+    if manifest.limits:
+        yield from ("", "[limits]  # degrees")
+    for name, limits in manifest.limits.items():
+        yield f"{name} = [{', '.join(repr(math.degrees(limit)) for limit in limits)}]"
+
+
+def _toml(value: str | bool) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    # JSON's strings are TOML's, but for one character that JSON leaves as it is
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def load_actor_folder(folder: Path) -> Actor:
+    """Read what ``save_actor`` wrote, in float64.
+
+    Raises:
+        InputError: files are missing, damaged, or do not belong together.
+    """
+    manifest = read_manifest(folder / MANIFEST)
+    template = read_template(open_document(folder / MESH))
+    bones = {name: bone for bone, name in enumerate(template.bone_names)}
+    named = {*manifest.joints.values(), *(bone for bone, _ in manifest.landmarks.values())}
+    if named - bones.keys():
+        raise InputError(
+            f"{folder / MANIFEST}: names the bones {', '.join(sorted(named - bones.keys()))}, "
+            f"which {MESH} lacks; build the actor again"
+        )
+    template = replace(
+        template,
+        name=manifest.name or template.name,
+        joint_bones={joint: bones[bone] for joint, bone in manifest.joints.items()},
+        landmarks={n: (bones[b], np.array(p)) for n, (b, p) in manifest.landmarks.items()},
+    )
+    actor = Actor(template)
+    if manifest.limits:
+        actor = Actor(template, _limited(actor.skeleton.rig, manifest, folder / MANIFEST))
+    return actor.to(torch.float64)
+
+
+def _limited(rig: Rig, manifest: Manifest, path: Path) -> Rig:
+    try:
+        return with_limits(rig, manifest.limits)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_manifest(path: Path) -> Manifest:
+    """What a manifest says; nothing is known where there is none.
+
+    Raises:
+        InputError: it is not a manifest.
+    """
+    if not path.is_file():
+        return Manifest()
+    values = read_toml(path, "the manifest of an actor")
+    joints = _table(path, values, "joints", lambda bone: isinstance(bone, str))
+    if joints and joints.keys() != set(JOINTS):
+        raise InputError(f"{path}: joints are {', '.join(joints)}; expected {', '.join(JOINTS)}")
+    limits = _table(path, values, "limits", lambda pair: _is_numbers(pair, 2))
+    landmarks = _table(
+        path,
+        values,
+        "landmarks",
+        lambda mark: (
+            isinstance(mark, dict)
+            and isinstance(mark.get("bone"), str)
+            and _is_numbers(mark.get("position"), 3)
+        ),
+    )
+    return Manifest(
+        _text(path, values, "name"),
+        _text(path, values, "licence") or UNKNOWN,
+        _text(path, values, "provenance") or UNKNOWN,
+        bool(values.get("generic", False)),
+        _text(path, values, "shape_space"),
+        joints,
+        {n: (mark["bone"], _triple(mark["position"])) for n, mark in landmarks.items()},
+        {n: (math.radians(low), math.radians(high)) for n, (low, high) in limits.items()},
+    )
+
+
+def _table(path: Path, values: Mapping[str, Any], key: str, fits: Any) -> dict[str, Any]:
+    table = values.get(key, {})
+    if not isinstance(table, dict) or not all(fits(value) for value in table.values()):
+        raise InputError(f"{path}: [{key}] is not as perfcap writes it; build the actor again")
+    return table
+
+
+def _text(path: Path, values: Mapping[str, Any], key: str) -> str | None:
+    value = values.get(key)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{path}: {key} is {value!r:.40}; expected text")
+    return value
+
+
+def _is_numbers(value: object, count: int) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == count
+        and all(type(entry) in (int, float) and math.isfinite(entry) for entry in value)
+    )

@@ -1,0 +1,132 @@
+"""A rigged character of any program as an actor, with all there is to say about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import PARENTS
+from perfcap.actor.bone_correction import Correction, find_correction, unit_name
+from perfcap.actor.bone_ends import end_landmarks
+from perfcap.actor.bone_map import BoneMap, map_bones
+from perfcap.actor.bone_owners import bone_owners
+from perfcap.actor.bone_sides import SURE, facing
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import Character, read_character
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedActor:
+    """An actor, where its joints were found, and what is odd about its file.
+
+    Attributes:
+        character: as the file has it.
+        actor: in metres, y up, facing +z.
+        bones: the joints' bones.
+        correction: what took the file's coordinates to the actor's.
+        about_file: what the import met and put right.
+        about_actor: what is wrong with the mesh, its weights or its rest pose.
+    """
+
+    character: Character
+    actor: Actor
+    bones: BoneMap
+    correction: Correction
+    about_file: tuple[Finding, ...]
+    about_actor: tuple[Finding, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All there is to say."""
+        return (*self.about_file, *self.about_actor)
+
+
+def import_actor(path: Path, mapping: ActorMapping | None = None) -> ImportedActor:
+    """Read a skinned ``.glb`` or ``.gltf`` with any bones, in any units, with any axis up.
+
+    Raises:
+        InputError: the file cannot be read, or its joints cannot be found.
+    """
+    return rig_character(read_character(open_document(path)), mapping)
+
+
+def rig_character(character: Character, mapping: ActorMapping | None = None) -> ImportedActor:
+    """An actor of a character that has been read.
+
+    Raises:
+        InputError: joints, or the unit of the file, cannot be found.
+    """
+    mapping = mapping or ActorMapping()
+    raw = character.template
+    bones = map_bones(raw, mapping.joints)
+    correction = find_correction(raw, bones.joints, mapping.metres_per_unit)
+    template = with_joints(correction.apply(raw), bones)
+    about_file = (*character.findings, *_about_import(raw, bones, correction))
+    actor = Actor(template)
+    return ImportedActor(character, actor, bones, correction, about_file, examine_actor(template))
+
+
+def with_joints(template: Template, bones: BoneMap) -> Template:
+    """A template in metres with the joints and landmarks of its bones."""
+    order = list(PARENTS)
+    own = {bone: order.index(name) for name, bone in bones.joints.items()}
+    above = [-1 if parent is None else order.index(parent) for parent in PARENTS.values()]
+    parents, places = template.bone_parents.tolist(), template.bone_rest[:, :3, 3]
+    landmarks = end_landmarks(template, bones, bone_owners(parents, places, own, above))
+    return replace(template, joint_bones=bones.joints, landmarks=landmarks)
+
+
+def require_sound(path: Path, findings: tuple[Finding, ...]) -> None:
+    """Refuse an actor that would spoil a capture.
+
+    Raises:
+        InputError: one of the findings is an error.
+    """
+    for finding in findings:
+        if finding.severity is Severity.ERROR:
+            remedy = f"; {finding.remedy}" if finding.remedy else ""
+            raise InputError(f"{path}: {finding.subject}: {finding.what}{remedy}")
+
+
+def _about_import(raw: Template, bones: BoneMap, correction: Correction) -> list[Finding]:
+    """What the import had to put right."""
+    found = []
+
+    def warn(subject: str, what: str, remedy: str) -> None:
+        found.append(Finding(Severity.WARNING, subject, what, remedy))
+
+    if correction.scale != 1.0:
+        unit = unit_name(correction.scale)
+        remedy = f"it was scaled by {correction.scale:g}; animations are written in {unit} again"
+        warn("scale", f"the file is in {unit}, not in metres", remedy)
+    if correction.up != "y":
+        remedy = "it was turned upright; animations are written in the file's axes again"
+        warn("axes", f"{correction.up} is up, not y", remedy)
+    elif correction.ahead != "z":
+        warn("axes", f"the person faces {correction.ahead}, not z", "it was turned around")
+    if bones.swapped:
+        what = "bones named left are on the right of where the feet point"
+        warn("left and right", what, "they were exchanged; mirror the names in Blender")
+    elif facing(raw, bones.joints) < -SURE:
+        what = "the mapping calls left what is on the right of where the feet point"
+        remedy = "exchange l_ and r_ in the mapping file"
+        found.append(Finding(Severity.ERROR, "left and right", what, remedy))
+    return found
+
+
+def mapping_rows(template: Template, bones: BoneMap) -> list[tuple[str, str, str]]:
+    """Joint or landmark, bone and how it was found, for people."""
+    names: Mapping[str, int] = {**bones.joints, **bones.ends}
+    rows = [
+        (joint, template.bone_names[bone], bones.sources.get(joint, "name"))
+        for joint, bone in names.items()
+    ]
+    known = {row[0] for row in rows}
+    return rows + [(name, "", "skin") for name in template.landmarks if name not in known]

@@ -1,0 +1,271 @@
+"""Primitives of a glTF file that hang on a skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from perfcap.geometry.surface_topology import surface_topology
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import Document, Object
+from perfcap.io.gltf_scene import NodeTree, Skin, read_skin, rigid
+from perfcap.io.gltf_texture import Material, read_material
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_TRIANGLES = 4
+_MAX_VERTICES = 4_000_000
+_NO_WEIGHT = 1e-6
+_ROUGH_SUM = 0.01  # what weights of 8 bits are off by
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One primitive: world vertices in the rest pose, and skinning by node index."""
+
+    name: str
+    vertices: Floats
+    faces: Integers
+    nodes: Integers  # (v, K)
+    weights: Floats  # (v, K), rows sum to one
+    uv: Floats | None
+    material: Material
+
+
+def read_parts(
+    document: Document, tree: NodeTree, notes: list[Finding]
+) -> tuple[list[Part], list[Skin]]:
+    """All that the file's skeletons move, and the skins that do it.
+
+    Args:
+        document: the file.
+        tree: its nodes.
+        notes: where to say what is odd.
+    """
+    skins: dict[int, Skin] = {}
+    parts: list[Part] = []
+    unskinned: list[int] = []
+    for place, node in enumerate(document.items("nodes")):
+        if "mesh" not in node:
+            continue
+        if "skin" not in node:
+            unskinned.append(place)
+            continue
+        number = document.integer(node["skin"], "node.skin")
+        if number not in skins:
+            skins[number] = read_skin(document, document.item("skins", number), tree, notes)
+        parts += _read_mesh(document, node["mesh"], skins[number], notes)
+    used = list(skins.values())
+    for place in unskinned if parts else []:
+        parts += _read_loose(document, tree, place, used, parts, notes)
+    return parts, used
+
+
+def read_unskinned(document: Document, tree: NodeTree) -> list[Part]:
+    """All meshes of a file where its nodes put them, without weights."""
+    parts = []
+    for place, node in enumerate(document.items("nodes")):
+        for name, primitive, attributes in (
+            _primitives(document, node["mesh"]) if "mesh" in node else ()
+        ):
+            to_world = tree.world[place]
+            parts.append(_read_primitive(document, name, primitive, attributes, to_world))
+    return parts
+
+
+def joined(parts: Sequence[Part]) -> tuple[Floats, Integers]:
+    """Vertices and faces of all parts as one mesh."""
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
+    return np.concatenate([part.vertices for part in parts]), np.concatenate(faces)
+
+
+def joined_uv(parts: Sequence[Part], coordinates: Sequence[Floats | None]) -> Floats | None:
+    """Texture coordinates of all parts, zero where a part has none; None if none has."""
+    if all(uv is None for uv in coordinates):
+        return None
+    return np.concatenate(
+        [
+            np.broadcast_to(np.zeros((1, 2)) if uv is None else uv, (len(part.vertices), 2))
+            for part, uv in zip(parts, coordinates, strict=True)
+        ]
+    )
+
+
+def _read_mesh(document: Document, number: object, skin: Skin, notes: list[Finding]) -> list[Part]:
+    parts = []
+    for name, primitive, attributes in _primitives(document, number):
+        if "JOINTS_0" not in attributes:
+            what = "a primitive without weights is left out"
+            notes.append(Finding(Severity.ERROR, name, what, "bind it to the skeleton"))
+            continue
+        part = _read_primitive(document, name, primitive, attributes, skin.bind_to_world)
+        slot, weight = _read_weights(document, attributes, skin, len(part.vertices))
+        part = replace(part, nodes=np.array(skin.joints)[slot], weights=weight)
+        parts.append(_normalized(part, notes))
+    return parts
+
+
+def _read_loose(
+    document: Document,
+    tree: NodeTree,
+    place: int,
+    skins: list[Skin],
+    others: list[Part],
+    notes: list[Finding],
+) -> list[Part]:
+    """A mesh without a skin: carried by the bone above it, else no part of the person."""
+    rest = {n: r for skin in skins for n, r in zip(skin.joints, skin.rest, strict=True)}
+    bone = place
+    while bone >= 0 and bone not in rest:
+        bone = int(tree.parents[bone])
+    moved = np.eye(4) if bone < 0 else rest[bone] @ np.linalg.inv(rigid(tree.world[[bone]])[0])
+    node = document.items("nodes")[place]
+    parts = []
+    for name, primitive, attributes in _primitives(document, node["mesh"]):
+        part = _read_primitive(document, name, primitive, attributes, moved @ tree.world[place])
+        if bone >= 0:
+            count = len(part.vertices)
+            part = replace(part, nodes=np.full((count, 1), bone), weights=np.ones((count, 1)))
+            parts.append(part)
+        elif _amid(part, others):
+            what = "has no weights, though it is where the body is"
+            remedy = "bind it to the skeleton, or delete it"
+            notes.append(Finding(Severity.ERROR, name, what, remedy))
+        else:
+            what = "hangs on no bone and is left out"
+            notes.append(Finding(Severity.WARNING, name, what, "delete it from the file"))
+    return parts
+
+
+def _amid(part: Part, others: list[Part]) -> bool:
+    """Whether the middle of a part is within the box around the others."""
+    middle = 0.5 * (part.vertices.min(0) + part.vertices.max(0))
+    low = np.min([other.vertices.min(0) for other in others], axis=0)
+    high = np.max([other.vertices.max(0) for other in others], axis=0)
+    size = np.linalg.norm(np.ptp(part.vertices, axis=0)) / np.linalg.norm(high - low)
+    return bool(np.all(middle > low) and np.all(middle < high) and size < 1.5)
+
+
+def _primitives(document: Document, number: object) -> list[tuple[str, Object, Object]]:
+    """Name, primitive and attributes of each set of triangles of a mesh."""
+    mesh = document.item("meshes", number)
+    primitives = mesh.get("primitives")
+    given = mesh.get("name")
+    name = given if isinstance(given, str) and given else f"mesh {number}"
+    found = []
+    for primitive in primitives if isinstance(primitives, list) else []:
+        attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
+        if not isinstance(attributes, dict):
+            raise document.error("damaged file, a primitive has no attributes")
+        if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
+            raise document.error("holds strips, lines or points; export plain triangles")
+        found.append((name, primitive, attributes))
+    return found
+
+
+def _read_primitive(
+    document: Document, name: str, primitive: Object, attributes: Object, to_world: Floats
+) -> Part:
+    """A primitive in the world, without weights."""
+    local = _floats(document, attributes.get("POSITION"), "VEC3")
+    if len(local) > _MAX_VERTICES:
+        raise document.error(f"{len(local)} vertices; at most {_MAX_VERTICES} are read")
+    linear, offset = to_world[:3, :3], to_world[:3, 3]
+    material, coordinate, transform = read_material(document, primitive)
+    uv = None
+    if f"TEXCOORD_{coordinate}" in attributes:
+        uv = _floats(document, attributes[f"TEXCOORD_{coordinate}"], "VEC2", len(local))
+        uv = uv @ transform[:, :2].T + transform[:, 2]
+    faces = _read_faces(document, primitive, len(local))
+    if np.linalg.det(linear) < 0:
+        faces = faces[:, ::-1]  # a mirrored armature turns triangles inside out
+    none = np.zeros((len(local), 0))
+    vertices = local @ linear.T + offset
+    return Part(name, vertices, faces, none.astype(np.int64), none, uv, material)
+
+
+def _read_faces(document: Document, primitive: Object, vertices: int) -> Integers:
+    if "indices" in primitive:
+        indices = document.accessor(primitive["indices"], "SCALAR")[:, 0]
+        if indices.dtype.kind != "u" or indices.max() >= vertices:
+            raise document.error(f"triangle indices {indices.max()} of {vertices} vertices")
+    else:
+        indices = np.arange(vertices)
+    if len(indices) % 3:
+        raise document.error(f"{len(indices)} triangle indices, not a multiple of 3")
+    return indices.astype(np.int64).reshape(-1, 3)
+
+
+def _read_weights(
+    document: Document, attributes: Object, skin: Skin, vertices: int
+) -> tuple[Integers, Floats]:
+    """Joints by their place in the skin, and weights as the file has them, (v, 4 or more)."""
+    slots, weights = [], []
+    for group in range(4):
+        if f"JOINTS_{group}" not in attributes:
+            break
+        slots.append(_attribute(document, attributes[f"JOINTS_{group}"], "VEC4", vertices))
+        weights.append(_floats(document, attributes.get(f"WEIGHTS_{group}"), "VEC4", vertices))
+    slot, weight = np.concatenate(slots, axis=1), np.concatenate(weights, axis=1)
+    weight = np.maximum(weight, 0.0)
+    slot = np.where(weight > 0, slot, 0)
+    if slot.dtype.kind not in "iu" or slot.max() >= len(skin.joints):
+        raise document.error(
+            f"weights name joint {slot.max()}, but the skin has {len(skin.joints)}; export it again"
+        )
+    return slot, weight
+
+
+def _normalized(part: Part, notes: list[Finding]) -> Part:
+    """The part with weights that sum to one; bare vertices follow the nearest that have some."""
+    total = part.weights.sum(1)
+    bare = total < _NO_WEIGHT
+    rough = ~bare & (np.abs(total - 1) > _ROUGH_SUM)
+    if rough.any():
+        sums = total[rough]
+        what = f"weights of {len(sums)} vertices sum to {sums.min():.3f} to {sums.max():.3f}"
+        notes.append(Finding(Severity.WARNING, part.name, what, "they were scaled to one"))
+    weights = part.weights / np.where(bare, 1.0, total)[:, None]
+    nodes = part.nodes.copy()
+    if bare.any():
+        pieces = _bare_pieces(part, bare)
+        severity = Severity.ERROR if pieces else Severity.WARNING
+        whole = f", among them {pieces} whole pieces" if pieces else ""
+        what = f"{int(bare.sum())} vertices without weights{whole}"
+        remedy = "paint them" if pieces else "they follow their neighbours"
+        notes.append(Finding(severity, part.name, what, remedy))
+        weights[bare, 0] = 1.0
+    if bare.any() and not bare.all():
+        _, nearest = KDTree(part.vertices[~bare]).query(part.vertices[bare])
+        nodes[bare], weights[bare] = nodes[~bare][nearest], weights[~bare][nearest]
+    return replace(part, nodes=nodes, weights=weights)
+
+
+def _bare_pieces(part: Part, bare: NDArray[np.bool_]) -> int:
+    """Connected pieces of which no vertex has a weight."""
+    topology = surface_topology(part.vertices, part.faces)
+    component = topology.component[topology.place]
+    used = component >= 0
+    covered = np.unique(component[used & ~bare])
+    return len(np.setdiff1d(component[used & bare], covered))
+
+
+def _floats(document: Document, index: object, kind: str, count: int | None = None) -> Floats:
+    values = _attribute(document, index, kind, count).astype(np.float64)
+    if not np.isfinite(values).all():
+        raise document.error(f"accessor {index} holds NaN or infinity; export it again")
+    return values
+
+
+def _attribute(document: Document, index: object, kind: str, count: int | None) -> NDArray[Any]:
+    values = document.accessor(index, kind)
+    if count is not None and len(values) != count:
+        raise document.error(f"accessor {index} has {len(values)} rows for {count} vertices")
+    return values

@@ -1,0 +1,227 @@
+"""One texture for all parts of a character.
+
+Programs give each part of a character (skin, eyes, clothes) a material of its own; an actor has one
+texture. A single image is kept as it is, byte for byte; several are placed side by side in a new
+one, and coordinates follow.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.actor.template import image_mime
+from perfcap.errors import InputError
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import Document, Object
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+LARGEST_SIDE = 16_384  # px
+LARGEST_AREA = 1 << 27  # px; a decoded image of this size takes 400 MB
+_SHEET = 4096  # px, side that the images of several materials are fitted into
+_PATCH = 16  # px, side of a material of one colour
+_BORDER = 4  # px around each image, so that filters see nothing of its neighbours
+_JPEG_QUALITY = 95
+
+
+class ImageSource(Protocol):
+    """Where encoded images come from."""
+
+    def image(self, index: object) -> bytes:
+        """Encoded bytes of an image."""
+
+    def error(self, message: str) -> InputError:
+        """An error that names the file."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a part is painted with: an image of the file, or a plain colour in linear light."""
+
+    image: int | None
+    color: tuple[float, float, float]
+
+
+def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats]:
+    """Material of a primitive, its set of texture coordinates, and their transform (2, 3)."""
+    identity = np.eye(2, 3)
+    if "material" not in primitive:
+        return Material(None, (1.0, 1.0, 1.0)), 0, identity
+    material = document.item("materials", primitive["material"])
+    surface: Any = material.get("pbrMetallicRoughness")
+    surface = surface if isinstance(surface, dict) else {}
+    factor = document.numbers(surface.get("baseColorFactor", [1, 1, 1, 1]), 4, "baseColorFactor")
+    color = (float(factor[0]), float(factor[1]), float(factor[2]))
+    reference = surface.get("baseColorTexture")
+    if not isinstance(reference, dict):
+        return Material(None, color), 0, identity
+    texture = document.item("textures", reference.get("index"))
+    coordinate = document.integer(reference.get("texCoord", 0), "texCoord", 0, 15)
+    source = texture.get("source")
+    if source is None:  # the image is in an extension's format
+        return Material(None, color), coordinate, identity
+    number = document.integer(source, "texture.source", 0, len(document.items("images")) - 1)
+    return Material(number, (1.0, 1.0, 1.0)), coordinate, _transform(document, reference)
+
+
+def _transform(document: Document, reference: Object) -> Floats:
+    """Transform of texture coordinates by KHR_texture_transform, (2, 3)."""
+    extensions = reference.get("extensions")
+    given = extensions.get("KHR_texture_transform") if isinstance(extensions, dict) else None
+    if not isinstance(given, dict):
+        return np.eye(2, 3)
+    offset = document.numbers(given.get("offset", [0, 0]), 2, "texture offset")
+    scale = document.numbers(given.get("scale", [1, 1]), 2, "texture scale")
+    (turn,) = document.numbers([given.get("rotation", 0)], 1, "texture rotation")
+    linear = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) * scale
+    return np.column_stack((linear, offset))
+
+
+def one_texture(
+    source: ImageSource,
+    materials: Sequence[Material],
+    coordinates: Sequence[Floats | None],
+    notes: list[Finding],
+) -> tuple[bytes | None, list[Floats | None]]:
+    """An encoded image for all parts, and the parts' coordinates in it.
+
+    Args:
+        source: the file.
+        materials: of the parts.
+        coordinates: of the parts, (v, 2) with the origin at the top left, or None.
+        notes: where to say what had to be done.
+
+    Raises:
+        InputError: an image is too large to be decoded.
+    """
+    painted = [
+        m if uv is not None else Material(None, m.color)
+        for m, uv in zip(materials, coordinates, strict=True)
+    ]
+    images = {number: _encoded(source, number, notes) for number in _numbers(painted)}
+    painted = [
+        Material(None, (1.0, 1.0, 1.0)) if m.image is not None and images[m.image] is None else m
+        for m in painted
+    ]
+    kinds = list(dict.fromkeys(painted))
+    if all(kind.image is None for kind in kinds):
+        return None, list(coordinates)
+    if len(kinds) == 1:
+        return images[_numbers(kinds)[0]], list(coordinates)
+    notes.append(
+        Finding(
+            Severity.INFO,
+            "materials",
+            f"the images and colours of {len(kinds)} materials are put into one texture",
+        )
+    )
+    encoded = {number: data for number, data in images.items() if data is not None}
+    return _sheet(source, kinds, encoded, painted, coordinates)
+
+
+def _numbers(materials: Sequence[Material]) -> list[int]:
+    return list(dict.fromkeys(m.image for m in materials if m.image is not None))
+
+
+def _encoded(source: ImageSource, number: int, notes: list[Finding]) -> bytes | None:
+    """An image of the file, None (with a note) if it is neither JPEG nor PNG."""
+    data = source.image(number)
+    if image_mime(data) is None:
+        what = "its texture is neither JPEG nor PNG and is left out"
+        notes.append(Finding(Severity.WARNING, f"image {number}", what, "export it as PNG"))
+        return None
+    size = image_size(data)
+    if size is None:
+        raise source.error(f"image {number} is damaged; export it again as JPEG or PNG")
+    if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_AREA:
+        raise source.error(
+            f"image {number} is {size[0]} x {size[1]} pixels; at most {LARGEST_SIDE} a side and "
+            f"{LARGEST_AREA >> 20} million are read, make it smaller"
+        )
+    return data
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that the header of a PNG or JPEG declares, None if it has none."""
+    if data[:4] == b"\x89PNG" and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+        return int(width), int(height)
+    position = 2
+    while data[:2] == b"\xff\xd8" and position + 9 <= len(data):
+        marker, length = data[position + 1], int.from_bytes(data[position + 2 : position + 4])
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # start of a frame
+            height, width = struct.unpack_from(">HH", data, position + 5)
+            return int(width), int(height)
+        if data[position] != 0xFF or length < 2:
+            return None
+        position += 2 + length
+    return None
+
+
+def _sheet(
+    source: ImageSource,
+    kinds: Sequence[Material],
+    encoded: dict[int, bytes],
+    painted: Sequence[Material],
+    coordinates: Sequence[Floats | None],
+) -> tuple[bytes, list[Floats | None]]:
+    """All materials in one image, and coordinates in it."""
+    tiles = [_tile(source, kind, encoded) for kind in kinds]
+    places, (height, width) = _arranged([tile.shape[:2] for tile in tiles])
+    sheet = np.zeros((height, width, 3), np.uint8)
+    for tile, (top, left) in zip(tiles, places, strict=True):
+        framed = np.pad(tile, ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), mode="edge")
+        sheet[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
+    moved: list[Floats | None] = []
+    for material, uv in zip(painted, coordinates, strict=True):
+        number = kinds.index(material)
+        rows, columns = tiles[number].shape[:2]
+        top, left = places[number]
+        inside = np.full((1, 2), 0.5) if uv is None or material.image is None else _inside(uv)
+        local = inside * (columns, rows) + (left + _BORDER, top + _BORDER)
+        moved.append(np.broadcast_to(local / (width, height), (1 if uv is None else len(uv), 2)))
+    jpeg = all(data.startswith(b"\xff\xd8") for data in encoded.values())
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if jpeg else []
+    return cv2.imencode(".jpg" if jpeg else ".png", sheet, options)[1].tobytes(), moved
+
+
+def _inside(uv: Floats) -> Floats:
+    """Coordinates of one tile of a repeated image; what reaches beyond it is clamped."""
+    return np.asarray(np.clip(uv - np.floor(0.5 * (uv.min(0) + uv.max(0))), 0.0, 1.0))
+
+
+def _tile(source: ImageSource, kind: Material, encoded: dict[int, bytes]) -> Image:
+    if kind.image is None:
+        light = np.clip(np.array(kind.color[::-1]), 0, 1)  # OpenCV's order is blue, green, red
+        curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        return np.tile(np.round(255 * curve).astype(np.uint8), (_PATCH, _PATCH, 1))
+    tile = cv2.imdecode(np.frombuffer(encoded[kind.image], np.uint8), cv2.IMREAD_COLOR)
+    if tile is None:
+        raise source.error(f"image {kind.image} cannot be decoded; export it again")
+    shrink = min(1.0, (_SHEET // 2) / max(tile.shape[:2]))
+    if shrink < 1:
+        tile = cv2.resize(tile, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    return np.asarray(tile, np.uint8)
+
+
+def _arranged(sizes: Sequence[tuple[int, ...]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Top left corners of framed tiles on shelves, tallest first, and height and width of all."""
+    framed = [(rows + 2 * _BORDER, columns + 2 * _BORDER) for rows, columns in sizes]
+    width = max(max(c for _, c in framed), int(np.sqrt(1.3 * sum(r * c for r, c in framed))))
+    places: dict[int, tuple[int, int]] = {}
+    top = left = shelf = 0
+    for number in sorted(range(len(framed)), key=lambda n: -framed[n][0]):
+        rows, columns = framed[number]
+        if left + columns > width:
+            top, left, shelf = top + shelf, 0, 0
+        places[number] = (top, left)
+        left, shelf = left + columns, max(shelf, rows)
+    return [places[number] for number in range(len(framed))], (top + shelf, width)

@@ -1,0 +1,83 @@
+"""Read meshes without bones: OBJ, PLY, STL, and glTF without a skin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from perfcap.actor.bare_mesh import BareMesh
+from perfcap.errors import InputError
+from perfcap.geometry.surface_topology import surface_topology
+from perfcap.io.doctor.finding import Finding
+from perfcap.io.files import MEBIBYTE, require_file
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_part import joined, joined_uv, read_unskinned
+from perfcap.io.gltf_scene import read_tree
+from perfcap.io.gltf_texture import one_texture
+from perfcap.io.obj import read_obj
+
+FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf")
+LIMIT = 1024 * MEBIBYTE
+_MAX_VERTICES = 4_000_000
+
+
+def read_mesh(path: str | Path) -> BareMesh:
+    """Read a mesh in its own units and axes; vertices keep the order of the file.
+
+    Vertices of an STL, which repeats them for every triangle, are merged where they are equal.
+
+    Raises:
+        InputError: missing, empty, damaged or oversized file, another format, no triangles, or a
+            texture outside of the file's folder.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise InputError(f"{path}: is no mesh that is read; expected {', '.join(FORMATS)}")
+    require_file(path, LIMIT, "a mesh")
+    if kind == ".obj":
+        mesh = read_obj(path)
+    elif kind in (".glb", ".gltf"):
+        mesh = _read_gltf(path)
+    else:
+        mesh = _read_with_trimesh(path, kind)
+    if len(mesh.vertices) > _MAX_VERTICES:
+        raise InputError(
+            f"{path}: has {len(mesh.vertices)} vertices, at most {_MAX_VERTICES} are read; "
+            "decimate it"
+        )
+    return mesh
+
+
+def _read_gltf(path: Path) -> BareMesh:
+    document = open_document(path)
+    notes: list[Finding] = []
+    parts = read_unskinned(document, read_tree(document))
+    if not parts:
+        raise document.error("has no mesh")
+    texture, coordinates = one_texture(
+        document, [part.material for part in parts], [part.uv for part in parts], notes
+    )
+    vertices, faces = joined(parts)
+    return BareMesh(vertices, faces, joined_uv(parts, coordinates), texture, path.stem)
+
+
+def _read_with_trimesh(path: Path, kind: str) -> BareMesh:
+    import trimesh
+
+    try:
+        # processing would merge and reorder vertices
+        mesh = trimesh.load_mesh(path, file_type=kind[1:], process=False)
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(getattr(mesh, "faces", ()))
+    except Exception as error:  # the parsers raise anything
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+        raise InputError(
+            f"{path}: cannot be read as {kind[1:].upper()} ({reason}); export it again"
+        ) from error
+    if not len(faces):
+        raise InputError(f"{path}: has no faces; expected a mesh, not a cloud of points")
+    if kind == ".stl":
+        topology = surface_topology(vertices, faces)
+        vertices, faces = vertices[topology.representative], topology.place[faces]
+    return BareMesh(vertices, faces, name=path.stem)
