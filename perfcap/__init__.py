@@ -14,8 +14,24 @@ if TYPE_CHECKING:
     from perfcap.energy import JointPosition, Reprojection, Trajectory
     from perfcap.geometry import Camera
     from perfcap.io import Clip, load_actor, read_cameras, read_detections
-    from perfcap.pipeline import MONOPERFCAP, CaptureConfig, Performance, Stage, capture
-    from perfcap.solve import Adam, Energy, LevenbergMarquardt, Objective, Residual, Solution
+    from perfcap.pipeline import (
+        MONOPERFCAP,
+        CaptureConfig,
+        Images,
+        Performance,
+        PoseRefiner,
+        Stage,
+        capture,
+    )
+    from perfcap.solve import (
+        Adam,
+        Energy,
+        Implicit,
+        LevenbergMarquardt,
+        Objective,
+        Residual,
+        Solution,
+    )
 
 __version__ = "0.1.0"
 
@@ -29,12 +45,15 @@ __all__ = [
     "Clip",
     "Detections",
     "Energy",
+    "Images",
+    "Implicit",
     "InputError",
     "JointPosition",
     "LevenbergMarquardt",
     "Motion",
     "Objective",
     "Performance",
+    "PoseRefiner",
     "Reprojection",
     "Residual",
     "Skeleton",
@@ -54,9 +73,12 @@ _HOMES = {
     "perfcap.energy": ("JointPosition", "Reprojection", "Trajectory"),
     "perfcap.geometry": ("Camera",),
     "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_detections"),
-    "perfcap.pipeline": ("MONOPERFCAP", "CaptureConfig", "Performance", "Stage", "capture"),
+    "perfcap.pipeline": (
+        *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "PoseRefiner"),
+        *("Stage", "capture"),
+    ),
     "perfcap.solve": (
-        *("Adam", "Energy", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
+        *("Adam", "Energy", "Implicit", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
     ),
 }
 

@@ -57,14 +57,17 @@ def test_all_commands_are_shown() -> None:
     }
 
 
-def test_python_block_runs(
+def test_python_blocks_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(compile(block("python"), "README.md", "exec"), {})
+    names: dict[str, object] = {}
+    exec(compile(block("python"), "README.md", "exec"), names)
     assert capsys.readouterr().out == "torch.Size([120, 16, 3])\n"
     written = {path.name for path in (tmp_path / "dance").iterdir()}
     assert written == {"motion.npz", "motion.bvh", "capture.glb", "run.json", "config.yaml"}
+    exec(compile(block("surface"), "README.md", "exec"), names)
+    assert capsys.readouterr().out.startswith("torch.Size([12, ")
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/conventions.md"])

@@ -10,10 +10,12 @@ from perfcap.pipeline.config import (
     TrajectoryConfig,
 )
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.performance import Performance, StageReport
+from perfcap.pipeline.pose_refiner import PoseRefiner, RefinedPose
 from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
 from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.stage import Stage
@@ -26,10 +28,13 @@ __all__ = [
     "BoneConfig",
     "CameraPath",
     "CaptureConfig",
+    "Images",
     "Performance",
     "PoseConfig",
+    "PoseRefiner",
     "PositionConfig",
     "PriorConfig",
+    "RefinedPose",
     "ReprojectionConfig",
     "Scene",
     "SkinnedSurface",

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -70,15 +71,68 @@ def capture(
         InputError: nobody is detected, the shapes do not fit, or a stage needs images.
     """
     until = _last_stage(until, images)
-    config = config or CaptureConfig()
-    tell = progress or (lambda stage, done, total: None)
-    clock = _Clock(tell)
+    clock = _Clock(progress or (lambda stage, done, total: None))
+    start = _start(actor, cameras, detections, rate, config or CaptureConfig(), solve_bones, clock)
+    problem, motion = start.problem, start.motion
+    windows: list[WindowReport] = []
+    if until >= Stage.TRACK_MOTION:
+        with clock.stage("track_motion") as tell:
+            motion, windows = track_motion(problem, motion, tell)
+    refinement: Refinement | None = None
+    if images is not None and until.needs_images:
+        with torch.no_grad():
+            refinement = refine(problem, motion, images, start.config, until, clock.stage, workers)
+        motion = refinement.motion
+    return Performance(
+        actor=problem.actor,
+        cameras=problem.cameras,
+        detections=detections,
+        motion=motion,
+        rate=rate,
+        config=start.config,
+        gaps=tuple(ranges(~start.seen)),
+        windows=tuple(windows),
+        stages=tuple(clock.stages),
+        bone_scales=start.bones,
+        warnings=(*_warnings(windows), *_doubts(refinement)),
+        surface=None if refinement is None else refinement.vertices,
+        refinement=refinement,
+    )
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Each frame on its own, and all that is needed to go on.
+
+    Attributes:
+        problem: of the motion.
+        motion: (F,).
+        seen: frames in which the person was detected, (F,).
+        config: with weights that suit the detections.
+        bones: logarithms of the bone lengths' scales, (S,), where they were solved.
+    """
+
+    problem: MotionProblem
+    motion: Motion
+    seen: Tensor
+    config: CaptureConfig
+    bones: Tensor | None
+
+
+def _start(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float,
+    config: CaptureConfig,
+    solve_bones: bool,
+    clock: _Clock,
+) -> _Start:
     like = detections.joints2d
     cameras = cameras.to(like)
     actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
     pixel_unit = 0.01 * person_height(detections)
-    config = replace(config, pose=relaxed(config.pose, detections, pixel_unit))
-    pose = config.pose
+    pose = relaxed(config.pose, detections, pixel_unit)
     bones: Tensor | None = None
     if solve_bones:
         with clock.stage("bone_lengths"):
@@ -88,30 +142,7 @@ def capture(
         prepared = prepare(actor, cameras, detections, pose.position.gate)
         motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit)
     problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
-    windows: list[WindowReport] = []
-    if until >= Stage.TRACK_MOTION:
-        with clock.stage("track_motion") as report:
-            motion, windows = track_motion(problem, motion, report)
-    refinement: Refinement | None = None
-    if images is not None and until.needs_images:
-        with torch.no_grad():
-            refinement = refine(problem, motion, images, config, until, clock.stage, workers)
-        motion = refinement.motion
-    return Performance(
-        actor=actor,
-        cameras=cameras,
-        detections=detections,
-        motion=motion,
-        rate=rate,
-        config=config,
-        gaps=tuple(ranges(~seen)),
-        windows=tuple(windows),
-        stages=tuple(clock.stages),
-        bone_scales=bones,
-        warnings=(*_warnings(windows), *_doubts(refinement)),
-        surface=None if refinement is None else refinement.vertices,
-        refinement=refinement,
-    )
+    return _Start(problem, motion, seen, replace(config, pose=pose), bones)
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:
