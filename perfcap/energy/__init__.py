@@ -2,6 +2,7 @@
 
 from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_position import JointPosition
+from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
@@ -14,6 +15,7 @@ __all__ = [
     "BoneLengthPrior",
     "ContourAlignment",
     "JointPosition",
+    "JointTarget",
     "PosePrior",
     "Reprojection",
     "Rigidity",

@@ -80,7 +80,7 @@ def _initialize_part(
     if not bool(known.any()) and detections.views == 1 and detections.joints3d is None:
         motion = _best_heading(actor, cameras, detections, config, pixel_unit)
         return motion, torch.ones_like(known)
-    start = _trunk_start(actor, points, weights)
+    start = trunk_start(actor, points, weights)
     if detections.views >= _MIN_VIEWS:
         wide = _widened(config)
         start, _ = _solve_frames(actor, cameras, detections, wide, pixel_unit, start)
@@ -124,7 +124,7 @@ def joint_places(cameras: Camera, prepared: Prepared) -> tuple[Tensor, Tensor]:
     return points, weights
 
 
-def _trunk_start(actor: Actor, points: Tensor, weights: Tensor) -> Motion:
+def trunk_start(actor: Actor, points: Tensor, weights: Tensor) -> Motion:
     """Root from a rigid fit of the trunk; angles at the neutral pose."""
     skeleton = actor.skeleton
     rest = skeleton.rest_landmarks[_TRUNK]

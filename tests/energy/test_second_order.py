@@ -10,6 +10,7 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
+from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.stabilization import Stabilization
@@ -43,6 +44,9 @@ def energies(distorted: bool) -> dict[str, Energy]:
         "reprojection": Reprojection(ACTOR, camera, seen, unit=torch.tensor([2.0, 5.0])),
         "position": JointPosition(ACTOR, camera, seen, unit=unit),
         "stabilization": Stabilization(ACTOR, normal(2, FRAMES, 16, 3), unit=unit),
+        "target": JointTarget(
+            ACTOR, normal(2, FRAMES, 2, 16, 3), torch.ones(2, FRAMES, 2, 16), unit=unit
+        ),
         "prior": PosePrior(rest, 0.5),
         "bones": BoneLengthPrior(groups, FRAMES),
         "trajectory": Trajectory(FRAMES, 2, translation=2.0, rotation=3.0, angles=4.0),

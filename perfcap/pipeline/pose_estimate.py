@@ -1,0 +1,180 @@
+"""What a pose estimator says, in the shapes that estimators say it in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+
+Clips = Tensor | Sequence[Tensor]
+"""A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
+
+
+@dataclass(frozen=True)
+class ClipEstimate:
+    """The estimates of one clip, mapped to the landmarks; what is missing has confidence 0.
+
+    Attributes:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C). Without 2D joints their confidence is 0 everywhere.
+        targets: places of the joints in the world, (F, C, 16, 3) m; None if they are not known.
+        certain: confidence of the targets, (F, C, 16).
+    """
+
+    cameras: Camera
+    detections: Detections
+    targets: Tensor | None
+    certain: Tensor
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.detections.frame_count
+
+    @property
+    def has_pixels(self) -> bool:
+        """Whether any joint is seen in an image."""
+        return bool((self.detections.confidence2d > 0).any())
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What a caller gave; see ``PoseRefiner.forward``."""
+
+    joints2d: Clips | None
+    confidence2d: Clips | None
+    joints3d: Clips | None
+    placed: bool
+    lengths: Tensor | Sequence[int] | None
+
+
+def read_estimates(
+    raw: Raw, cameras: Camera | Sequence[Camera], joint_set: JointSet, like: Tensor
+) -> tuple[list[ClipEstimate], bool]:
+    """Clips of an estimate in the type of ``like``, and whether they came as a batch.
+
+    Raises:
+        InputError: nothing is given, or shapes do not fit each other, the joints or the cameras.
+    """
+    columns = {
+        "joints2d": _clips("joints2d", raw.joints2d, 4, raw.lengths),
+        "confidence2d": _clips("confidence2d", raw.confidence2d, 3, raw.lengths),
+        "joints3d": _clips("joints3d", raw.joints3d, 4, raw.lengths),
+    }
+    given = {name: clips for name, clips in columns.items() if clips is not None}
+    if "joints2d" not in given and "joints3d" not in given:
+        raise InputError("PoseRefiner got neither joints2d nor joints3d; give at least one")
+    counts = {name: len(clips) for name, (clips, _) in given.items()}
+    if len(set(counts.values())) != 1 or len({batched for _, batched in given.values()}) != 1:
+        raise InputError(
+            f"PoseRefiner got different numbers of clips: {counts}; give as many of each, all as "
+            "a batch or all as one clip"
+        )
+    count = next(iter(counts.values()))
+    views = _cameras(cameras, count)
+    clips = [
+        _estimate(
+            {name: parts[i] for name, (parts, _) in given.items()},
+            views[i].to(like),
+            joint_set,
+            raw.placed or "joints2d" not in given,
+            like,
+        )
+        for i in range(count)
+    ]
+    return clips, next(iter(given.values()))[1]
+
+
+def _clips(
+    name: str, values: Clips | None, axes: int, lengths: Tensor | Sequence[int] | None
+) -> tuple[list[Tensor], bool] | None:
+    """Clips with so many axes each, cut to their lengths, and whether they came as a batch."""
+    if values is None:
+        return None
+    alone = isinstance(values, Tensor) and values.dim() != axes + 1
+    clips: list[Tensor] = [torch.as_tensor(values)] if alone else list(values)
+    batched = not alone
+    shapes = [tuple(clip.shape) for clip in clips]
+    if not clips or any(len(shape) != axes or not shape[0] for shape in shapes):
+        last = {"joints2d": "J, 2", "confidence2d": "J", "joints3d": "J, 3"}[name]
+        raise InputError(
+            f"{name} has clips of shape {shapes[:1] or 'none'}; expected (F, C, {last}), a batch "
+            f"(B, F, C, {last}), or a list of clips"
+        )
+    if lengths is None:
+        return clips, batched
+    counts = [int(length) for length in lengths]
+    longest = [shape[0] for shape in shapes]
+    if len(counts) != len(clips) or any(
+        not 1 <= n <= most for n, most in zip(counts, longest, strict=True)
+    ):
+        raise InputError(
+            f"lengths are {counts[:8]} but {name} has {len(clips)} clips of {longest[:8]} frames; "
+            "give one number of frames a clip, from 1 to what there is"
+        )
+    return [clip[:n] for clip, n in zip(clips, counts, strict=True)], batched
+
+
+def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
+    if isinstance(cameras, Camera):
+        return [cameras] * count
+    if len(cameras) != count:
+        raise InputError(
+            f"PoseRefiner got {len(cameras)} cameras for {count} clips; give one Camera for all, "
+            "or a list with one for each clip"
+        )
+    return list(cameras)
+
+
+def _estimate(
+    given: dict[str, Tensor], cameras: Camera, joint_set: JointSet, placed: bool, like: Tensor
+) -> ClipEstimate:
+    given = {name: clip.to(like) for name, clip in given.items()}
+    shapes = {name: tuple(clip.shape) for name, clip in given.items()}
+    frames, views = next(iter(shapes.values()))[:2]
+    expected = {"joints2d": (len(joint_set), 2), "joints3d": (len(joint_set), 3)}
+    expected["confidence2d"] = (len(joint_set),)  # type: ignore[assignment]
+    wanted = {name: (frames, cameras.views, *expected[name]) for name in shapes}
+    if shapes != wanted:
+        raise InputError(
+            f"a clip has {shapes}, expected {wanted}: {cameras.views} views and the "
+            f"{len(joint_set)} joints of {joint_set.name!r}; add the view axis, or name the joint "
+            "set of the estimator"
+        )
+    if cameras.moving and cameras.intrinsics.shape[0] != frames:
+        raise InputError(
+            f"moving cameras have {cameras.intrinsics.shape[0]} frames but the clip has {frames}"
+        )
+    whole = (frames, views, len(LANDMARKS))
+    pixels, seen = like.new_zeros(*whole, 2), like.new_zeros(whole)
+    if "joints2d" in given:
+        flat = given["joints2d"]
+        confidence = given.get("confidence2d", torch.ones_like(flat[..., 0]))
+        pixels, seen = map_to_landmarks(flat, confidence, joint_set)
+    detections = Detections.from_joints(pixels, seen)
+    if "joints3d" not in given:
+        return ClipEstimate(cameras, detections, None, like.new_zeros(whole))
+    return _with_places(ClipEstimate(cameras, detections, None, seen), given, joint_set, placed)
+
+
+def _with_places(
+    clip: ClipEstimate, given: dict[str, Tensor], joint_set: JointSet, placed: bool
+) -> ClipEstimate:
+    """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite."""
+    local = given["joints3d"]
+    local, certain = map_to_landmarks(local, torch.ones_like(local[..., 0]), joint_set)
+    visible = [name not in joint_set.missing() for name in LANDMARKS]
+    whole = (certain[..., visible] > 0).all(-1)
+    detections = replace(clip.detections, joints3d=local, trusted3d=whole)
+    targets = None
+    if placed:
+        cameras = clip.cameras
+        targets = (local - cameras.translation.unsqueeze(-2)) @ cameras.rotation
+    return replace(clip, detections=detections, targets=targets, certain=certain)

@@ -1,0 +1,221 @@
+"""Pose refinement as a layer: what any estimator says in, motion within anatomical limits out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, LANDMARKS16, JointSet
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.motion_blender import MotionBlender
+from perfcap.pipeline.objective import angle_bounds
+from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
+from perfcap.pipeline.track_motion import select
+from perfcap.pipeline.window_batch import WEIGHTS, StartedClip, WindowBatch, start_clip
+from perfcap.solve import Adjoint, Detached, Implicit, LevenbergMarquardt, Status, solve
+from perfcap.temporal.window import Window, partition
+
+
+@dataclass(frozen=True)
+class RefinedPose:
+    """Motion of the clips of a batch, padded to the longest; of one clip without ``B``.
+
+    Attributes:
+        motion: (B, F); padded frames repeat the clip's last one.
+        joints: the 16 landmarks in the world, (B, F, 16, 3), metres.
+        valid: frames that are no padding, (B, F), bool.
+        status: the worst ``Status`` of each clip's windows, (B,) integers. Windows that failed
+            are where they started, and carry no gradient.
+    """
+
+    motion: Motion
+    joints: Tensor
+    valid: Tensor
+    status: Tensor
+
+    def clips(self) -> Iterator[tuple[Motion, Tensor]]:
+        """Motion (F,) and joints (F, 16, 3) of each clip of a batch, without padding."""
+        for index, frames in enumerate(self.valid.sum(-1).tolist()):
+            yield select(self.motion, index)[:frames], self.joints[index, :frames]
+
+
+class PoseRefiner(nn.Module):
+    """Makes the joints of any pose estimator a motion of a person (Xu et al. 2018, Eq. 2 and 3).
+
+    Windows of the clips are solved within the limits of the angles, and blended. In ``train`` mode
+    gradients go through the solves to whatever made the joints, to cameras and to the actor's
+    bones; in ``eval`` mode, and under ``torch.no_grad``, nothing is recorded. What is measured on
+    the joints before a solve, the person's height in the image, the jitter, and which 3D poses are
+    trusted, is a constant of it. It computes in the type and on the device of the actor, whatever
+    autocast says and whatever type joints have.
+
+    Args:
+        actor: the rigged person; part of the module, so ``.to()`` moves it.
+        joint_set: names of the estimator's joints, or the name of a known set. Landmarks that the
+            set lacks are inferred from the rest.
+        rate: frames a second.
+        config: weights, units and windows.
+        adjoint: how solves are differentiated in ``train`` mode.
+        learn_weights: make the weights of the energies parameters.
+
+    Attributes:
+        log_weights: logarithms of a factor on the weight of each energy of ``WEIGHTS``.
+
+    Raises:
+        InputError: the joint set is not known, or lacks the hips or all of the trunk above them.
+    """
+
+    log_weights: nn.Parameter
+
+    def __init__(
+        self,
+        actor: Actor,
+        joint_set: JointSet | str = LANDMARKS16,
+        rate: float = 30.0,
+        config: PoseConfig | None = None,
+        adjoint: Adjoint | None = None,
+        *,
+        learn_weights: bool = False,
+    ) -> None:
+        super().__init__()
+        self.actor = actor
+        self.joint_set = _known(joint_set)
+        self.rate = rate
+        self.config = _without(config or PoseConfig(), self.joint_set)
+        self.adjoint = adjoint or Implicit()
+        like = actor.skeleton.lower
+        self.log_weights = nn.Parameter(like.new_zeros(len(WEIGHTS)), requires_grad=learn_weights)
+
+    def forward(
+        self,
+        cameras: Camera | Sequence[Camera],
+        joints2d: Clips | None = None,
+        confidence2d: Clips | None = None,
+        joints3d: Clips | None = None,
+        *,
+        placed: bool = False,
+        lengths: Tensor | Sequence[int] | None = None,
+        rate: float | None = None,
+    ) -> RefinedPose:
+        """Refine a clip (F, ...), a padded batch (B, F, ...), or a list of clips.
+
+        Args:
+            cameras: C views for all clips, or one such ``Camera`` a clip; each fixed, (C,), or
+                moving, (F, C).
+            joints2d: (F, C, J, 2), pixels.
+            confidence2d: (F, C, J), 1 if not given. Joints that are not finite count for nothing.
+            joints3d: (F, C, J, 3), metres, in the axes of each view's camera. With 2D joints, only
+                the pose they show counts, not where and how large; a pose in which a joint is not
+                finite is left out.
+            placed: 3D joints also say where in front of the camera the person is. Always so
+                without 2D joints: joints relative to a root are then refined in place.
+            lengths: frames of each clip of a padded batch, (B,).
+            rate: frames a second, of all these clips; the module's if not given.
+
+        Raises:
+            InputError: shapes that do not fit, or a clip without anybody in it.
+        """
+        like = self.actor.skeleton.lower
+        if like.dtype not in (torch.float32, torch.float64):
+            raise InputError(
+                f"PoseRefiner is {like.dtype}, in which nothing can be solved; keep it float32 or "
+                "float64: it takes inputs of any type, and autocast does not reach it"
+            )
+        raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
+        with torch.autocast(like.device.type, enabled=False):
+            estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
+            clips = [start_clip(self.actor, each, self.config) for each in estimates]
+            motions, status = self._solve(clips, rate or self.rate)
+            refined = self._pad(motions, status)
+        return refined if batched else _single(refined)
+
+    def _solve(self, clips: list[StartedClip], rate: float) -> tuple[list[Motion], list[int]]:
+        """Motion (F,) and worst status of each clip."""
+        config = self.config
+        method = LevenbergMarquardt(config.max_steps, tolerance=config.tolerance)
+        adjoint = self.adjoint if self.training else Detached()
+        weights = self.log_weights.exp()
+        bounds = angle_bounds(self.actor)
+        blenders = [MotionBlender() for _ in clips]
+        worst = [int(Status.CONVERGED)] * len(clips)
+        for group in _groups(clips, config):
+            batch = WindowBatch(
+                tuple(clips[clip] for clip, _ in group), tuple(window for _, window in group)
+            )
+            objective = batch.objective(self.actor, config, rate, weights)
+            solution = solve(objective, batch.start(), method, bounds, adjoint)
+            for i, (clip, window) in enumerate(group):
+                blenders[clip].push(window, select(solution.state, i))
+                worst[clip] = max(worst[clip], int(solution.status[i]))
+        return [blender.finish(self.actor.skeleton) for blender in blenders], worst
+
+    def _pad(self, motions: list[Motion], status: list[int]) -> RefinedPose:
+        longest = max(motion.frames for motion in motions)
+        device = self.log_weights.device
+        frame = torch.arange(longest, device=device)
+        padded = [motion[frame.clamp(max=motion.frames - 1)] for motion in motions]
+        motion = Motion(
+            torch.stack([each.translation for each in padded]),
+            torch.stack([each.rotation for each in padded]),
+            torch.stack([each.angles for each in padded]),
+        )
+        lengths = torch.tensor([each.frames for each in motions], device=device)
+        valid = frame < lengths[:, None]
+        return RefinedPose(
+            motion, self.actor.joints(motion), valid, torch.tensor(status, device=device)
+        )
+
+
+def _groups(clips: list[StartedClip], config: PoseConfig) -> Iterator[list[tuple[int, Window]]]:
+    """Windows of all clips with the index of their clip: of one length, ``config.batch`` at once.
+
+    Those of a clip come in their order.
+    """
+    by_length: dict[int, list[tuple[int, Window]]] = {}
+    for index, clip in enumerate(clips):
+        for window in partition(clip.estimate.frames, config.window, config.overlap):
+            by_length.setdefault(len(window), []).append((index, window))
+    for windows in by_length.values():
+        for start in range(0, len(windows), config.batch):
+            yield windows[start : start + config.batch]
+
+
+def _single(refined: RefinedPose) -> RefinedPose:
+    return RefinedPose(
+        select(refined.motion, 0), refined.joints[0], refined.valid[0], refined.status[0]
+    )
+
+
+def _known(joint_set: JointSet | str) -> JointSet:
+    if isinstance(joint_set, str):
+        named = {known.name.lower(): known for known in JOINT_SETS}
+        if joint_set.lower() not in named:
+            raise InputError(
+                f"joint_set {joint_set!r} is not known; expected one of "
+                f"{', '.join(known.name for known in JOINT_SETS)}, or a JointSet of your own names"
+            )
+        joint_set = named[joint_set.lower()]
+    missing = joint_set.missing()
+    needed = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
+    lacking = [name for name in needed if name in missing]
+    if lacking:
+        raise InputError(
+            f"joint_set {joint_set.name!r} lacks {', '.join(lacking)}, without which no pose can "
+            "be found; give the names of the estimator's joints in its order"
+        )
+    return joint_set
+
+
+def _without(config: PoseConfig, joint_set: JointSet) -> PoseConfig:
+    """The configuration for 3D joints some of which the set does not have."""
+    missing = joint_set.missing()
+    pairs = zip(LANDMARKS, config.position.deviation, strict=True)
+    deviation = tuple(float("inf") if name in missing else own for name, own in pairs)
+    return replace(config, position=replace(config.position, deviation=deviation))
