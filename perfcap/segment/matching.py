@@ -43,7 +43,8 @@ class Matching:
         margin: by how much a pair may reach beyond another side of the model.
         squeeze: share of the width of a part whose other side is not seen, by which its one side
             may move towards that; ``margin`` at least.
-        hold: confidence in that a point of the model's silhouette without a pair is where it is.
+        hold: confidence in that a point of the model's silhouette is where it is, if nothing in the
+            image may be its pair.
         both_ways: also from the image to the model.
         pruned: without it, every point of the model's silhouette has its pair, whatever it is.
     """
@@ -102,8 +103,8 @@ def match(
         Pairs with a confidence above 0, at most one for each point of either contour (unpruned:
         of the model's). Confidence is that of the image point, falling to 0 at the limits of
         distance, angle and support. Nothing to pair gives no pairs. With ``hold``, points of the
-        model's silhouette that have none are paired with themselves: few pairs at a shoulder
-        would swing an arm that has no mask.
+        model's silhouette that nothing may be paired with are paired with themselves: few pairs at
+        a shoulder would swing an arm that has no mask.
 
     Raises:
         InputError: ``size`` is not positive.
@@ -120,6 +121,7 @@ def match(
     if not settings.pruned:
         return _matches(model, image, pairs, image.confidence[pairs.image])
     pairs = search.plausible(pairs)
+    idle = np.setdiff1d(np.flatnonzero(model.outer), pairs.model)
     pairs = pairs[nearest_claim(pairs.image, search.distance(pairs))]
     if settings.both_ways:
         more = search.plausible(search.inward(pairs))
@@ -127,7 +129,7 @@ def match(
     confidence = search.confidence(pairs)
     confidence[search.crosses(pairs, confidence > 0)] = 0.0
     found = _matches(model, image, pairs, confidence)
-    return found if settings.hold == 0 else _held(found, model, settings.hold)
+    return _with_held(found, model, idle, settings.hold) if settings.hold > 0 else found
 
 
 class _Search:
@@ -276,9 +278,8 @@ def _matches(model: ModelContour, image: Contour, pairs: _Pairs, confidence: Flo
     )
 
 
-def _held(found: Matches, model: ModelContour, confidence: float) -> Matches:
-    """The pairs, and points of the silhouette without one paired with where they are."""
-    idle = np.setdiff1d(np.flatnonzero(model.outer), found.model)
+def _with_held(found: Matches, model: ModelContour, idle: Integers, confidence: float) -> Matches:
+    """Pairs, and those of ``idle`` points of the model with themselves."""
     still = model[idle]
     return Matches(
         np.concatenate([found.vertices, still.vertices]),
