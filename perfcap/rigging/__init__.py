@@ -1,1 +1,25 @@
-"""Bare meshes to actors."""
+"""Bare meshes to actors: direction, joints, weights, shape."""
+
+from perfcap.rigging.auto_rig import BareMesh, RigReport, auto_rig, rig_with_joints
+from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
+from perfcap.rigging.bones import Bones, skeleton_bones
+from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
+from perfcap.rigging.overrides import Override, read_overrides
+from perfcap.rigging.upright import Upright
+
+__all__ = [
+    "BareMesh",
+    "BodyFitter",
+    "Bones",
+    "FitSettings",
+    "HeatReport",
+    "Override",
+    "RigReport",
+    "SurfaceFit",
+    "Upright",
+    "auto_rig",
+    "bone_heat_weights",
+    "read_overrides",
+    "rig_with_joints",
+    "skeleton_bones",
+]

@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from perfcap.errors import InputError
-from perfcap.rigging.bone_heat import bone_heat_weights
+from perfcap.rigging.bone_heat import bone_heat_weights, fewest
 from perfcap.rigging.overrides import Override
 
 
@@ -125,3 +125,21 @@ def test_an_override_of_nothing_is_an_error() -> None:
 def test_a_mesh_without_area_is_an_error() -> None:
     with pytest.raises(InputError, match="no triangle"):
         bone_heat_weights(np.zeros((3, 3)), np.array([[0, 1, 2]]), limbs.bones())
+
+
+def test_few_influences_without_jumps() -> None:
+    random = np.random.default_rng(2)
+    weights = random.dirichlet(np.full(7, 0.7), 50)
+    few = fewest(weights, 4)
+    check(few)
+    assert ((few > 0).sum(1) <= 4).all()
+    moved = weights + 1e-7 * random.normal(size=weights.shape)
+    assert np.abs(fewest(moved / moved.sum(1, keepdims=True), 4) - few).max() < 1e-4
+    assert np.array_equal(few.argmax(1), weights.argmax(1))
+
+
+def test_equal_shares_of_many_bones_stay_weights() -> None:
+    few = fewest(np.full((3, 8), 1 / 8), 4)
+    check(few)
+    assert ((few > 0).sum(1) == 4).all()
+    assert np.array_equal(fewest(few[:, :4], 4), few[:, :4])
