@@ -74,7 +74,10 @@ class Skeleton(nn.Module):
             return _kinematics_torch.linearize(self.tree, motion)
         from perfcap.actor import _kinematics_numba
 
-        return motion.once(self, lambda: _kinematics_numba.linearize(self.tree, motion))
+        # bones may be learned, in place: what is kept for a motion belongs to their present values
+        bones = self.tree.bone_vectors
+        key = self, bones, 0 if bones.is_inference() else bones._version
+        return motion.once(key, lambda: _kinematics_numba.linearize(self.tree, motion))
 
     def _is_plain(self, motion: Motion) -> bool:
         """Whether compiled loops may be used: only numbers are asked for, on the CPU."""

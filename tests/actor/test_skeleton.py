@@ -263,3 +263,18 @@ def test_bounds_are_infinite_for_the_root(skeleton: Skeleton) -> None:
 def test_broken_rigs_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(chain_rig(), **change)  # type: ignore[arg-type]
+
+
+def test_bones_that_are_learned_in_place_are_seen() -> None:
+    """What a motion keeps of the kinematics belongs to the bones that made it."""
+    skeleton = Skeleton(human_rig(rest_positions()))
+    motion = random_motion(skeleton, 2)
+    before = skeleton.linearize(motion)
+    assert skeleton.linearize(motion)[0] is before[0]
+    with torch.no_grad():
+        skeleton.tree.bone_vectors *= 1.1
+    after = skeleton.linearize(motion)
+    torch.testing.assert_close(after[0], skeleton(motion).landmarks)
+    assert not torch.allclose(after[0], before[0])
+    skeleton.tree.bone_vectors = 1.2 * skeleton.tree.bone_vectors
+    torch.testing.assert_close(skeleton.linearize(motion)[0], skeleton(motion).landmarks)
