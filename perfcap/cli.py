@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from perfcap.errors import InputError
+from perfcap.train.config import TrainLifterConfig
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,32 @@ class Doctor:
 
 
 @dataclass(frozen=True)
+class Train:
+    """Train a network, export it and write its card."""
+
+    network: tyro.conf.Positional[Literal["lifter"]]
+    """lifter: 2D joint tracks to 3D poses."""
+    motion: Path
+    """Folder of recorded motion: clips.npz and clips.csv."""
+    out: Path
+    """Folder for checkpoints, metrics.jsonl and the model."""
+    config: Annotated[TrainLifterConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TrainLifterConfig
+    )
+    """People, steps, network, cameras, noise."""
+    licence: str = "unstated"
+    """Of the weights; follows from the motion's."""
+    resume: bool = False
+    """Go on from the last checkpoint; ends as if it had never stopped."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.train import run_train_lifter
+
+        return run_train_lifter(self.motion, self.out, self.config, self.licence, self.resume)
+
+
+@dataclass(frozen=True)
 class ActorInspect:
     """Print what an actor is and what is wrong with it; draw a contact sheet."""
 
@@ -205,13 +232,14 @@ Command = (
     | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
 )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
-    command: Demo | Capture | Evaluate | Render | ActorTools | Doctor = tyro.cli(
+    command: Demo | Capture | Evaluate | Render | ActorTools | Doctor | Train = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,

@@ -1,0 +1,195 @@
+"""3D poses from 2D tracks, by a network in an ONNX file: what makes one view enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.detect.lifting import FEATURES, lifting_features
+from perfcap.detect.manifest import ModelFile, open_manifest, read_model_file
+from perfcap.detect.session import Execution, Session
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+
+_CHUNK = 2000  # frames in one call: bounds memory
+_MIN_JOINTS = 6  # of a frame, with which its pose may be trusted
+_MIRRORED = list(LANDMARKS16.mirrored())
+
+
+@dataclass(frozen=True)
+class LifterManifest:
+    """A lifter on disk.
+
+    Attributes:
+        path: the manifest.
+        file: the network.
+        rate: frames a second that it was trained at.
+        reach: frames either side that an answer depends on.
+        joints: output of the poses, (N, F, 16, 3).
+        spread: output of the expected errors, (N, F, 16).
+    """
+
+    path: Path
+    file: ModelFile
+    rate: float
+    reach: int
+    joints: str
+    spread: str
+
+
+def read_lifter_manifest(folder: Path) -> LifterManifest:
+    """Read and check the manifest of a lifter's folder, or the file itself.
+
+    Raises:
+        InputError: one line that names the field and what to write there.
+    """
+    table = open_manifest(folder, "lifter")
+    file = read_model_file(table)
+    given, answer = table.table("input"), table.table("output")
+    manifest = LifterManifest(
+        table.path,
+        file,
+        given.number("rate", low=1.0),
+        given.integer("reach"),
+        answer.text("joints"),
+        answer.text("spread"),
+    )
+    for part in (given, answer, table):
+        part.done()
+    return manifest
+
+
+class OnnxLifter:
+    """A lifter from disk, run by onnxruntime.
+
+    Args:
+        model: folder with ``manifest.toml`` and the ONNX file it names, or the manifest.
+        execution: provider and threads.
+        flip_test: lift every track and its mirror image, and average. Twice the time.
+
+    Raises:
+        InputError: the manifest or the model cannot be used, or do not fit each other.
+    """
+
+    def __init__(
+        self, model: str | Path, *, execution: Execution | None = None, flip_test: bool = True
+    ) -> None:
+        self._settings = str(model), execution, flip_test
+        self.manifest = read_lifter_manifest(Path(model))
+        self.session = Session(self.manifest.file, execution)
+        self.flip_test = flip_test
+        self._check()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Opened again in another process."""
+        return _reopen, self._settings
+
+    def __call__(self, detections: Detections, cameras: Camera, rate: float) -> Detections:
+        """Give 3D poses to the views that have none.
+
+        Args:
+            detections: (F, C, 16), pixels.
+            cameras: C views in these pixels.
+            rate: frames a second.
+
+        Returns:
+            The same with ``joints3d``; a frame is trusted where at least six joints are seen. A
+            view that has trusted 3D poses keeps them.
+        """
+        joints, _ = self.lift(detections, cameras, rate)
+        seen = (detections.confidence2d > 0).sum(-1) >= _MIN_JOINTS
+        if detections.joints3d is None:
+            return replace(detections, joints3d=joints, trusted3d=seen)
+        lacks = ~detections.trusted3d.any(0)  # C
+        kept = torch.where(lacks[:, None, None], joints, detections.joints3d)
+        return replace(detections, joints3d=kept, trusted3d=detections.trusted3d | (seen & lacks))
+
+    def lift(self, detections: Detections, cameras: Camera, rate: float) -> tuple[Tensor, Tensor]:
+        """Poses and how far they are expected to be off.
+
+        Returns:
+            Joints (F, C, 16, 3), metres, in camera axes, relative to the middle of the hips; and
+            the expected distance of each from the truth, (F, C, 16), metres.
+        """
+        plane = cameras.to_plane(detections.joints2d).transpose(0, 1).float()
+        confidence = detections.confidence2d.transpose(0, 1).float()
+        step = max(1, round(rate / self.manifest.rate))
+        joints = plane.new_zeros(*plane.shape[:-1], 3)
+        spread = plane.new_zeros(plane.shape[:-1])
+        for phase in range(min(step, plane.shape[1])):
+            part = slice(phase, None, step)  # every step-th frame is a track at the usual rate
+            joints[:, part], spread[:, part] = self._lift(plane[:, part], confidence[:, part])
+        like = detections.joints2d
+        return joints.transpose(0, 1).to(like), spread.transpose(0, 1).to(like)
+
+    def _lift(self, plane: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
+        """Of tracks (C, F, 16, 2) at the usual rate: (C, F, 16, 3) and (C, F, 16)."""
+        features, turn = lifting_features(plane, confidence)
+        joints, spread = self._run(features)
+        if self.flip_test:
+            flipped, other = self._run(mirrored_features(features))
+            flipped = flipped[..., _MIRRORED, :] * flipped.new_tensor([-1.0, 1.0, 1.0])
+            joints, spread = 0.5 * (joints + flipped), 0.5 * (spread + other[..., _MIRRORED])
+        return joints @ turn.mT, spread
+
+    def _run(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """In parts that overlap by the reach, so that parts do not show."""
+        frames, reach = features.shape[1], self.manifest.reach
+        found: list[list[NDArray[np.float32]]] = []
+        for start in range(0, frames, _CHUNK):
+            low, stop = max(0, start - reach), min(frames, start + _CHUNK)
+            part = features[:, low : min(frames, stop + reach)]
+            outputs = self.session.run(
+                {self.session.inputs[0]: part.numpy()}, (self.manifest.joints, self.manifest.spread)
+            )
+            found.append([array[:, start - low : stop - low] for array in outputs])
+        if not found:
+            empty = features.new_zeros(*features.shape[:2], len(LANDMARKS))
+            return empty[..., None].expand(*empty.shape, 3), empty
+        joints, spread = (np.concatenate(arrays, 1) for arrays in zip(*found, strict=True))
+        return torch.from_numpy(joints), torch.from_numpy(spread)
+
+    def _check(self) -> None:
+        """Refuse a model that does not fit its manifest."""
+        manifest, session = self.manifest, self.session
+        session.require_output(manifest.joints, "output.joints")
+        session.require_output(manifest.spread, "output.spread")
+        shape = session.shapes[session.inputs[0]]
+        if len(session.inputs) != 1 or len(shape) != 3 or shape[-1] not in (None, FEATURES):
+            raise InputError(
+                f"{manifest.path}: the model's input is {session.inputs[0]} {shape}, expected one "
+                f"of (N, F, {FEATURES}); give a lifter that perfcap exported"
+            )
+        frames = 5  # no length that an export could have kept by mistake
+        zeros = np.zeros((1, frames, FEATURES), np.float32)
+        outputs = session.run({session.inputs[0]: zeros}, (manifest.joints, manifest.spread))
+        expected = (1, frames, len(LANDMARKS), 3), (1, frames, len(LANDMARKS))
+        for name, array, shape in zip(
+            (manifest.joints, manifest.spread), outputs, expected, strict=True
+        ):
+            if array.shape != shape:
+                raise InputError(
+                    f"{manifest.path}: output {name!r} has shape {array.shape}, expected {shape} "
+                    f"for {frames} frames; give a lifter that perfcap exported"
+                )
+
+
+def mirrored_features(features: Tensor) -> Tensor:
+    """Features (..., 49) of the mirror image of a track."""
+    count = len(LANDMARKS)
+    places = features[..., : 2 * count].reshape(*features.shape[:-1], count, 2)
+    places = places[..., _MIRRORED, :] * features.new_tensor([-1.0, 1.0])
+    confidence = features[..., 2 * count : 3 * count][..., _MIRRORED]
+    return torch.cat((places.flatten(-2), confidence, features[..., 3 * count :]), -1)
+
+
+def _reopen(model: str, execution: Execution | None, flip_test: bool) -> OnnxLifter:
+    return OnnxLifter(model, execution=execution, flip_test=flip_test)

@@ -1,0 +1,1 @@
+"""Learning: networks of our own, what they learn from, and the loop."""

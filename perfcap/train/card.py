@@ -1,0 +1,59 @@
+"""The card of a trained lifter: what it is, what it learned from, how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from perfcap.io.atomic import writing
+from perfcap.train.config import TrainLifterConfig
+
+FILE = "card.md"
+
+
+def write_lifter_card(
+    folder: Path,
+    config: TrainLifterConfig,
+    learned: Sequence[str],
+    scores: Mapping[str, Mapping[str, float]],
+) -> None:
+    """Write ``card.md``.
+
+    Args:
+        folder: of the model.
+        config: it was trained with.
+        learned: people it was trained on.
+        scores: of each person that it was not trained on.
+    """
+    rows = "\n".join(
+        f"| {person} | {' | '.join(f'{value:.1f}' for value in values.values())} |"
+        for person, values in scores.items()
+    )
+    names = list(next(iter(scores.values()))) if scores else []
+    text = f"""# A lifter
+
+2D joint tracks of one person to 3D poses: 16 landmarks, metres, relative to the middle of the hips,
+in the axes of the camera, with the error expected of each joint.
+
+- Input: `lifting_features` of a track, (N, F, 49) float32, at about 30 frames a second.
+- Output: `joints` (N, F, 16, 3) and `spread` (N, F, 16), metres.
+- Network: {len(config.lifter.dilations)} residual blocks of {config.lifter.channels} channels; an
+  answer depends on {config.lifter.reach} frames either side.
+- Learned from: recorded motion of {len(learned)} people ({", ".join(learned)}) under random cameras
+  with simulated detections, {config.loop.steps} steps of {config.loop.batch}.
+- Best weights chosen by: {", ".join(config.validation)}.
+
+## Errors on people it has not learned from, with simulated detections
+
+| person | {" | ".join(names)} |
+|---|{"---|" * len(names)}
+{rows}
+
+## Where it fails
+
+Poses that the motion does not hold, lying and crawling above all; heavy occlusion for longer than
+a second; people of other proportions than adults; cameras from steeply above. A single view does
+not tell size: poses are those of somebody of average height.
+"""
+    with writing(folder / FILE) as file:
+        file.write(text.encode())

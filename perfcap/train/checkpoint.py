@@ -1,0 +1,87 @@
+"""Checkpoints: tensors by name and a few words, as safetensors. Nothing is unpickled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.io.atomic import writing
+
+_LIMIT = 8 * 2**30  # bytes
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Named tensors and named texts.
+
+    Attributes:
+        tensors: names have a part in front: ``model.``, ``average.``, ``optimizer.``.
+        values: texts.
+        path: where it was read from.
+    """
+
+    tensors: Mapping[str, Tensor]
+    values: Mapping[str, str]
+    path: Path = Path()
+
+    def part(self, name: str) -> dict[str, Tensor]:
+        """The tensors of a part, by the rest of their names."""
+        front = f"{name}."
+        return {k.removeprefix(front): v for k, v in self.tensors.items() if k.startswith(front)}
+
+
+def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint; the old one stays until the new one is whole.
+
+    Raises:
+        InputError: the place cannot be written, or safetensors is not installed.
+    """
+    _require()
+    from safetensors.torch import save
+
+    tensors = {
+        name: value.detach().cpu().contiguous() for name, value in checkpoint.tensors.items()
+    }
+    with writing(path) as file:
+        file.write(save(tensors, dict(checkpoint.values)))
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint.
+
+    Raises:
+        InputError: it is missing, too large, or no checkpoint.
+    """
+    _require()
+    from safetensors import SafetensorError, safe_open
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a checkpoint, .safetensors")
+    if path.stat().st_size > _LIMIT:
+        raise InputError(f"{path}: is too large for a checkpoint; expected at most 8 GB")
+    try:
+        with safe_open(str(path), "pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            values = file.metadata() or {}
+    except (SafetensorError, OSError, ValueError) as error:
+        raise InputError(f"{path}: is not a checkpoint ({error}); train again") from None
+    missing = {"step", "best", "config"} - set(values)
+    if missing:
+        raise InputError(
+            f"{path}: lacks {', '.join(sorted(missing))}; expected a checkpoint "
+            "that perfcap train wrote"
+        )
+    return Checkpoint(tensors, values, path)
+
+
+def _require() -> None:
+    try:
+        import safetensors  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "safetensors is not installed; training needs it: pip install 'perfcap[train]'"
+        ) from None

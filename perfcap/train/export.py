@@ -1,0 +1,159 @@
+"""Trained networks as ONNX files with a manifest, checked against torch before they are kept."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from perfcap.detect.lifting import FEATURES
+from perfcap.detect.manifest import FILE as MANIFEST
+from perfcap.errors import InputError
+from perfcap.io.atomic import writing
+from perfcap.train.lifter import Lifter
+
+MODEL = "model.onnx"
+TOLERANCE = 1e-4  # m
+_OPSET = 20
+_LENGTHS = ((1, 1), (2, 7), (1, 200))  # tracks and frames that the export is compared on
+
+
+def export_lifter(lifter: Lifter, folder: Path, rate: float, origin: str, licence: str) -> None:
+    """Write ``model.onnx`` and ``manifest.toml`` of a lifter.
+
+    Args:
+        lifter: trained; exported as it is in evaluation.
+        folder: where to; made if need be.
+        rate: frames a second that it was trained at.
+        origin: of the weights, a sentence.
+        licence: of the weights.
+
+    Raises:
+        InputError: the exporter is not installed, or onnxruntime answers otherwise than torch.
+    """
+    lifter = lifter.eval()
+    example = torch.zeros(2, 9, FEATURES)
+    axes = {"features": {0: torch.export.Dim("tracks"), 1: torch.export.Dim("frames")}}
+    data = to_onnx(lifter, example, ("joints", "spread"), axes)
+    check_equal(lifter, data)
+    folder.mkdir(parents=True, exist_ok=True)
+    with writing(folder / MODEL) as file:
+        file.write(data)
+    digest = hashlib.sha256(data).hexdigest()
+    text = f"""# A lifter: 2D joint tracks to 3D poses.
+kind = "lifter"
+
+[[file]]
+name = "{MODEL}"
+size = {len(data)}
+sha256 = "{digest}"
+licence = {_quoted(licence)}
+origin = {_quoted(origin)}
+
+[input]
+rate = {rate:g}  # frames a second
+reach = {lifter.config.reach}  # frames either side that an answer depends on
+
+[output]
+joints = "joints"  # (N, F, 16, 3), metres, about the middle of the hips
+spread = "spread"  # (N, F, 16), metres that each is expected to be off
+"""
+    with writing(folder / MANIFEST) as file:
+        file.write(text.encode())
+
+
+def to_onnx(
+    model: nn.Module,
+    example: Tensor,
+    outputs: tuple[str, ...],
+    axes: dict[str, dict[int, Any]],
+) -> bytes:
+    """A module of one tensor as ONNX, weights inside.
+
+    Args:
+        model: in evaluation.
+        example: of its input.
+        outputs: names of its outputs.
+        axes: open axes of the input, under the name of its argument.
+
+    Raises:
+        InputError: the exporter is not installed.
+    """
+    try:
+        import onnxscript  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "onnxscript is not installed; the export needs it: pip install 'perfcap[train]'"
+        ) from None
+    quiet = logging.getLogger("torch.onnx")
+    level = quiet.level
+    try:
+        quiet.setLevel(logging.ERROR)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the exporter about itself
+            program = torch.onnx.export(
+                model,
+                (example,),
+                input_names=list(axes),
+                output_names=list(outputs),
+                dynamic_shapes=axes,
+                opset_version=_OPSET,
+                dynamo=True,
+                verbose=False,
+            )
+    finally:
+        quiet.setLevel(level)
+    assert program is not None
+    return _without_traces(program.model_proto)
+
+
+def _without_traces(model: Any) -> bytes:
+    """The bytes of a model without what the exporter noted about this machine's source files."""
+    for node in model.graph.node:
+        del node.metadata_props[:]
+        node.doc_string = ""
+    for value in (*model.graph.value_info, *model.graph.input, *model.graph.output):
+        del value.metadata_props[:]
+    del model.graph.metadata_props[:]
+    del model.metadata_props[:]
+    data: bytes = model.SerializeToString(deterministic=True)
+    return data
+
+
+def check_equal(lifter: Lifter, data: bytes) -> None:
+    """Compare the export with the module, on tracks of several lengths.
+
+    Raises:
+        InputError: they differ by more than a tenth of a millimetre.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    generator = torch.Generator().manual_seed(0)
+    for shape in _LENGTHS:
+        features = torch.randn(*shape, FEATURES, generator=generator)
+        with torch.no_grad():
+            expected = lifter(features)
+        found = session.run(["joints", "spread"], {"features": features.numpy()})
+        worst = max(
+            float(np.abs(a - b.numpy()).max()) for a, b in zip(found, expected, strict=True)
+        )
+        if not worst <= TOLERANCE:
+            raise InputError(
+                f"export: onnxruntime differs from torch by {worst:.2g} m on {shape[1]} frames, "
+                f"expected at most {TOLERANCE:g}; export with other versions of torch or onnxscript"
+            )
+
+
+def _quoted(text: str) -> str:
+    """A TOML string."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
+    return f'"{escaped}"'

@@ -1,0 +1,124 @@
+"""Learning to lift."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from perfcap.geometry.alignment import similarity_align
+from perfcap.train.config import LifterConfig, LiftingData, LiftingLoss
+from perfcap.train.lifter import Lifter
+from perfcap.train.lifting_data import LiftingSamples
+from perfcap.train.motion_library import MotionLibrary
+
+BATCHES = 6  # of tracks that scores are taken on
+_TRACKS = 32  # in each
+_VALIDATION_SEED = 2**32  # none that a run would be given
+_MM = 1000.0
+_DENSE_COST = 8  # of a track, in poses in the middle of one
+
+
+class LiftingTask:
+    """A lifter, what it learns from, and people it is validated on.
+
+    Args:
+        library: motion to learn from.
+        validation: motion of other people.
+        config: of the network.
+        data: of the tracks.
+        loss: weights.
+        seed: of the network's first weights and of the tracks.
+        dense_from: batch from which whole tracks are learned from.
+    """
+
+    model: Lifter
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        validation: MotionLibrary,
+        config: LifterConfig,
+        data: LiftingData,
+        loss: LiftingLoss,
+        seed: int,
+        dense_from: int = 0,
+    ) -> None:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.model = Lifter(config)
+        self._samples = LiftingSamples(library, data, seed)
+        self._validation = LiftingSamples(validation, data, _VALIDATION_SEED)
+        self._loss, self._dense_from = loss, dense_from
+        self._span = 2 * config.reach + 1
+
+    def loss(self, number: int, size: int) -> dict[str, Tensor]:
+        """Mean joint error (m) of a batch, with the parts that smooth it and tell its size.
+
+        At first single poses in the middle of tracks, many for their cost; whole tracks, with
+        their ends and their speeds, at last.
+        """
+        if number < self._dense_from:
+            batch = self._samples.batch(number, size, self._span)
+            joints, spread = self.model.middle(batch.features)
+            half = self._span // 2
+            truth = batch.joints[:, half : half + 1]
+        else:
+            batch = self._samples.batch(number, max(1, size // _DENSE_COST))
+            joints, spread = self.model(batch.features)
+            truth = batch.joints
+        return lifting_loss(joints, spread, truth, self._loss)
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Scores on people who are not learned from; see ``score_samples``."""
+        return score_samples(model, self._validation)
+
+
+def score_lifter(
+    model: nn.Module, people: MotionLibrary, data: LiftingData, batches: int = BATCHES
+) -> dict[str, float]:
+    """Scores of a lifter on simulated detections of people; see ``score_samples``."""
+    return score_samples(model, LiftingSamples(people, data, _VALIDATION_SEED), batches)
+
+
+def score_samples(
+    model: nn.Module, samples: LiftingSamples, batches: int = BATCHES
+) -> dict[str, float]:
+    """Mean joint error and the error expected, mm, root-relative; and how the two go together.
+
+    ``PA`` is after the best similarity of each pose.
+    """
+    model.eval()
+    errors, aligned, expected = [], [], []
+    with torch.no_grad():
+        for number in range(batches):
+            batch = samples.batch(number, _TRACKS)
+            joints, spread = model(batch.features)
+            errors.append((joints - batch.joints).norm(dim=-1))
+            moved = similarity_align(joints, batch.joints)
+            aligned.append((moved - batch.joints).norm(dim=-1))
+            expected.append(spread)
+    error, guess = torch.cat(errors), torch.cat(expected)
+    order = torch.corrcoef(torch.stack((error.flatten(), guess.flatten())))[0, 1]
+    return {
+        "MPJPE mm": _MM * float(error.mean()),
+        "PA-MPJPE mm": _MM * float(torch.cat(aligned).mean()),
+        "expected mm": _MM * float(guess.mean()),
+        "correlation": float(order),
+    }
+
+
+def lifting_loss(
+    joints: Tensor, spread: Tensor, truth: Tensor, weights: LiftingLoss
+) -> dict[str, Tensor]:
+    """Losses of poses (N, F, 16, 3) and their spread (N, F, 16).
+
+    The spread is fitted to errors that are held still (Laplace likelihood), so that hard joints
+    are not given up.
+    """
+    error = joints - truth
+    place = error.norm(dim=-1)
+    velocity = error.diff(dim=1).norm(dim=-1).mean() if error.shape[1] > 1 else error.new_zeros(())
+    likelihood = (place.detach() / spread + spread.log()).mean()
+    mean = place.mean()
+    total = mean + weights.velocity * velocity + weights.spread * likelihood
+    return {"loss": total, "place": mean, "velocity": velocity, "likelihood": likelihood}

@@ -1,0 +1,144 @@
+"""Tracks and poses without end: recorded motion seen by random cameras and fallible detectors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Generator, Tensor
+
+from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.detect.lifting import lifting_features
+from perfcap.detect.retarget import bone_vectors, mid_hip, retarget
+from perfcap.errors import InputError
+from perfcap.train.config import DetectorNoise, LiftingData
+from perfcap.train.detector_noise import corrupt
+from perfcap.train.loop import mixed_seed
+from perfcap.train.motion_library import RATE, MotionLibrary
+
+_MIRRORED = list(LANDMARKS16.mirrored())
+_STANDING = 1.65  # m, height whose image is 100 units of noise
+_NEAREST = 1.0  # m from the camera
+_POSES = 40  # of a clip, from which its bone lengths are taken
+
+
+@dataclass(frozen=True)
+class LiftingBatch:
+    """Tracks and their truth.
+
+    Attributes:
+        features: (N, F, 49).
+        joints: root-relative, in the axes of the answer, (N, F, 16, 3), metres.
+    """
+
+    features: Tensor
+    joints: Tensor
+
+
+class LiftingSamples:
+    """Batches by number: the same number gives the same batch, on any machine and after any pause.
+
+    Args:
+        library: recorded motion.
+        data: what to make of it.
+        seed: of everything random.
+    """
+
+    def __init__(self, library: MotionLibrary, data: LiftingData, seed: int) -> None:
+        clips = [r.landmarks for r in library.recordings if len(r.landmarks) > 1]
+        if not clips:
+            raise InputError("motion library: has no clip of two frames; expected recorded motion")
+        self._data, self._seed = data, seed
+        self._points = torch.cat(clips)
+        self._length = torch.tensor([len(clip) for clip in clips])
+        self._first = self._length.cumsum(0) - self._length
+        self._bones = torch.stack([_bone_lengths(clip) for clip in clips])
+        # long clips are seen more often, but not in proportion: they repeat themselves
+        self._share = self._length.sqrt()
+
+    def batch(self, number: int, size: int, frames: int | None = None) -> LiftingBatch:
+        """A batch of ``size`` tracks, of ``frames`` or as many as the settings say."""
+        generator = Generator().manual_seed(mixed_seed(self._seed, number))
+        world = self._tracks(size, frames or self._data.frames, generator)
+        camera = look_at(world, self._data, generator)
+        return observe(camera, self._data.noise, generator)
+
+    def _tracks(self, size: int, frames: int, generator: Generator) -> Tensor:
+        """Stretches of clips on other people's bones, half of them mirrored, (N, F, 16, 3)."""
+        clip = torch.multinomial(self._share, size, replacement=True, generator=generator)
+        uniform = torch.rand(size, 3, generator=generator)
+        low, high = self._data.rate
+        step = RATE / (low + (high - low) * uniform[:, 0])
+        last = self._length[clip] - 1
+        room = (last - step * (frames - 1)).clamp(min=0)
+        place = (room * uniform[:, 1])[:, None] + step[:, None] * torch.arange(frames)
+        place = place.minimum(last[:, None])
+        before = place.floor().long()
+        after = (before + 1).minimum(last[:, None])
+        share = (place - before)[..., None, None]
+        first = self._first[clip][:, None]
+        track = torch.lerp(self._points[first + before], self._points[first + after], share)
+        lengths = self._bones[clip] * _other_people(size, self._data, generator)
+        track = retarget(track, lengths[:, None]) + mid_hip(track).unsqueeze(-2)
+        mirrored = track[:, :, _MIRRORED] * torch.tensor([-1.0, 1.0, 1.0])
+        return torch.where((uniform[:, 2] < 0.5)[:, None, None, None], mirrored, track)
+
+
+def look_at(world: Tensor, data: LiftingData, generator: Generator) -> Tensor:
+    """Tracks (N, F, 16, 3) in the axes of a random camera that sees each of them whole."""
+    count = len(world)
+    middle = mid_hip(world).mean(1)
+    reach = (world - middle[:, None, None]).norm(dim=-1).amax((1, 2))
+    uniform = torch.rand(count, 2, generator=generator)
+    normal = torch.randn(count, 2, generator=generator)
+    near, far = (math.log(v) for v in data.distance)
+    distance = torch.exp(near + (far - near) * uniform[:, 0]).maximum(reach + _NEAREST)
+    yaw = 2 * math.pi * uniform[:, 1]
+    mean, deviation = data.elevation
+    pitch = torch.deg2rad((mean + deviation * normal[:, 0]).clamp(-30, 70))
+    roll = torch.deg2rad(data.roll * normal[:, 1])
+    turn = _camera_rotation(yaw, pitch, roll)
+    local = (world - middle[:, None, None]) @ turn[:, None].mT
+    offset = torch.stack((0 * distance, 0 * distance, distance), -1)
+    return local + offset[:, None, None]
+
+
+def observe(camera: Tensor, noise: DetectorNoise, generator: Generator) -> LiftingBatch:
+    """What a detector and its user make of tracks (N, F, 16, 3) in camera axes."""
+    plane = camera[..., :2] / camera[..., 2:]
+    root = mid_hip(camera)
+    unit = 0.01 * _STANDING / root[..., 2]
+    found, confidence = corrupt(plane, unit, noise, generator)
+    features, turn = lifting_features(found, confidence)
+    joints = (camera - root.unsqueeze(-2)) @ turn
+    return LiftingBatch(features, joints)
+
+
+def _camera_rotation(yaw: Tensor, pitch: Tensor, roll: Tensor) -> Tensor:
+    """World (y up) to camera (y down), (N, 3, 3); a camera of positive pitch looks down."""
+    zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
+
+    def matrix(*rows: Tensor) -> Tensor:
+        return torch.stack(rows, -1).reshape(-1, 3, 3)
+
+    cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (torch.cos, torch.sin))
+    turn = matrix(cy, zero, sy, zero, one, zero, -sy, zero, cy)
+    tilt = matrix(one, zero, zero, zero, -cp, -sp, zero, sp, -cp)
+    spin = matrix(cr, -sr, zero, sr, cr, zero, zero, zero, one)
+    return spin @ tilt @ turn
+
+
+def _bone_lengths(landmarks: Tensor) -> Tensor:
+    """Mean bone lengths of a clip (F, 16, 3), (16,), metres."""
+    step = max(1, len(landmarks) // _POSES)
+    lengths: Tensor = bone_vectors(landmarks[::step]).norm(dim=-1).mean(0)
+    return lengths
+
+
+def _other_people(count: int, data: LiftingData, generator: Generator) -> Tensor:
+    """Factors of bone lengths, (N, 16)."""
+    own = torch.randn(count, len(_MIRRORED), generator=generator)
+    own = (own + own[:, _MIRRORED]) / 2**0.5  # both sides alike
+    size = torch.randn(count, 1, generator=generator)
+    return torch.exp(data.bone * own + data.size * size)
