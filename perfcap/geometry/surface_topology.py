@@ -64,6 +64,17 @@ class SurfaceTopology:
         """Edges in which more than two triangles meet, (E,)."""
         return np.asarray(self.edge_uses > 2)
 
+    def counts(self) -> dict[str, int]:
+        """What a user may want to know of a mesh, by name."""
+        return {
+            "triangles": len(self.faces),
+            "parts": self.components,
+            "open_edges": int(self.boundary.sum()),
+            "edges_of_many_triangles": int(self.non_manifold.sum()),
+            "vertices_at_one_place": len(self.place) - self.places,
+            "places_of_no_triangle": int((self.component < 0).sum()),
+        }
+
     def one_rings(self) -> tuple[Integers, Integers]:
         """Neighbours of every place, ``neighbor[start[p]:start[p + 1]]``: start (U + 1,)."""
         start, order = group_by(np.concatenate((self.edges[:, 0], self.edges[:, 1])), self.places)

@@ -49,6 +49,7 @@ class FrameReport:
         plate: share of the uncertain band for which there was a plate, 0 without.
         noise: deviation of the surroundings from the plate, grey levels; NaN without.
         cut: whether the scene changed since the previous frame.
+        cropped: whether the image's border cuts the model off.
     """
 
     person: bool
@@ -57,6 +58,7 @@ class FrameReport:
     plate: float = 0.0
     noise: float = float("nan")
     cut: bool = False
+    cropped: bool = False
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,8 @@ def _look(
         cue = temporal_gradient(pixels, others, around, settings.motion)
     lighting = None if plate is None else find_lighting(pixels, around, plate, settings.plate)
     backdrop = None if plate is None or lighting is None else Backdrop(plate, lighting)
-    report = FrameReport(full.size > 0, cue.gradient is not None, cue.level)
+    moves = cue.gradient is not None
+    report = FrameReport(full.size > 0, moves, cue.level, cropped=full.cropped)
     if backdrop is not None:
         band = trimap.band
         share = float(backdrop.plate.known[band].mean()) if band.any() else 0.0

@@ -82,6 +82,19 @@ class Trimap:
         inside: Mask = (self.labels == FOREGROUND) | (self.labels == PROBABLE_FOREGROUND)
         return inside
 
+    @property
+    def cropped(self) -> bool:
+        """Whether the model reaches the image's border, so that there may be more of it beyond."""
+        rows, columns = self.box
+        inside = self.distance > 0
+        sides = (
+            inside[:1] if rows.start == 0 else None,
+            inside[-1:] if rows.stop == self.shape[0] else None,
+            inside[:, :1] if columns.start == 0 else None,
+            inside[:, -1:] if columns.stop == self.shape[1] else None,
+        )
+        return any(side is not None and bool(side.any()) for side in sides)
+
     def resize(self, scale: float) -> Trimap:
         """The same regions of an image shrunk by ``scale``; sizes are in its pixels."""
         height, width = (max(1, round(side * scale)) for side in self.labels.shape)

@@ -28,6 +28,20 @@ def test_box_is_closed():
         assert pair[0] != pair[1]
 
 
+def test_counts_say_what_is_odd():
+    box = trimesh.creation.box()
+    wing = np.array([[*box.faces[0][:2], 8]])
+    vertices = np.concatenate((box.vertices, [[3, 3, 3], [4, 4, 4]], box.vertices[:1]))
+    assert surface_topology(vertices, np.concatenate((box.faces, wing, [[0, 0, 1]]))).counts() == {
+        "triangles": 13,
+        "parts": 1,
+        "open_edges": 2,
+        "edges_of_many_triangles": 1,
+        "vertices_at_one_place": 1,
+        "places_of_no_triangle": 1,
+    }
+
+
 def test_split_vertices_are_one_place():
     ball = trimesh.creation.icosphere(2)
     whole = surface_topology(ball.vertices, ball.faces)

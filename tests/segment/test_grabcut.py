@@ -114,6 +114,7 @@ def test_models_outside_and_all_over_the_image(clip, filled):
     found = segment(clip.images[0], trimap)
     np.testing.assert_array_equal(found.mask, model)
     assert found.report.person == filled
+    assert found.report.cropped == filled
     np.testing.assert_array_equal(box_grabcut(clip.images[0], model), model)
 
 

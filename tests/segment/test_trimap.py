@@ -72,6 +72,17 @@ def test_model_outside_the_image_and_filling_it():
     assert (full.full() == FOREGROUND).all()
 
 
+@pytest.mark.parametrize(
+    ("centre", "cropped"), [((40, 40), False), ((40, 5), True), ((76, 40), True)]
+)
+def test_border_that_cuts_the_model_off_is_told(centre, cropped):
+    trimap = build_trimap(disc(centre, 10, (80, 80)), NONE)
+    assert trimap.cropped == cropped
+    assert trimap.resize(0.5).size == trimap.size / 2
+    assert not build_trimap(np.zeros((20, 30), bool), BONE).cropped
+    assert build_trimap(np.ones((20, 30), bool), BONE).cropped
+
+
 def test_bones_that_are_not_finite_or_far_away():
     bones = np.array(
         [
