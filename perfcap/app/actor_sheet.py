@@ -29,6 +29,7 @@ Image = NDArray[np.uint8]
 
 SHEET = "contact_sheet.jpg"
 _LARGE, _SMALL = 480, 320  # px, sides of the pictures of the rows of four and of six
+_CLOSER = 1.15  # the orbiting camera leaves room that still pictures do not need
 _VIEWS = ("front", "its left", "back", "its right")
 _ASIDE = 3, 24  # poses are seen from 3/24 of a turn to the person's left
 _QUALITY = 90
@@ -143,9 +144,11 @@ def _pictures(
     backdrop = Backdrop(up, middle + (ground - middle @ up) * up)
     moment = Studio(look, scene, backdrop).at(vertices)
     joints = actor.joints(motion).double()
-    path = orbit(joints, scene, [0] * around, (size, size), 1.0)
+    wide = round(_CLOSER * size)
+    path = orbit(joints, scene, [0] * around, (wide, wide), 1.0)
+    inner = slice((wide - size) // 2, (wide - size) // 2 + size)
     return [
-        draw_caption(moment.seen_by(path.camera(step)), caption)
+        draw_caption(moment.seen_by(path.camera(step))[inner, inner], caption)
         for step, caption in enumerate(captions)
         if caption
     ]

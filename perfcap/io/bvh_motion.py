@@ -60,12 +60,15 @@ class BvhMotion:
 def bvh_motion(template: Template, bone_transforms: Floats, fps: float) -> BvhMotion:
     """Motion of an actor's own skeleton.
 
+    BVH holds one tree: roots after the first hang on the first one, against which they may move.
+
     Args:
         template: the rig; its bones become the joints.
         bone_transforms: rigid rest-to-posed transforms in the world, (F, B, 4, 4) m.
         fps: frames per second.
     """
-    parents = template.bone_parents
+    parents = np.where(template.bone_parents < 0, 0, template.bone_parents)
+    parents[0] = -1
     rest = template.bone_rest[:, :3, 3]
     above = np.maximum(parents, 0)
     turned = bone_transforms[..., :3, :3]

@@ -15,6 +15,8 @@ from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import ImportedActor, import_actor, require_sound
 from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.bvh import load_bvh, save_bvh
+from perfcap.io.bvh_motion import bvh_motion, joint_positions
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_animation import read_bone_transforms
@@ -171,3 +173,15 @@ def test_a_shipped_actor_is_not_touched() -> None:
     assert actor.template.joint_bones == {n: actor.template.bone(n) for n in JOINTS}
     marks = {name: bone for name, (bone, _) in actor.template.landmarks.items()}
     assert marks == {"head_top": 3, **{f"{s}_toe": actor.template.bone(f"{s}_ankle") for s in "lr"}}
+
+
+def test_loose_limbs_are_one_tree_in_bvh(tmp_path: Path) -> None:
+    actor = load_from(RIGS["Rigify, loose limbs, z up armature"].template()).actor
+    assert np.count_nonzero(actor.template.bone_parents < 0) == 5
+    transforms = actor.bone_transforms(sway(actor, 4)).numpy()
+    save_bvh(tmp_path / "a.bvh", bvh_motion(actor.template, transforms, RATE))
+    rest = actor.template.bone_rest[:, :3, 3, None]
+    expected = (transforms[..., :3, :3] @ rest)[..., 0] + transforms[..., :3, 3]
+    read = load_bvh(tmp_path / "a.bvh")
+    order = [actor.template.bone_names.index(name) for name in read.names]
+    np.testing.assert_allclose(joint_positions(read), expected[:, order], atol=1e-5)

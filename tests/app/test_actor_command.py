@@ -1,0 +1,110 @@
+"""``perfcap actor``: what people see, and what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foreign_rigs import MIXAMO, NAMELESS, RIGS, Rig
+from runs import Command
+from takes import write_actor
+
+from perfcap.app import actor_sheet
+from perfcap.io.actor import load_actor
+from perfcap.io.actor_folder import read_manifest
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(actor_sheet, "_LARGE", 48)
+    monkeypatch.setattr(actor_sheet, "_SMALL", 32)
+
+
+def test_a_foreign_rig_is_told_and_drawn(perfcap: Command, tmp_path: Path) -> None:
+    RIGS["Biped, centimetres, z up"].write(tmp_path / "own.glb")
+    done = perfcap(["actor", "inspect", tmp_path / "own.glb", "--out", tmp_path / "out"])
+    assert done.code == 0
+    for word in ("Biped", "Bip01 L Thigh", "in centimetres, z up, facing -y", " m "):
+        assert word in done.out
+    assert "warning: scale" in done.out and "warning: axes" in done.out
+    sheet = cv2.imread(str(tmp_path / "out/contact_sheet.jpg"))
+    assert sheet.shape == (2 * 48 + 32, 4 * 48, 3)
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["contact_sheet.jpg"]
+
+
+def test_a_rig_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
+    RIGS["no names, inches, z up"].write(tmp_path / "own.glb")
+    out = tmp_path / "me"
+    done = perfcap(
+        ["actor", "build", tmp_path / "own.glb", "--out", out, "--name", "me", "--licence", "mine"]
+    )
+    assert done.code == 0 and f"--actor {out}" in done.out.replace("\n", "")
+    names = {"actor.glb", "manifest.toml", "contact_sheet.jpg"}
+    assert {file.name for file in out.iterdir()} == names
+    manifest = read_manifest(out / "manifest.toml")
+    assert (manifest.name, manifest.licence) == ("me", "mine")
+    assert manifest.joints["l_knee"] == NAMELESS["l_knee"]
+    again = perfcap(["actor", "inspect", out])
+    assert again.code == 0 and "manifest" in again.out
+    actor = load_actor(out)
+    assert float(np.ptp(actor.template.vertices[:, 1])) == pytest.approx(1.75, abs=0.02)
+
+
+def test_a_mapping_file_is_used(perfcap: Command, tmp_path: Path) -> None:
+    Rig(MIXAMO, spines=("mixamorig:Spine",)).write(tmp_path / "own.glb")
+    (tmp_path / "map.toml").write_text('spine = "mixamorig:Spine"\n')
+    call = ["actor", "inspect", tmp_path / "own.glb", "--mapping", tmp_path / "map.toml"]
+    done = perfcap(call)
+    row = next(line for line in done.out.splitlines() if "spine" in line.split())
+    assert "mixamorig:Spine " in row and "mapping" in row
+
+
+def write(path: Path, **changes: object) -> Path:
+    write_actor(path, replace(Rig(MIXAMO).template(), **changes))  # type: ignore[arg-type]
+    return path
+
+
+def seated(folder: Path) -> Path:
+    template = Rig(MIXAMO).template()
+    rest = template.bone_rest.copy()
+    for side in ("Left", "Right"):
+        knee, ankle = (template.bone(f"mixamorig:{side}{part}") for part in ("Leg", "Foot"))
+        shank = rest[ankle, :3, 3] - rest[knee, :3, 3]
+        rest[knee, :3, 3] = rest[template.bone(f"mixamorig:{side}UpLeg"), :3, 3] + [0, 0, 0.42]
+        rest[ankle, :3, 3] = rest[knee, :3, 3] + shank
+    return write(folder / "a.glb", bone_rest=rest)
+
+
+def another_format(folder: Path) -> Path:
+    (folder / "a.fbx").write_bytes(b"Kaydara FBX")
+    return folder / "a.fbx"
+
+
+def huge(folder: Path) -> Path:
+    with (folder / "a.glb").open("wb") as file:
+        file.truncate(2 << 30)
+    return folder / "a.glb"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (seated, "far from T or A"),
+        (another_format, "expected a rigged character"),
+        (huge, "2147483648 bytes"),
+        (lambda folder: folder / "none.glb", "cannot be read"),
+    ],
+)
+def test_bad_characters_are_refused_and_nothing_is_written(
+    make: object, message: str, perfcap: Command, tmp_path: Path
+) -> None:
+    source, out = make(tmp_path), tmp_path / "out"  # type: ignore[operator]
+    line = perfcap(["actor", "build", source, "--out", out]).refused()
+    assert message in line
+    assert not out.exists()
+
+
+def test_what_would_spoil_a_capture_is_code_2(perfcap: Command, tmp_path: Path) -> None:
+    done = perfcap(["actor", "inspect", seated(tmp_path)])
+    assert done.code == 2 and "error: rest pose" in done.out and "errors" in done.out

@@ -1,0 +1,102 @@
+"""Actors written as folders and read back."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_rigs import MIXAMO, RIGS, Rig
+from takes import sway
+from test_actor_import import load_from
+from test_gltf import one_pixel_png
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.rig import with_limits
+from perfcap.actor.template import Template
+from perfcap.errors import InputError
+from perfcap.io.actor import find_actor, load_actor
+from perfcap.io.actor_folder import read_manifest, save_actor
+
+ARRAYS = ("vertices", "faces", "uv", "weights", "weight_bones", "bone_parents")
+
+
+def textured(rig: Rig) -> Template:
+    template = rig.template()
+    uv = np.random.default_rng(0).uniform(size=(len(template.vertices), 2))
+    return replace(template, uv=uv, texture=one_pixel_png()).rounded()
+
+
+@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
+def test_nothing_is_lost(rig: Rig, tmp_path: Path) -> None:
+    actor = load_from(textured(rig)).actor
+    for folder in (tmp_path / "one", tmp_path / "two"):  # saved, read, and saved again
+        save_actor(actor, folder, licence="CC0-1.0", provenance='a "test"\\')
+        read = load_actor(folder)
+        for name in ARRAYS:
+            one, two = getattr(actor.template, name), getattr(read.template, name)
+            assert np.array_equal(one, two) and one.dtype == two.dtype, name
+        assert read.template.texture == actor.template.texture
+        assert read.template.bone_names == actor.template.bone_names
+        assert read.template.joint_bones == actor.template.joint_bones
+        assert read.template.name == actor.template.name
+        np.testing.assert_allclose(read.template.bone_rest, actor.template.bone_rest, atol=1e-12)
+        motion = sway(actor, 3)
+        assert (read.surface(motion) - actor.surface(motion)).abs().max() < 1e-10
+        actor = read
+    manifest = read_manifest(tmp_path / "two/manifest.toml")
+    assert (manifest.licence, manifest.provenance) == ("CC0-1.0", 'a "test"\\')
+    assert not find_actor(tmp_path / "two").generic
+
+
+def test_limits_of_an_actor_are_kept(tmp_path: Path) -> None:
+    plain = load_from(Rig(MIXAMO).template()).actor
+    limits = {"l_knee_flexion": (0.1, 1.0), "neck_axial": (-0.2, 0.3)}
+    actor = Actor(plain.template, with_limits(plain.skeleton.rig, limits))
+    save_actor(actor, tmp_path / "stiff", generic=True, shape_space="shape.npz")
+    read = load_actor(tmp_path / "stiff")
+    assert (read.skeleton.lower - actor.skeleton.lower).abs().max() < 1e-12
+    assert (read.skeleton.upper - actor.skeleton.upper).abs().max() < 1e-12
+    manifest = read_manifest(tmp_path / "stiff/manifest.toml")
+    assert set(manifest.limits) == set(limits)
+    assert manifest.shape_space == "shape.npz" and find_actor(tmp_path / "stiff").generic
+
+
+def test_bad_limits_are_refused() -> None:
+    rig = load_from(Rig(MIXAMO).template()).actor.skeleton.rig
+    with pytest.raises(InputError, match="tail is no angle"):
+        with_limits(rig, {"tail": (0, 1)})
+    with pytest.raises(InputError, match="lower below upper"):
+        with_limits(rig, {"neck_axial": (1, 0)})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[joints]", "[joints", "is not TOML"),
+        ('pelvis = "', 'hips = "', "joints are"),
+        ('pelvis = "mixamorig:Hips"', 'pelvis = "Becken"', "names the bones Becken"),
+        ('pelvis = "mixamorig:Hips"', "pelvis = 3", "is not as perfcap writes it"),
+        ("position = [", 'position = ["x", ', "landmarks"),
+        ("position = [", "position = [nan, ", "landmarks"),
+        ('licence = "', 'licence = 3 # "', "licence is 3"),
+        ("[joints]", "[limits]\ntail = [0, 1]\n[joints]", "tail is no angle"),
+        ("[joints]", "[limits]\nneck_axial = [0]\n[joints]", "limits"),
+        ("[joints]", "x = " + "[" * 3000 + "\n[joints]", "manifest"),
+    ],
+)
+def test_a_spoiled_manifest_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    save_actor(load_from(Rig(MIXAMO).template()).actor, tmp_path)
+    path = tmp_path / "manifest.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        load_actor(tmp_path)
+    assert "manifest.toml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    actor = load_from(Rig(MIXAMO).template()).actor
+    with pytest.raises(InputError, match="cannot be written"):
+        save_actor(actor, tmp_path / "file")

@@ -1,0 +1,118 @@
+"""What hangs on a skeleton, and what only seems to."""
+
+import base64
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_gltf import Builder, armature_file, one_pixel_png
+
+from perfcap.errors import InputError
+from perfcap.io.actor_import import require_sound
+from perfcap.io.doctor.finding import Severity
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import Character, read_character
+
+
+def character(builder: Builder, folder: Path) -> Character:
+    return read_character(open_document(builder.write_gltf(folder / "a.gltf")))
+
+
+def add_node(builder: Builder, points: object, parent: int | None, **node: Any) -> None:
+    """A triangle in a mesh of its own."""
+    tree = builder.tree
+    mesh = {"name": "hat", "primitives": [{"attributes": {"POSITION": builder.add(points)}}]}
+    tree["meshes"].append(mesh)
+    tree["nodes"].append({"mesh": len(tree["meshes"]) - 1, **node})
+    if parent is not None:
+        tree["nodes"][parent].setdefault("children", []).append(len(tree["nodes"]) - 1)
+
+
+TRIANGLE = [[0.0, 0, 0], [5, 0, 0], [0, 0, 5]]
+
+
+def test_a_hat_on_a_bone_goes_with_it(tmp_path: Path) -> None:
+    builder = armature_file()
+    add_node(builder, TRIANGLE, 0, translation=[0, 0, 10])
+    found = character(builder, tmp_path)
+    template = found.template
+    np.testing.assert_allclose(
+        template.vertices[-3:], [[0, 0.6, 0], [0.05, 0.6, 0], [0, 0.65, 0]], atol=1e-7
+    )
+    np.testing.assert_array_equal(template.dense_weights()[-3:], [[0, 1]] * 3)
+    assert found.parts[-1] == ("hat", 3) and not found.findings
+
+
+def test_a_hat_on_a_posed_bone_is_put_where_the_rest_pose_has_it(tmp_path: Path) -> None:
+    builder = armature_file()
+    builder.tree["nodes"][0]["rotation"] = [0.6, 0, 0, 0.8]
+    add_node(builder, TRIANGLE, 0, translation=[0, 0, 10])
+    template = character(builder, tmp_path).template
+    np.testing.assert_allclose(template.vertices[-3], [0, 0.6, 0], atol=1e-6)
+
+
+def test_a_forgotten_part_is_an_error_and_a_floor_is_not(tmp_path: Path) -> None:
+    builder = armature_file()
+    struct.pack_into("<f", builder.data, 3 * 12 + 4, 10.0)  # so that the body is not flat
+    small = 0.002 * np.array(TRIANGLE)
+    add_node(builder, small, None, translation=[0.05, 0.25, -0.05])
+    add_node(builder, 10 * np.array(TRIANGLE), None)
+    found = character(builder, tmp_path)
+    assert len(found.template.vertices) == 7
+    forgotten, floor = found.findings
+    assert forgotten.severity is Severity.ERROR and "has no weights" in forgotten.what
+    assert floor.severity is Severity.WARNING and "left out" in floor.what
+
+
+def test_rough_weights_are_scaled_and_told(tmp_path: Path) -> None:
+    builder = armature_file()
+    start = builder.tree["bufferViews"][2]["byteOffset"]
+    builder.data[start] = 200  # of 255
+    found = character(builder, tmp_path)
+    assert "weights of 1 vertices sum to 0.784" in found.findings[0].what
+    np.testing.assert_allclose(found.template.weights.sum(1), 1)
+
+
+def test_a_bare_piece_is_an_error_and_a_bare_vertex_is_not(tmp_path: Path) -> None:
+    builder = armature_file()
+    start = builder.tree["bufferViews"][2]["byteOffset"]
+    builder.data[start] = 0
+    (finding,) = character(builder, tmp_path).findings
+    assert finding.severity is Severity.WARNING
+    for vertex in range(4):
+        builder.data[start + 4 * vertex : start + 4 * vertex + 4] = bytes(4)
+    more = builder.tree["bufferViews"][4]["byteOffset"]
+    builder.data[more : more + 16] = bytes(16)
+    found = character(builder, tmp_path)
+    assert "whole pieces" in found.findings[0].what
+    with pytest.raises(InputError, match="without weights"):
+        require_sound(tmp_path / "a.gltf", found.findings)
+
+
+def test_a_primitive_without_weights_is_an_error(tmp_path: Path) -> None:
+    builder = armature_file()
+    del builder.tree["meshes"][0]["primitives"][1]["attributes"]["JOINTS_0"]
+    (finding,) = character(builder, tmp_path).findings
+    assert finding.severity is Severity.ERROR and "without weights" in finding.what
+
+
+def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
+    builder = armature_file()
+    uv = np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])
+    tree = builder.tree
+    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = builder.add(uv)
+    png = "data:image/png;base64,"
+    tree["images"] = [{"uri": png + base64.b64encode(one_pixel_png()).decode()}]
+    tree["textures"] = [{"source": 0}]
+    moved = {"offset": [0.5, 0.25], "scale": [0.5, 0.5], "rotation": np.pi / 2}
+    reference = {"index": 0, "extensions": {"KHR_texture_transform": moved}}
+    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": reference}}]
+    for primitive in tree["meshes"][0]["primitives"]:
+        primitive["material"] = 0
+    tree["meshes"][0]["primitives"] = tree["meshes"][0]["primitives"][:1]
+    found = character(builder, tmp_path).template
+    # the matrix of the extension's text: translation * rotation * scale
+    expected = [[0.5, 0.25], [0.5, -0.25], [1.0, 0.25], [1.0, -0.25]]
+    np.testing.assert_allclose(found.uv, expected, atol=1e-6)
