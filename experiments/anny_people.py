@@ -40,13 +40,14 @@ _Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 class Person:
     """A body, y up, facing +z, metres: vertices (V, 3), faces (T, 3), joints by name.
 
-    ``rest`` is the same body in its rest pose, (V, 3).
+    ``rest`` and ``rest_joints`` are the same body in its rest pose.
     """
 
     vertices: Floats
     faces: NDArray[np.int64]
     joints: dict[str, Floats]
     rest: Floats
+    rest_joints: dict[str, Floats]
 
 
 class People:
@@ -62,26 +63,37 @@ class People:
 
     def draw(self, raised: tuple[float, float] = (-15.0, 45.0)) -> Person:
         """A random adult whose arms are raised by some degrees from the A-pose."""
+        return self.pose(self.shape(), raised)
+
+    def shape(self) -> dict[str, float]:
+        """Who: parameters of a random adult."""
         rng = self.rng
-        shape = {
+        return {
             "gender": float(rng.integers(2)),
-            "age": 2 / 3 + rng.uniform(0, 0.25),
-            "muscle": rng.beta(2, 2),
-            "weight": rng.beta(2, 2),
+            "age": float(2 / 3 + rng.uniform(0, 0.25)),
+            "muscle": float(rng.beta(2, 2)),
+            "weight": float(rng.beta(2, 2)),
             "height": float(np.clip(rng.normal(0.41, 0.09), 0, 1)),
-            "proportions": rng.uniform(),
+            "proportions": float(rng.uniform()),
         }
+
+    def pose(self, shape: dict[str, float], raised: tuple[float, float]) -> Person:
+        """Somebody in a random pose."""
         values = {name: torch.tensor([value]) for name, value in shape.items()}
-        turns = self._turns(rng.uniform(*raised))
+        turns = self._turns(self.rng.uniform(*raised))
         out = self.model(pose_parameters=turns, phenotype_kwargs=values)
-        heads = out["bone_poses"][0, :, :3, 3].double().numpy() @ _Y_UP.T
-        index = {bone: k for k, bone in enumerate(self.model.bone_labels)}
         return Person(
             vertices=out["vertices"][0].double().numpy() @ _Y_UP.T,
             faces=self.model.faces.numpy().astype(np.int64),
-            joints={ours: heads[index[theirs]] for ours, theirs in BONES.items()},
+            joints=self._joints(out["bone_poses"][0, :, :3, 3]),
             rest=out["rest_vertices"][0].double().numpy() @ _Y_UP.T,
+            rest_joints=self._joints(out["rest_bone_heads"][0]),
         )
+
+    def _joints(self, heads: torch.Tensor) -> dict[str, Floats]:
+        places = heads.double().numpy() @ _Y_UP.T
+        index = {bone: k for k, bone in enumerate(self.model.bone_labels)}
+        return {ours: places[index[theirs]] for ours, theirs in BONES.items()}
 
     def _turns(self, raised: float) -> dict[str, torch.Tensor]:
         """Rotations of limbs, degrees: arms as asked, all else a little."""

@@ -26,6 +26,8 @@ from perfcap.solve.kernels import GemanMcClure
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_MOST_DEVIATIONS = 4.0
+
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -93,8 +95,7 @@ class BodyFitter:
         self.settings = settings or FitSettings()
         self.model = model
         self.actor = model.actor(torch.zeros(0))
-        everything = np.arange(len(model.surface.mean))
-        self.surface = ShapedPoints.of_surface(model, self.actor, everything)
+        self.surface = ShapedPoints.of_surface(model, self.actor)
         self.marks = ShapedPoints.of_landmarks(model, self.actor)
         wrists = [self.actor.skeleton.rig.joints.index(f"{side}_wrist") for side in "lr"]
         hands = self.surface.weights[:, wrists].sum(1)
@@ -187,7 +188,9 @@ class BodyFitter:
             pose=PosePrior(start, settings.deviation, settings.pose),
         )
         method = LevenbergMarquardt(max_steps=settings.steps)
-        state: Motion = solve(objective, motion, method, self._bounds()).state
+        state: Motion = solve(
+            objective, motion, method, shape_bounds(self.actor, self.model.components)
+        ).state
         return state
 
     def _anchor(self, motion: Motion) -> Tensor:
@@ -210,11 +213,6 @@ class BodyFitter:
         given = torch.from_numpy(trust) * self.trust[torch.from_numpy(rows)]
         return Matches(torch.from_numpy(place), torch.from_numpy(normal), given)
 
-    def _bounds(self) -> Bounds:
-        lower, upper = self.actor.skeleton.bounds
-        limit = lower.new_full((self.model.components,), 4.0)
-        return Bounds(Step(lower, -limit), Step(upper, limit))
-
     def _result(self, motion: Motion, target: TargetSurface) -> SurfaceFit:
         body = self.surface(motion)[0].numpy()
         distance, at = cKDTree(body).query(target.points)
@@ -228,6 +226,13 @@ class BodyFitter:
             distance=float(np.median(distance)),
             far=float((distance > 0.15).mean()),
         )
+
+
+def shape_bounds(actor: Actor, components: int) -> Bounds:
+    """Limits of the angles, and four deviations of every coefficient of shape."""
+    lower, upper = actor.skeleton.bounds
+    limit = lower.new_full((components,), _MOST_DEVIATIONS)
+    return Bounds(Step(lower, -limit), Step(upper, limit))
 
 
 def two_way_distance(body: Floats, target: TargetSurface) -> float:

@@ -60,14 +60,16 @@ class ShapedPoints(nn.Module):
         self.register_buffer("chain", tree.chain[: tree.joints, : tree.joints], persistent=False)
 
     @classmethod
-    def of_surface(cls, model: BodyModel, actor: Actor, vertices: Integers) -> Self:
-        """Vertices of a model's surface, (N,).
+    def of_surface(cls, model: BodyModel, actor: Actor, vertices: Integers | None = None) -> Self:
+        """Vertices of a model's surface.
 
         Args:
             model: the body.
             actor: ``model.actor`` of the mean.
-            vertices: of the model.
+            vertices: of the model, (N,); all if None.
         """
+        if vertices is None:
+            vertices = np.arange(len(model.surface.mean))
         dense = _joint_weights(model, actor)[vertices]
         index = torch.from_numpy(vertices)
         surface = (model.surface.mean[index], model.surface.basis[:, index])

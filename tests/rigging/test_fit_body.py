@@ -1,0 +1,146 @@
+"""Shape from views: energies against differences, girths recovered, one view with a height."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+
+import pytest
+import synthetic
+import torch
+from checks import check_jacobian, check_shapes, check_value
+from torch import Tensor
+
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.measurements import measure
+from perfcap.actor.motion import Motion
+from perfcap.actor.shape_space import ShapeSpace
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.body_model import load_body_model
+from perfcap.render.projected_mesh import ProjectedMesh
+from perfcap.render.soft_silhouette import SoftSilhouette
+from perfcap.rigging.fit_body import Stature, ViewFitSettings, extents, fit_body, shrunk
+from perfcap.rigging.shaped_points import ShapedPoints
+from perfcap.rigging.view_energies import LandmarkReprojection, ShapedSilhouette
+
+QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
+
+
+@pytest.fixture(scope="module")
+def model() -> BodyModel:
+    """The first components of the shipped body."""
+    whole = load_body_model()
+    surface, bones = (
+        ShapeSpace(space.mean, space.basis[:4]) for space in (whole.surface, whole.bones)
+    )
+    return BodyModel(surface, bones, whole.rig)
+
+
+def person(model: BodyModel) -> Motion:
+    """Three frames of somebody broad who turns."""
+    actor = model.actor(torch.zeros(0))
+    rest = actor.skeleton.rest_motion(3)
+    turn = torch.zeros(3, 3, dtype=torch.float64)
+    turn[:, 1] = torch.tensor([0.0, 0.8, 1.6])
+    shape = torch.tensor([-0.6, -1.2, 0.4, 1.0], dtype=torch.float64)
+    return Motion(torch.zeros(3, 3).double(), turn, rest.angles, shape)
+
+
+def seen(model: BodyModel, motion: Motion, cameras: Camera) -> tuple[Detections, Tensor]:
+    """Exact joints and masks."""
+    actor = model.actor(torch.zeros(0))
+    marks = ShapedPoints.of_landmarks(model, actor)(motion)[:, :16]
+    pixels = cameras.project(marks)
+    faces = torch.from_numpy(model.rig.faces)
+    masks = [
+        torch.stack(
+            [
+                ProjectedMesh.seen_by(cameras.select([view]), vertices, faces).rasterize().mask
+                for view in range(cameras.views)
+            ]
+        )
+        for vertices in ShapedPoints.of_surface(model, actor)(motion)
+    ]
+    confidence = torch.ones(pixels.shape[:-1]).to(pixels)
+    return Detections.from_joints(pixels, confidence), torch.stack(masks)
+
+
+def test_energies_have_the_derivatives_they_state(model: BodyModel) -> None:
+    cameras = synthetic.cameras(2, size=96, distance=4.0)
+    truth = person(model)
+    detections, _ = seen(model, truth, cameras)
+    actor = model.actor(torch.zeros(0))
+    marks = ShapedPoints.of_landmarks(model, actor).at(torch.arange(16).numpy())
+    state = replace(truth, translation=truth.translation + 0.01, shape=0.9 * truth.shape)
+    joints = LandmarkReprojection(marks, cameras, detections, 2.0, unit=torch.tensor([1.0, 2.0]))
+    stature = Stature(model, 1.8, 0.01, frames=3)
+    for energy in (joints, stature):
+        check_shapes(energy, state)
+        check_value(energy, state)
+        check_jacobian(energy, state, atol=1e-5, rtol=1e-5)
+
+
+def test_silhouettes_pull_on_the_shape(model: BodyModel) -> None:
+    """The rows of the linearization have the gradient of the energy."""
+    cameras = synthetic.cameras(1, size=96, distance=4.0)
+    truth = person(model)
+    _, masks = seen(model, truth, cameras)
+    surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)))
+    silhouette = SoftSilhouette(torch.from_numpy(model.rig.faces), (96, 96), 3.0)
+    energy = ShapedSilhouette(surface, silhouette, cameras, masks, weight=3.0)
+    shape = (0.8 * truth.shape).requires_grad_()
+    state = replace(truth, shape=shape)
+    energy(state).backward()
+    linear = energy.linearize(replace(truth, shape=shape.detach()))
+    assert linear.shared is not None
+    rows = 2 * 3.0 * (linear.residual.value.unsqueeze(-1) * linear.shared).sum((0, 1, 2))
+    assert torch.allclose(rows, shape.grad, rtol=1e-6, atol=1e-9)
+
+
+def test_girths_are_recovered_from_two_views(model: BodyModel) -> None:
+    cameras = synthetic.cameras(4, size=400, distance=4.0).select([0, 1])
+    truth = person(model)
+    detections, masks = seen(model, truth, cameras)
+    start = replace(truth, translation=truth.translation + 0.02, shape=None)
+    found = fit_body(model, cameras, detections, start, masks, settings=QUICK)
+    assert truth.shape is not None
+    expected = measure(model.template(truth.shape))
+    for mine, true in zip(astuple(found.measurements), astuple(expected), strict=True):
+        assert mine == pytest.approx(true, abs=0.02)
+
+
+def test_a_height_fixes_the_size_of_one_view(model: BodyModel) -> None:
+    cameras = synthetic.cameras(1, size=400, distance=4.0)
+    truth = person(model)
+    detections, _ = seen(model, truth, cameras)
+    start = replace(truth, shape=None)
+    assert truth.shape is not None
+    height = measure(model.template(truth.shape)).height
+    found = fit_body(model, cameras, detections, start, height=height, settings=QUICK)
+    assert found.measurements.height == pytest.approx(height, abs=0.02)
+
+
+def test_small_images_show_the_same(model: BodyModel) -> None:
+    cameras = synthetic.cameras(2, size=402)
+    masks = torch.rand(3, 2, 402, 402) > 0.5
+    small, fewer = shrunk(masks, cameras, 4)
+    assert small.shape == (3, 2, 100, 100)
+    assert float(small[0, 0, 0, 0]) == pytest.approx(float(masks[0, 0, :4, :4].double().mean()))
+    points = torch.randn(1, 5, 3, dtype=torch.float64)
+    there, here = cameras.project(points), fewer.project(points)
+    assert torch.allclose((there + 0.5) / 4, here + 0.5)
+
+
+def test_frames_must_agree(model: BodyModel) -> None:
+    cameras, truth = synthetic.cameras(1), person(model)
+    pixels = torch.zeros(2, 1, 16, 2, dtype=torch.float64)
+    detections = Detections.from_joints(pixels, torch.ones(2, 1, 16).double())
+    with pytest.raises(InputError, match="3 frames but detections have 2"):
+        fit_body(model, cameras, detections, replace(truth, shape=None))
+
+
+def test_extents_of_unseen_people_are_finite() -> None:
+    pixels = torch.zeros(2, 1, 16, 2, dtype=torch.float64)
+    nothing = Detections.from_joints(pixels, torch.zeros(2, 1, 16).double())
+    assert bool((extents(nothing) > 0).all())
