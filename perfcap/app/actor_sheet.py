@@ -29,9 +29,9 @@ Image = NDArray[np.uint8]
 
 SHEET = "contact_sheet.jpg"
 _LARGE, _SMALL = 480, 320  # px, sides of the pictures of the rows of four and of six
-_CLOSER = 1.15  # the orbiting camera leaves room that still pictures do not need
+_CLOSER = 1.15  # the orbiting camera leaves room that a rest pose does not need
 _VIEWS = ("front", "its left", "back", "its right")
-_ASIDE = 3, 24  # poses are seen from 3/24 of a turn to the person's left
+_AROUND, _ASIDE = 24, 3  # poses are seen from 3/24 of a turn to the person's left
 _QUALITY = 90
 
 # degrees of angles that differ from standing; ``pitch`` leans all of the body forwards
@@ -72,14 +72,15 @@ def contact_sheet(actor: Actor) -> Image:
     look = Appearance.of(actor.template)
     weights = replace(look, texture=weight_colors(actor))
     rest = actor.skeleton.rest_motion()
-    sides = [_pictures(actor, each, rest, _LARGE, 4, _VIEWS) for each in (look, weights)]
+    rows = []
+    for each in (look, weights):
+        around = _pictures(actor, each, rest, (0, 6, 12, 18), _LARGE, _CLOSER)
+        rows.append([draw_caption(*pair) for pair in zip(around, _VIEWS, strict=True)])
     poses = []
     for name, degrees in POSES.items():
-        turn = [""] * _ASIDE[1]
-        turn[_ASIDE[0]] = name
-        poses += _pictures(actor, look, pose(actor, degrees), _SMALL, _ASIDE[1], turn)
-    rows = [np.concatenate(row, axis=1) for row in (*sides, poses)]
-    return np.concatenate(rows)
+        (picture,) = _pictures(actor, look, pose(actor, degrees), (_ASIDE,), _SMALL)
+        poses.append(draw_caption(picture, name))
+    return np.concatenate([np.concatenate(row, axis=1) for row in (*rows, poses)])
 
 
 def pose(actor: Actor, degrees: Mapping[str, float]) -> Motion:
@@ -131,11 +132,11 @@ def _pictures(
     actor: Actor,
     look: Appearance,
     motion: Motion,
+    steps: Sequence[int],
     size: int,
-    around: int,
-    captions: Sequence[str],
+    closer: float = 1.0,
 ) -> list[Image]:
-    """Pictures of one pose by a camera that goes around it in steps; those with a caption."""
+    """Square pictures of one pose from steps of a way around it, ``_AROUND`` a turn."""
     up, ahead = torch.eye(3, dtype=torch.float64)[[1, 2]]
     vertices = actor.surface(motion)[0].detach().double()
     ground = vertices[:, 1].min()
@@ -144,11 +145,7 @@ def _pictures(
     backdrop = Backdrop(up, middle + (ground - middle @ up) * up)
     moment = Studio(look, scene, backdrop).at(vertices)
     joints = actor.joints(motion).double()
-    wide = round(_CLOSER * size)
-    path = orbit(joints, scene, [0] * around, (wide, wide), 1.0)
+    wide = round(closer * size)
+    path = orbit(joints, scene, [0] * _AROUND, (wide, wide), 1.0)
     inner = slice((wide - size) // 2, (wide - size) // 2 + size)
-    return [
-        draw_caption(moment.seen_by(path.camera(step))[inner, inner], caption)
-        for step, caption in enumerate(captions)
-        if caption
-    ]
+    return [moment.seen_by(path.camera(step))[inner, inner] for step in steps]

@@ -48,13 +48,13 @@ class ImportedActor:
         return (*self.about_file, *self.about_actor)
 
 
-def import_actor(path: Path, mapping: ActorMapping | None = None) -> ImportedActor:
+def import_actor(path: str | Path, mapping: ActorMapping | None = None) -> ImportedActor:
     """Read a skinned ``.glb`` or ``.gltf`` with any bones, in any units, with any axis up.
 
     Raises:
         InputError: the file cannot be read, or its joints cannot be found.
     """
-    return rig_character(read_character(open_document(path)), mapping)
+    return rig_character(read_character(open_document(Path(path))), mapping)
 
 
 def rig_character(character: Character, mapping: ActorMapping | None = None) -> ImportedActor:

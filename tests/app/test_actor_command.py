@@ -6,13 +6,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from foreign_rigs import MIXAMO, NAMELESS, RIGS, Rig
+from foreign_rigs import MIXAMO, NAMELESS, RIGS, Z_UP, Rig, transformed
 from runs import Command
-from takes import write_actor
+from takes import TakeFiles, marked_template, write_actor
 
 from perfcap.app import actor_sheet
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_folder import read_manifest
+from perfcap.io.result import read_result
 
 
 @pytest.fixture(autouse=True)
@@ -58,6 +59,29 @@ def test_a_mapping_file_is_used(perfcap: Command, tmp_path: Path) -> None:
     done = perfcap(call)
     row = next(line for line in done.out.splitlines() if "spine" in line.split())
     assert "mixamorig:Spine " in row and "mapping" in row
+
+
+def test_captures_with_ones_own_character_find_the_same_motion(
+    perfcap: Command, take: TakeFiles, captured: Path, tmp_path: Path
+) -> None:
+    """The actor of the take under other names, in centimetres with z up, as file and as folder."""
+    ends = {"head_top": "mixamorig:HeadTop_End", "l_toe": "mixamorig:LeftToe_End",
+            "r_toe": "mixamorig:RightToe_End"}  # fmt: skip
+    plain = marked_template()
+    names = tuple({**MIXAMO, **ends}[name] for name in plain.bone_names)
+    turned = transformed(replace(plain, bone_names=names), 100 * Z_UP, np.zeros(3))
+    write_actor(tmp_path / "own.glb", turned)
+    folder = tmp_path / "me"
+    assert perfcap(["actor", "build", tmp_path / "own.glb", "--out", folder]).code == 0
+    expected = read_result(captured)
+    for number, actor in enumerate((tmp_path / "own.glb", folder)):
+        out = tmp_path / f"out{number}"
+        assert perfcap(take.command(out, "--no-overlay", actor=actor)).code == 0
+        found = read_result(out)
+        np.testing.assert_allclose(found.joints, expected.joints, atol=1e-3)
+        assert found.template.bone_names == names
+        theirs, ours = (each.vertices(slice(0, 3)) for each in (found, expected))
+        np.testing.assert_allclose(theirs, ours, atol=2e-3)
 
 
 def write(path: Path, **changes: object) -> Path:

@@ -185,3 +185,23 @@ def test_loose_limbs_are_one_tree_in_bvh(tmp_path: Path) -> None:
     read = load_bvh(tmp_path / "a.bvh")
     order = [actor.template.bone_names.index(name) for name in read.names]
     np.testing.assert_allclose(joint_positions(read), expected[:, order], atol=1e-5)
+
+
+def test_random_damage_never_ends_in_another_error(tmp_path: Path) -> None:
+    path = tmp_path / "own.glb"
+    RIGS["Mixamo, centimetres, armature"].write(path)
+    data = path.read_bytes()
+    text = len(data) // 3  # where most of the structure is
+    rng = np.random.default_rng(0)
+    refused = 0
+    for trial in range(80):
+        damaged = bytearray(data)
+        for place in rng.integers(0, text if trial % 2 else len(data), 3):
+            damaged[place] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            import_actor(path)
+        except InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 15
