@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.solve._model_numba import Model, from_basis, plain, solve_transposed
 from perfcap.solve._nonnegative_numba import solve_nonnegative
 from perfcap.solve._products_numba import dot, solve_lower, solve_upper_vector
 from perfcap.solve.bounds import StepBox
@@ -22,17 +23,6 @@ from perfcap.solve.factorization import Factorization
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
-
-
-class _Model(NamedTuple):
-    """A factorization: H^-1 = M^-1 + M^-1 U (R' R)^-1 U' M^-1 with R x R upper ``root``."""
-
-    cholesky: Floats  # lower factors of M_f, (B, F, D, D)
-    solved: Floats  # Y, (B, F, D, E)
-    bases: Floats  # of all window energies, one above the other, (K, F)
-    time: Indices  # row of the bases that each row of the root belongs to, (R,)
-    feature: Indices  # the feature, likewise, (R,)
-    root: Floats  # (B, R, R)
 
 
 class _Columns(NamedTuple):
@@ -64,40 +54,15 @@ def box_steps(
     """
     step, multipliers = newton.clone(), torch.zeros_like(newton)
     exact = torch.zeros_like(newton[:, 0], dtype=torch.bool)
-    given = (_plain(x) for x in (newton, box.lowest, box.highest, held.clone(), tolerance))
+    given = (plain(x) for x in (newton, box.lowest, box.highest, held.clone(), tolerance))
     outcome = step.numpy(), multipliers.numpy(), exact.numpy()
-    _solve_all(_model(factorization), *given, *limits, *outcome)
+    _solve_all(factorization.arrays, *given, *limits, *outcome)
     return step, multipliers, exact
-
-
-def _model(factorization: Factorization) -> _Model:
-    cholesky, window = factorization.cholesky, factorization.window
-    bases = () if window is None else window.bases
-    sizes = [] if window is None else window.sizes
-    time, feature = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    for k, (basis, size) in enumerate(zip(bases, sizes, strict=True)):
-        first = sum(map(len, bases[:k])), sum(sizes[:k])
-        time.append(np.repeat(np.arange(first[0], first[0] + len(basis)), size))
-        feature.append(np.tile(np.arange(first[1], first[1] + size), len(basis)))
-    batch, frames = cholesky.shape[:2]
-    return _Model(
-        _plain(cholesky),
-        _plain(cholesky[..., :0] if window is None else window.solved),
-        _plain(torch.cat((cholesky.new_empty(0, frames), *bases))),
-        np.concatenate(time),
-        np.concatenate(feature),
-        _plain(cholesky.new_empty(batch, 0, 0) if window is None else window.cholesky.mT),
-    )
-
-
-def _plain(tensor: Tensor) -> NDArray[Any]:
-    """Contiguous, as another memory layout would compile the kernels once more."""
-    return np.ascontiguousarray(tensor.detach().numpy())
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _solve_all(
-    model: _Model,
+    model: Model,
     newton: Floats,
     lowest: Floats,
     highest: Floats,
@@ -151,9 +116,9 @@ def _begin(held: Floats) -> tuple[NDArray[np.bool_], Indices]:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _no_columns(model: _Model) -> _Columns:
+def _no_columns(model: Model) -> _Columns:
     dtype = model.root.dtype
-    dim, rows = model.cholesky.shape[2], len(model.time)
+    dim, rows = model.cholesky.shape[2], model.root.shape[1]
     return _Columns(
         np.empty(0, np.int64),
         np.empty((0, dim), dtype),
@@ -163,7 +128,7 @@ def _no_columns(model: _Model) -> _Columns:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _with_columns(model: _Model, b: int, columns: _Columns, fresh: Indices) -> _Columns:
+def _with_columns(model: Model, b: int, columns: _Columns, fresh: Indices) -> _Columns:
     """The columns, and those at ``fresh`` unknowns after them."""
     if len(fresh) == 0:
         return columns
@@ -171,7 +136,7 @@ def _with_columns(model: _Model, b: int, columns: _Columns, fresh: Indices) -> _
     size = old + len(fresh)
     index = np.empty(size, np.int64)
     own = np.zeros((size, dim), model.root.dtype)
-    common = np.empty((size, len(model.time)), model.root.dtype)
+    common = np.empty((size, model.root.shape[1]), model.root.dtype)
     block = np.empty((size, size), model.root.dtype)
     for i in range(old):
         index[i] = columns.unknowns[i]
@@ -212,15 +177,16 @@ def _halve_frames(cholesky: Floats, fresh: Indices, own: Floats) -> None:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _halve_windows(model: _Model, b: int, fresh: Indices, common: Floats) -> None:
+def _halve_windows(model: Model, b: int, fresh: Indices, common: Floats) -> None:
     """``(R')^-1 U' M^-1 e`` of unit vectors, by rows."""
-    dim, rows = model.cholesky.shape[2], len(model.time)
+    dim, rows = model.cholesky.shape[2], model.root.shape[1]
     right = np.empty((rows, len(fresh)), common.dtype)
     for m in range(len(fresh)):
         frame, inner = fresh[m] // dim, fresh[m] % dim
-        for r in range(rows):
-            seen = model.solved[b, frame, inner, model.feature[r]]
-            right[r, m] = model.bases[model.time[r], frame] * seen
+        for t in range(len(model.bases)):
+            for i in range(model.size[t]):
+                seen = model.solved[b, frame, inner, model.feature[t] + i]
+                right[model.start[t] + i, m] = model.bases[t, frame] * seen
     solve_lower(model.root[b], right)
     for m in range(len(fresh)):
         for r in range(rows):
@@ -259,10 +225,10 @@ def _hold(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _pull_back(model: _Model, b: int, columns: _Columns, multipliers: Floats, step: Floats) -> None:
+def _pull_back(model: Model, b: int, columns: _Columns, multipliers: Floats, step: Floats) -> None:
     """``step -= H^-1 multipliers``, from the halves of its columns."""
     frames, dim = model.cholesky.shape[1], model.cholesky.shape[2]
-    rows, features = len(model.time), model.solved.shape[3]
+    rows, features = model.root.shape[1], model.solved.shape[3]
     pull = np.zeros((frames, dim), step.dtype)
     across = np.zeros(rows, step.dtype)
     for i in range(len(columns.unknowns)):
@@ -275,23 +241,12 @@ def _pull_back(model: _Model, b: int, columns: _Columns, multipliers: Floats, st
                 across[r] += share * columns.common[i, r]
     solve_upper_vector(model.root[b], across)
     spread = np.zeros((frames, features), step.dtype)
-    for r in range(rows):
-        for frame in range(frames):
-            spread[frame, model.feature[r]] += model.bases[model.time[r], frame] * across[r]
+    from_basis(model, across, spread)
     for frame in range(frames):
-        _solve_transposed(model.cholesky[b, frame], pull[frame])
+        solve_transposed(model.cholesky[b, frame], pull[frame])
         for i in range(dim):
             own = dot(model.solved[b, frame, i], spread[frame])
             step[frame * dim + i] -= pull[frame, i] + own
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _solve_transposed(lower: Floats, right: Floats) -> None:
-    """``(L')^-1`` times a vector, in place, along the rows of L."""
-    for i in range(len(right) - 1, -1, -1):
-        right[i] /= lower[i, i]
-        for k in range(i):
-            right[k] -= lower[i, k] * right[i]
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -1,6 +1,8 @@
 """Factors of every frame's block as compiled loops, for plain tensors on the CPU.
 
-Says the same as ``frame_factors.py`` in torch, which tests hold it equal to.
+Says the same as ``frame_factors.py`` in torch, which tests hold it equal to. Features of a window
+energy are often the unknowns in other units; their Jacobian then has orthogonal columns, which a
+file of its own makes use of.
 """
 
 from __future__ import annotations
@@ -12,7 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.solve._products_numba import add_gram, factorize_square, solve_lower, solve_upper
+from perfcap.solve._orthogonal_frames_numba import (
+    factorize_orthogonal,
+    find_columns,
+    room_for_columns,
+)
+from perfcap.solve._products_numba import (
+    add_gram,
+    factorize_square,
+    fill_diagonal,
+    solve_lower,
+    solve_upper,
+    transpose,
+)
 
 Floats = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -62,64 +76,57 @@ def _factorize(
     valid: Flags,
 ) -> None:
     """All frames, one after the other: what one needs stays in the nearest cache."""
-    features, dim = jacobian.shape[1:]
-    damped = np.empty((dim, dim), curvature.dtype)
-    upper = np.empty((dim, dim), curvature.dtype)
-    turned = np.empty((dim, features), curvature.dtype)
-    pulled = np.empty((dim, features), curvature.dtype)
-    missing = np.empty((features, features), curvature.dtype)
+    damped = np.empty_like(curvature[0])
+    columns = room_for_columns(jacobian[0])
     for n in range(len(curvature)):
-        _lay_out(curvature[n], damping[n], jacobian[n], damped, upper, turned, solved[n])
-        add_gram(upper, jacobian[n], jacobian[n])
-        valid[n] = valid[n] and factorize_square(upper)
+        _lay_out(curvature[n], damping[n], damped)
         if valid[n]:
-            _transpose(upper, cholesky[n])
-            solve_lower(upper, solved[n])
-            solve_upper(upper, cholesky[n], solved[n])  # Y = M^-1 J'
-            _set(missing, -1)
-            add_gram(missing, turned, solved[n])  # J Y - I
-            _set(pulled, 0)
-            add_gram(pulled, damped, solved[n])  # A Y
-            _set(defect[n], 0)
-            add_gram(defect[n], missing, missing)
-            add_gram(defect[n], solved[n], pulled)
-        else:  # identities, which are finite
-            _set(cholesky[n], 1)
-            _set(solved[n], 0)
-            _set(defect[n], 1)
+            parts = cholesky[n], solved[n], defect[n]
+            if find_columns(jacobian[n], columns):
+                valid[n] = factorize_orthogonal(damped, columns, *parts)
+            else:
+                valid[n] = _factorize_any(damped, jacobian[n], *parts)
+        if not valid[n]:  # identities, which are finite
+            fill_diagonal(cholesky[n], 1)
+            fill_diagonal(solved[n], 0)
+            fill_diagonal(defect[n], 1)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _lay_out(
-    curvature: Floats,
-    damping: Floats,
-    jacobian: Floats,
+def _factorize_any(
     damped: Floats,
-    upper: Floats,
-    turned: Floats,
+    jacobian: Floats,
+    cholesky: Floats,
     solved: Floats,
-) -> None:
-    """The damped curvature, twice, and the Jacobian's transpose, twice."""
+    defect: Floats,
+) -> bool:
+    """One frame; False if its matrix is not positive definite."""
+    upper, turned, pulled = damped.copy(), np.empty_like(solved), np.zeros_like(solved)
+    add_gram(upper, jacobian, jacobian)
+    if not factorize_square(upper):
+        return False
+    transpose(upper, cholesky)
+    transpose(jacobian, turned)
+    transpose(jacobian, solved)
+    solve_lower(upper, solved)
+    solve_upper(upper, cholesky, solved)  # Y = M^-1 J'
+    missing = np.empty_like(defect)
+    fill_diagonal(missing, -1)
+    add_gram(missing, turned, solved)  # J Y - I
+    add_gram(pulled, damped, solved)  # A Y
+    fill_diagonal(defect, 0)
+    add_gram(defect, missing, missing)
+    add_gram(defect, solved, pulled)
+    return True
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _lay_out(curvature: Floats, damping: Floats, damped: Floats) -> None:
+    """The damped curvature."""
     for i in range(len(damped)):
         for j in range(len(damped)):
-            damped[i, j] = upper[i, j] = curvature[i, j]
-        damped[i, i] = upper[i, i] = curvature[i, i] + damping[i]
-        for e in range(len(jacobian)):
-            turned[i, e] = solved[i, e] = jacobian[e, i]
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _transpose(matrix: Floats, transposed: Floats) -> None:
-    for i in range(len(matrix)):
-        for j in range(len(transposed)):
-            transposed[j, i] = matrix[i, j]
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _set(matrix: Floats, diagonal: int) -> None:
-    for i in range(len(matrix)):
-        for j in range(matrix.shape[1]):
-            matrix[i, j] = diagonal if i == j else 0
+            damped[i, j] = curvature[i, j]
+        damped[i, i] = curvature[i, i] + damping[i]
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]

@@ -21,6 +21,22 @@ def add_gram(total: Floats, left: Floats, right: Floats) -> None:
         add_one(total, left, right, k, 0, len(total), False)
 
 
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def transpose(matrix: Floats, transposed: Floats) -> None:
+    """``transposed = matrix'``."""
+    for i in range(len(matrix)):
+        for j in range(len(transposed)):
+            transposed[j, i] = matrix[i, j]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def fill_diagonal(matrix: Floats, diagonal: int) -> None:
+    """A number on the diagonal and zero elsewhere."""
+    for i in range(len(matrix)):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = diagonal if i == j else 0
+
+
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
 def add_eight(
     total: Floats, left: Floats, right: Floats, k: int, first: int, last: int, minus: bool
@@ -122,3 +138,14 @@ def dot(left: Floats, right: Floats) -> Any:
     for i in range(len(left)):
         total += left[i] * right[i]
     return total
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+def add_multiple(factor: float, vector: Floats, total: Floats) -> None:
+    """``total += factor * vector``.
+
+    Of slices rather than by indices that are sums: those might be negative for all the compiler
+    knows, and the check keeps it from using vector instructions.
+    """
+    for i in range(len(vector)):
+        total[i] += factor * vector[i]

@@ -23,8 +23,10 @@ def add_rows(
     """See ``rows.add_rows``."""
     *_, groups, entries, dim = jacobian.shape
     frames = gradient.shape[:-1].numel()
+    constant = jacobian.stride()[:2] == (0, 0)  # one frame stands for all
+    rows = jacobian[:1, :1] if constant else jacobian
     _add_rows(
-        _contiguous(jacobian, frames, groups * entries, dim),
+        _contiguous(rows, rows.shape[:2].numel(), groups * entries, dim),
         _contiguous(residual, frames, groups * entries),
         _contiguous(weight, frames, groups),
         curvature.numpy().reshape(frames, dim, dim),
@@ -39,17 +41,18 @@ def _contiguous(tensor: Tensor, *shape: int) -> Floats:
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
 def _add_rows(
-    rows: Floats, residual: Floats, weight: Floats, curvature: Floats, gradient: Floats
+    jacobian: Floats, residual: Floats, weight: Floats, curvature: Floats, gradient: Floats
 ) -> None:
-    """All frames, one after the other."""
-    count, dim = rows.shape[1:]
+    """All frames, one after the other; ``jacobian`` has rows of each, or of one for all."""
+    count, dim = jacobian.shape[1:]
     entries = count // max(1, weight.shape[1])
-    weighted = np.empty((count, dim), rows.dtype)
-    for n in range(len(rows)):
+    weighted = np.empty((count, dim), jacobian.dtype)
+    for n in range(len(gradient)):
+        rows = jacobian[n % len(jacobian)]
         for r in range(count):
             share, value = weight[n, r // entries], residual[n, r]
             for j in range(dim):
-                pull = share * rows[n, r, j]
+                pull = share * rows[r, j]
                 weighted[r, j] = pull
                 gradient[n, j] += value * pull
-        add_gram(curvature[n], rows[n], weighted)
+        add_gram(curvature[n], rows, weighted)

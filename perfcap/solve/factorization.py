@@ -24,14 +24,20 @@ Shared unknowns border H and are eliminated by their Schur complement.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.frame_factors import factorize_frames, solve_frames
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.products import apply, apply_transposed
+
+if TYPE_CHECKING:
+    from perfcap.solve._model_numba import Model
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,13 @@ class Factorization:
     shared: SharedPart | None
     valid: Tensor
 
+    @cached_property
+    def arrays(self) -> Model:
+        """The same for compiled loops, without what belongs to shared unknowns."""
+        from perfcap.solve import _model_numba
+
+        return _model_numba.as_arrays(self)
+
     def solve(self, rows: Tensor) -> Tensor:
         """H^-1 times rows (B, N)."""
         frame, shared = self.layout.split(rows)
@@ -62,6 +75,10 @@ class Factorization:
         """``-H^-1 g`` for the gradient of the equations that were factorized, (B, N)."""
         if self.window is None:
             return -self.solve(equations.gradient())
+        if self.shared is None and is_plain(self.cholesky, equations.frame_gradient):
+            from perfcap.solve import _model_numba
+
+            return _model_numba.newton_step(self.arrays, equations)
         data = equations.frame_gradient
         pulls = torch.cat([window.pull() for window in equations.windows], -1)  # B F E
         prior = apply_transposed(self.window.jacobian, pulls)  # B F D
@@ -199,16 +216,27 @@ def _window_part(
     """Low-rank part from what the frames give, and where it is positive definite."""
     sizes = [window.jacobian.shape[-2] for window in equations.windows]
     bases = tuple(window.basis for window in equations.windows)
-    capacitance = _capacitance(bases, sizes, defect)
-    seen = [
+    complements = [
         window.complement.repeat_interleave(size)
         for window, size in zip(equations.windows, sizes, strict=True)
     ]
-    capacitance.diagonal(dim1=-2, dim2=-1).add_(torch.cat(seen))
-    root, info = torch.linalg.cholesky_ex(capacitance)
-    valid = info == 0
+    root, valid = _factorize_capacitance(bases, sizes, defect, torch.cat(complements))
     part = WindowPart(bases, sizes, jacobian, solved, defect, _identity_where(~valid, root))
     return part, valid
+
+
+def _factorize_capacitance(
+    bases: tuple[Tensor, ...], sizes: list[int], defect: Tensor, seen: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Lower factors of ``diag(seen) + sum_f b_f b_f' (x) G_f`` and whether there are, (B,)."""
+    if is_plain(defect, seen, *bases):
+        from perfcap.solve import _capacitance_numba
+
+        return _capacitance_numba.factorize_capacitance(bases, sizes, defect, seen)
+    capacitance = _capacitance(bases, sizes, defect)
+    capacitance.diagonal(dim1=-2, dim2=-1).add_(seen)
+    root, info = torch.linalg.cholesky_ex(capacitance)
+    return root, info == 0
 
 
 def _capacitance(bases: tuple[Tensor, ...], sizes: list[int], defect: Tensor) -> Tensor:

@@ -1,0 +1,64 @@
+"""The capacitance matrix of window energies and its factor, for plain tensors on the CPU.
+
+Says the same as ``factorization.py`` in torch, which tests hold it equal to: half of the pairs of
+basis rows, written straight to their places, and a factorization in place.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.linalg import get_lapack_funcs
+from torch import Tensor
+
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.int64]
+
+
+def factorize_capacitance(
+    bases: tuple[Tensor, ...], sizes: list[int], defect: Tensor, seen: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Lower factors of ``diag(seen) + sum_f b_f b_f' (x) G_f`` and whether there are, (B,)."""
+    stacked = torch.cat(bases)
+    size = np.repeat(np.array(sizes, np.int64), [len(basis) for basis in bases])
+    feature = np.repeat(np.cumsum([0, *sizes[:-1]]), [len(basis) for basis in bases])
+    left, right = torch.triu_indices(len(size), len(size))
+    pairs = stacked[left] * stacked[right]  # P F
+    upper = defect.new_zeros(len(defect), len(seen), len(seen))
+    valid = torch.empty(len(defect), dtype=torch.bool)
+    (factorize,) = get_lapack_funcs(("potrf",), dtype=upper.numpy().dtype)
+    places = left.numpy(), right.numpy(), np.cumsum(size) - size, feature, size
+    for b, matrix in enumerate(upper.numpy()):
+        summed = (pairs @ defect[b].flatten(1)).reshape(-1, *defect.shape[-2:])
+        _place(summed.numpy(), *places, seen.numpy(), matrix)
+        # its transpose, column by column: the upper triangle is that one's lower one
+        _, info = factorize(matrix.T, lower=1, clean=0, overwrite_a=1)
+        valid[b] = info == 0
+    return upper.mT, valid
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _place(
+    summed: Floats,
+    left: Indices,
+    right: Indices,
+    start: Indices,
+    feature: Indices,
+    size: Indices,
+    seen: Floats,
+    matrix: Floats,
+) -> None:
+    """Blocks (P, E, E) of pairs of basis rows into the upper triangle, and ``seen`` (R,)."""
+    for p in range(len(left)):
+        t, u = left[p], right[p]
+        for i in range(size[t]):
+            source = summed[p, feature[t] + i, feature[u] : feature[u] + size[u]]
+            target = matrix[start[t] + i, start[u] : start[u] + size[u]]
+            for j in range(len(source)):
+                target[j] = source[j]
+    for r in range(len(seen)):
+        matrix[r, r] += seen[r]
