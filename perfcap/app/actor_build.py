@@ -13,8 +13,9 @@ from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
+from perfcap.pipeline.appearance import Appearance
 
-_RIGGED = (".glb", ".gltf")
+_RIGGED = (".glb", ".gltf", ".vrm")
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ def run_build(request: BuildRequest) -> int:
     actor, licence, provenance = _made(request)
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
+    Appearance.of(actor.template)  # whether the texture can be decoded, before anything is written
     save_actor(actor, request.out, licence=request.licence or licence, provenance=provenance)
     code = run_inspect(str(request.out), None, request.out)
     Console().print(f"capture with --actor {request.out}", soft_wrap=True, markup=False)
@@ -50,7 +52,7 @@ def _made(request: BuildRequest) -> tuple[Actor, str, str]:
         return _from_rigged(request)
     raise InputError(
         f"{request.source}: is {suffix or 'without a suffix'}; expected a rigged character, "
-        f"{' or '.join(_RIGGED)}"
+        f"{', '.join(_RIGGED)}"
     )
 
 

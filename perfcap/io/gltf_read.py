@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _LOG = logging.getLogger(__name__)
-_PLAIN = 1e-6  # parts of one: less scale or turn than this is rounding of the file
+_PLAIN = 1e-5  # parts of one: less scale or turn than this is rounding of the file
 _EVEN = 1e-2  # difference of a bone's scales along its axes that is put up with
 
 
@@ -150,7 +150,8 @@ def _space(
         notes.append(Finding(Severity.WARNING, "skeleton", what, remedy))
         return None
     units = np.cbrt(sizes.prod(1))
-    units[np.abs(units - 1) < _PLAIN] = 1.0
+    for usual in (float(np.median(units)), 1.0):  # programs multiply many float32 rotations
+        units[np.abs(units / usual - 1) < _PLAIN] = usual
     if np.abs(frame - np.eye(4)).max() < _PLAIN:
         frame = np.eye(4)
     space = BoneSpace(units, frame)

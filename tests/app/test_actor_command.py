@@ -100,6 +100,13 @@ def seated(folder: Path) -> Path:
     return write(folder / "a.glb", bone_rest=rest)
 
 
+def half_a_texture(folder: Path) -> Path:
+    """An image whose header is sound."""
+    data = cv2.imencode(".png", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+    uv = np.zeros((len(Rig(MIXAMO).template().vertices), 2))
+    return write(folder / "a.glb", texture=data[:40], uv=uv)
+
+
 def another_format(folder: Path) -> Path:
     (folder / "a.fbx").write_bytes(b"Kaydara FBX")
     return folder / "a.fbx"
@@ -115,6 +122,7 @@ def huge(folder: Path) -> Path:
     ("make", "message"),
     [
         (seated, "far from T or A"),
+        (half_a_texture, "cannot be decoded"),
         (another_format, "expected a rigged character"),
         (huge, "2147483648 bytes"),
         (lambda folder: folder / "none.glb", "cannot be read"),

@@ -205,3 +205,9 @@ def test_random_damage_never_ends_in_another_error(tmp_path: Path) -> None:
             assert "\n" not in str(error)
             refused += 1
     assert refused > 15
+
+
+def test_scales_of_almost_one_are_rounding(tmp_path: Path) -> None:
+    rig = Rig(MIXAMO, 1.0 + 2e-6, armature=True)
+    rig.write(tmp_path / "own.glb")
+    assert import_actor(tmp_path / "own.glb").actor.template.space is None
