@@ -48,6 +48,8 @@ class Capture:
     box: tuple[float, ...] = ()
     """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view,
     pixels; searched for if not given."""
+    lifter: str | None = None
+    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
     frames: str | None = None

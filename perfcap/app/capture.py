@@ -20,8 +20,9 @@ import torch
 from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.console import progress_bars
-from perfcap.app.inputs import Inputs, read_inputs
-from perfcap.app.networks import DETECTORS, Detecting, find_model, model_files, parse_boxes
+from perfcap.app.inputs import Inputs, lift_inputs, read_inputs
+from perfcap.app.networks import DETECTORS, LIFTERS, Detecting, find_model, model_files, parse_boxes
+from perfcap.detect.lifter import OnnxLifter
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor, load_actor
@@ -51,6 +52,7 @@ class CaptureRequest:
     detections: tuple[Path, ...] = ()
     detector: str | None = None
     box: tuple[float, ...] = ()
+    lifter: str | None = None
     until: str = "refine_surface"
     frames: str | None = None
     preset: str = "default"
@@ -79,7 +81,7 @@ def run_capture(request: CaptureRequest) -> int:
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
     run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
-    if request.detector is not None:
+    if list(_networks(request)):
         _save_detections(folder, inputs)
     performance.save(folder, inputs.clip.start, run, inputs.rig.names)
     for line in (
@@ -110,12 +112,20 @@ def _read(request: CaptureRequest) -> Inputs:
         video_map=request.video_map,
         detections_in_video=request.detections_in == "video",
     )
+    lifter = None if request.lifter is None else OnnxLifter(find_model(request.lifter, LIFTERS))
     if request.detector is None:
-        return read()
+        return lift_inputs(read(), lifter)
     detector = OnnxDetector(find_model(request.detector, DETECTORS))
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
-        return read(detecting=Detecting(detector, boxes, tell))
+        return lift_inputs(read(detecting=Detecting(detector, boxes, tell)), lifter)
+
+
+def _networks(request: CaptureRequest) -> Iterator[Path]:
+    """Folders of the networks that a request uses."""
+    for name, kind in ((request.detector, DETECTORS), (request.lifter, LIFTERS)):
+        if name is not None:
+            yield find_model(name, kind)
 
 
 def _save_detections(folder: Path, inputs: Inputs) -> None:
@@ -202,13 +212,12 @@ def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
         written = (folder / REPORT).stat().st_mtime
         used = [*request.videos, request.cameras, *request.detections, actor]
         used += [request.video_map] if request.video_map else []
-        if request.detector is not None:
-            used += model_files(find_model(request.detector, DETECTORS))
+        used += [file for model in _networks(request) for file in model_files(model)]
         changed = any(path.stat().st_mtime > written for path in used)
     except (OSError, ValueError):
         return False
     expected = (*FILES, *_videos(request))
-    expected += (DETECTIONS,) if request.detector is not None else ()
+    expected += (DETECTIONS,) if list(_networks(request)) else ()
     expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
     there = all((folder / name).is_file() for name in expected)

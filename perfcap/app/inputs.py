@@ -9,6 +9,7 @@ from pathlib import Path
 
 from perfcap.app.networks import Detecting, detect_clip
 from perfcap.detect.detections import Detections
+from perfcap.detect.lifter import OnnxLifter
 from perfcap.errors import InputError
 from perfcap.io.calibration import (
     CameraRig,
@@ -91,6 +92,14 @@ def read_inputs(
         # of the frames that the file promises, those count that somebody detected joints in
         lost += min(clip.lost, max(0, read()[0].frame_count - whole))
     return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
+
+
+def lift_inputs(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
+    """The same with 3D poses in views that have none, where there is a lifter."""
+    if lifter is None:
+        return inputs
+    lifted = lifter(inputs.detections, inputs.rig.cameras, inputs.clip.fps)
+    return replace(inputs, detections=lifted, warnings=(*inputs.warnings, *lifter.session.warnings))
 
 
 def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detecting) -> Detections:

@@ -16,7 +16,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.actor import models_folder
 from perfcap.io.clip import Clip
 
-DETECTORS = "detectors"
+DETECTORS, LIFTERS = "detectors", "lifters"
 
 _CHUNK = 16  # frames decoded at once
 

@@ -77,7 +77,7 @@ def _initialize_part(
     points, weights = joint_places(cameras, prepared)
     known = (weights[..., _TRUNK] > 0).sum(-1) >= _FIT_POINTS
     detections = prepared.detections
-    if not bool(known.any()) and detections.views == 1 and detections.joints3d is None:
+    if not bool(known.any()) and detections.views == 1:  # no 3D joints, or none that are trusted
         motion = _best_heading(actor, cameras, detections, config, pixel_unit)
         return motion, torch.ones_like(known)
     start = trunk_start(actor, points, weights)

@@ -12,7 +12,11 @@ from takes import TakeFiles, camera_entry, detect, make_take, shrunk, write_json
 from tiny_networks import MANIFESTS, draw, vitpose, write_model
 
 from perfcap.detect.detections import Detections
+from perfcap.detect.lifter import OnnxLifter
 from perfcap.io.detections import read_detections, save_detections
+from perfcap.train.config import LifterConfig
+from perfcap.train.export import export_lifter
+from perfcap.train.lifter import Lifter
 
 SIZE = (240, 320)
 UNTIL = ("--until", "track_motion", "--no-overlay")
@@ -150,6 +154,22 @@ def test_nobody_in_the_images(
     line = call(dots, network, tmp_path / "out")
     line[1] = str(grey)
     assert "nobody is found in any frame" in perfcap(line).refused()
+
+
+def test_a_lifter_gives_3d_poses_to_one_view(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    torch.manual_seed(0)
+    lifter = Lifter(LifterConfig(channels=8, dilations=(1,)))
+    export_lifter(lifter, tmp_path / "lifter", 30.0, "untrained", "none")
+    outcome = perfcap(call(dots, network, tmp_path / "out", "--lifter", str(tmp_path / "lifter")))
+    assert outcome.code == 0, outcome
+    found, _ = read_detections(tmp_path / "out" / "detections.npz")
+    expected = OnnxLifter(tmp_path / "lifter")(found, dots.take.cameras, 30.0)
+    assert found.joints3d is not None and expected.joints3d is not None
+    torch.testing.assert_close(found.joints3d, expected.joints3d, atol=1e-3, rtol=0)
+    wrong = perfcap(call(dots, network, tmp_path / "out", "--lifter", str(network))).refused()
+    assert "expected 'lifter'" in wrong
 
 
 def test_saved_3d_is_millimetres_and_untrusted_frames_are_unknown(tmp_path: Path) -> None:

@@ -1,0 +1,156 @@
+"""Exported lifters: equal to torch, and what onnxruntime makes of real tracks."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import onnx
+import pytest
+import torch
+from takes import make_take, without
+
+from perfcap.detect import lifter as lifter_module
+from perfcap.detect.detections import Detections
+from perfcap.detect.lifter import OnnxLifter
+from perfcap.detect.lifting import lifting_features
+from perfcap.errors import InputError
+from perfcap.train import export as export_module
+from perfcap.train.config import LifterConfig
+from perfcap.train.export import check_equal, export_lifter
+from perfcap.train.lifter import Lifter
+
+CONFIG = LifterConfig(channels=16, dilations=(1, 3))
+
+
+@pytest.fixture(scope="module")
+def network() -> Lifter:
+    torch.manual_seed(0)
+    return Lifter(CONFIG).eval()
+
+
+@pytest.fixture(scope="module")
+def folder(network: Lifter, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("models") / "small"
+    export_lifter(network, place, 30.0, 'made in a "test"', "Apache-2.0")
+    return place
+
+
+def test_export_is_whole_valid_and_says_nothing_of_this_machine(folder: Path) -> None:
+    assert sorted(p.name for p in folder.iterdir()) == ["manifest.toml", "model.onnx"]
+    onnx.checker.check_model(onnx.load(folder / "model.onnx"), full_check=True)
+    assert not re.search(rb"\.py\b|/home|/tmp|site-packages", (folder / "model.onnx").read_bytes())
+
+
+def test_lifting_equals_torch_at_several_rates(network: Lifter, folder: Path) -> None:
+    take = make_take(40, views=2)
+    found = take.detections
+    plane = take.cameras.to_plane(found.joints2d).float().transpose(0, 1)
+    confidence = found.confidence2d.float().transpose(0, 1)
+    lifter = OnnxLifter(folder, flip_test=False)
+    for rate, step in ((30.0, 1), (60.0, 2), (25.0, 1), (100.0, 3)):
+        joints, spread = lifter.lift(found, take.cameras, rate)
+        for phase in range(step):
+            features, turn = lifting_features(plane[:, phase::step], confidence[:, phase::step])
+            with torch.no_grad():
+                expected, error = network(features)
+            turned = (expected @ turn.mT).transpose(0, 1).double()
+            torch.testing.assert_close(joints[phase::step], turned, atol=1e-4, rtol=0)
+            torch.testing.assert_close(
+                spread[phase::step], error.transpose(0, 1).double(), atol=1e-4, rtol=0
+            )
+
+
+def test_long_tracks_in_parts(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    take = make_take(50)
+    lifter = OnnxLifter(folder)
+    whole = lifter.lift(take.detections, take.cameras, 30.0)
+    monkeypatch.setattr(lifter_module, "_CHUNK", 7)
+    parts = lifter.lift(take.detections, take.cameras, 30.0)
+    torch.testing.assert_close(whole, parts, atol=1e-6, rtol=0)
+
+
+def test_flip_test_makes_mirror_images_of_mirror_images(folder: Path) -> None:
+    take = make_take(20)
+    lifter, mirrored = OnnxLifter(folder), list(lifter_module._MIRRORED)
+    found = take.detections
+    middle = take.cameras.intrinsics[..., 0, 2]
+    flipped = found.joints2d[..., mirrored, :].clone()
+    flipped[..., 0] = 2 * middle[..., None] - flipped[..., 0]
+    mirror = replace(found, joints2d=flipped, confidence2d=found.confidence2d[..., mirrored])
+    straight, _ = lifter.lift(found, take.cameras, 30.0)
+    other, _ = lifter.lift(mirror, take.cameras, 30.0)
+    back = other[..., mirrored, :] * torch.tensor([-1.0, 1, 1], dtype=torch.float64)
+    torch.testing.assert_close(back, straight, atol=1e-5, rtol=0)
+
+
+def test_views_with_3d_keep_it_and_frames_of_nobody_are_not_trusted(folder: Path) -> None:
+    take = make_take(12, views=2)
+    found = take.detections
+    assert found.joints3d is not None
+    trusted = found.trusted3d.clone()
+    trusted[:, 1] = False
+    some = without(replace(found, trusted3d=trusted), slice(3, 5))
+    lifted = OnnxLifter(folder)(some, take.cameras, 30.0)
+    assert lifted.joints3d is not None
+    assert torch.equal(lifted.joints3d[:, 0], found.joints3d[:, 0])
+    assert not torch.equal(lifted.joints3d[:, 1], found.joints3d[:, 1])
+    expected = torch.ones(12, 2, dtype=torch.bool)
+    expected[3:5] = False
+    assert torch.equal(lifted.trusted3d, expected)
+    plain = Detections.from_joints(found.joints2d, found.confidence2d)
+    assert OnnxLifter(folder)(plain, take.cameras, 30.0).trusted3d.all()
+
+
+def test_no_frames(folder: Path) -> None:
+    take = make_take(4)
+    nothing = OnnxLifter(folder).lift(take.detections.frames(slice(0)), take.cameras, 30.0)
+    assert nothing[0].shape == (0, 1, 16, 3) and nothing[1].shape == (0, 1, 16)
+
+
+def test_an_export_that_differs_is_refused(folder: Path) -> None:
+    torch.manual_seed(1)
+    other = Lifter(CONFIG).eval()
+    with pytest.raises(InputError, match="differs from torch by"):
+        check_equal(other, (folder / "model.onnx").read_bytes())
+
+
+def edit(before: str, after: str) -> Callable[[str], str]:
+    return lambda text: text.replace(before, after, 1)
+
+
+FAULTS = {
+    "rate": (edit("rate = 30", "rate = 0"), "input.rate is 0"),
+    "reach": (edit("reach = 4", "reach = -1"), "input.reach is -1"),
+    "output": (edit('joints = "joints"', 'joints = "poses"'), "the model has joints, spread"),
+    "swapped": (edit('joints = "joints"', 'joints = "spread"'), "has shape (1, 5, 16)"),
+    "unknown": (edit("[output]", "[output]\nunit = 1"), "output.unit is unknown"),
+    "kind": (edit('"lifter"', '"detector"'), "expected 'lifter'"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_of_manifests(folder: Path, tmp_path: Path, fault: str) -> None:
+    change, words = FAULTS[fault]
+    (tmp_path / "model.onnx").write_bytes((folder / "model.onnx").read_bytes())
+    (tmp_path / "manifest.toml").write_text(change((folder / "manifest.toml").read_text()))
+    with pytest.raises(InputError, match=re.escape(words)):
+        OnnxLifter(tmp_path)
+
+
+def test_a_detector_is_no_lifter(tmp_path: Path) -> None:
+    from tiny_networks import write_tiny
+
+    with pytest.raises(InputError, match="expected 'lifter'"):
+        OnnxLifter(write_tiny(tmp_path, "vitpose"))
+
+
+def test_without_the_exporter(
+    network: Lifter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "onnxscript", None)
+    with pytest.raises(InputError, match=r"perfcap\[train\]"):
+        export_lifter(network, tmp_path / "x", 30.0, "", "")
+    assert not (tmp_path / "x").exists() and export_module.TOLERANCE == 1e-4
