@@ -10,6 +10,7 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import torch
@@ -70,6 +71,11 @@ class Residual:
 
     def squared_norm(self) -> Tensor:
         """Confidence times squared norm of each group, (*b, F, G)."""
+        return self._squared_norm
+
+    @cached_property
+    def _squared_norm(self) -> Tensor:
+        """Kept, since a linearization asks for it twice."""
         # a sum over so short an axis takes three times as long
         squared = torch.einsum("...d,...d->...", self.value, self.value)
         return squared if self.confidence is None else self.confidence * squared
