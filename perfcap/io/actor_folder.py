@@ -222,8 +222,8 @@ def read_manifest(path: Path) -> Manifest:
     )
     return Manifest(
         _text(path, values, "name"),
-        _text(path, values, "licence") or UNKNOWN,
-        _text(path, values, "provenance") or UNKNOWN,
+        _text(path, values, "licence") or _of_mesh(values, "licence"),
+        _text(path, values, "provenance") or _of_mesh(values, "origin"),
         bool(values.get("generic", False)),
         _text(path, values, "shape_space"),
         joints,
@@ -244,6 +244,15 @@ def _text(path: Path, values: Mapping[str, Any], key: str) -> str | None:
     if value is not None and not isinstance(value, str):
         raise InputError(f"{path}: {key} is {value!r:.40}; expected text")
     return value
+
+
+def _of_mesh(values: Mapping[str, Any], key: str) -> str:
+    """What the entry of the mesh's file says, as manifests of shipped models have it."""
+    files = values.get("file")
+    for entry in files if isinstance(files, list) else []:
+        if isinstance(entry, dict) and entry.get("name") == MESH:
+            return str(entry.get(key, UNKNOWN))
+    return UNKNOWN
 
 
 def _is_numbers(value: object, count: int) -> bool:

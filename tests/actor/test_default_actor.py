@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from perfcap.actor.template import Template
+from perfcap.io.actor_import import import_actor
+from perfcap.io.doctor import Severity
 from perfcap.io.gltf import load_template
 
 FOLDER = Path(__file__).parents[2] / "models/actors/sam"
@@ -66,3 +68,8 @@ def test_triangles_face_outwards(actor: Template) -> None:
     corners = actor.vertices[actor.faces]
     volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert 0.05 < volume < 0.12  # cubic metres of a clothed adult
+
+
+def test_no_piece_is_inside_out() -> None:
+    findings = import_actor(FOLDER / "actor.glb").findings
+    assert {finding.severity for finding in findings} <= {Severity.INFO}

@@ -100,3 +100,9 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     actor = load_from(Rig(MIXAMO).template()).actor
     with pytest.raises(InputError, match="cannot be written"):
         save_actor(actor, tmp_path / "file")
+
+
+def test_shipped_manifests_state_licence_and_origin() -> None:
+    manifest = read_manifest(find_actor("sam").path.with_name("manifest.toml"))
+    assert manifest.licence == "CC0-1.0" and "MakeHuman" in manifest.provenance
+    assert manifest.generic and not manifest.joints

@@ -142,11 +142,11 @@ def _grid_faces() -> Integers:
     columns = _AROUND + 1
     start = np.arange(_RINGS - 1)[:, None] * columns + np.arange(_AROUND)
     one, two, three, four = start, start + 1, start + columns, start + columns + 1
-    faces = [np.stack([one, three, two], -1), np.stack([two, three, four], -1)]
+    faces = [np.stack([one, two, three], -1), np.stack([two, four, three], -1)]
     body = np.concatenate([part.reshape(-1, 3) for part in faces])
     first, last = np.arange(_AROUND), (_RINGS - 1) * columns + np.arange(_AROUND)
-    heel = np.stack([np.full(_AROUND - 2, first[0]), first[1:-1], first[2:]], -1)
-    tip = np.stack([np.full(_AROUND - 2, last[0]), last[2:], last[1:-1]], -1)
+    heel = np.stack([np.full(_AROUND - 2, first[0]), first[2:], first[1:-1]], -1)
+    tip = np.stack([np.full(_AROUND - 2, last[0]), last[1:-1], last[2:]], -1)
     return np.concatenate([body, heel, tip])
 
 
