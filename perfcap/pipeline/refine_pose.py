@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from scipy import ndimage
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -18,6 +17,7 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.stabilization import Stabilization
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.overlap import blocks, clip_overlaps
@@ -29,9 +29,6 @@ from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition
-
-_FADE = 2  # frames over which a rejected frame's neighbours return to their refinement
-_WORSE = 1e-3  # of overlap; rasterisation alone moves it by less
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,13 @@ def refine_pose(
         if progress is not None:
             progress(window.stop, motion.frames)
     found = blender.finish(problem.actor.skeleton)
-    return _guarded(problem.actor, sight, evidence, motion, found, workers)
+
+    def overlaps(motion: Motion) -> NDArray[np.float64]:
+        return clip_overlaps(SkinnedSurface(problem.actor, motion), sight, evidence, workers)
+
+    before = overlaps(motion)
+    result, after, kept = keep_better(partial(_faded, motion, found), overlaps, before)
+    return PoseRefinement(result, before, after, kept)
 
 
 class _Terms:
@@ -155,37 +158,7 @@ def _search(
     return stack(matches, motion.angles)
 
 
-def _guarded(
-    actor: Actor,
-    sight: Sight,
-    evidence: Evidence,
-    given: Motion,
-    found: Motion,
-    workers: int | None,
-) -> PoseRefinement:
-    """The refined motion where it overlaps the masks at least as well as the motion given.
-
-    Fading can make a neighbour worse, which is then rejected too: frames are only ever taken
-    away, and the motion given is what is left in the end.
-    """
-
-    def overlaps(motion: Motion) -> NDArray[np.float64]:
-        return clip_overlaps(SkinnedSurface(actor, motion), sight, evidence, workers)
-
-    before = overlaps(given)
-    motion, kept = found, np.ones(given.frames, np.bool_)
-    while True:
-        after = overlaps(motion)
-        worse = kept & (after < before - _WORSE)
-        if not worse.any():
-            return PoseRefinement(motion, before, after, kept)
-        kept &= ~worse
-        motion = _faded(given, found, kept)
-
-
-def _faded(given: Motion, found: Motion, kept: NDArray[np.bool_]) -> Motion:
-    """The motion found, and the one given in frames that are not kept, with ramps between."""
-    distance = ndimage.distance_transform_cdt(kept, "chessboard") if kept.any() else kept * 0
-    share = torch.from_numpy(np.minimum(distance / (_FADE + 1), 1.0)).to(given.angles)[:, None]
+def _faded(given: Motion, found: Motion, share: Tensor) -> Motion:
+    """The motion given, and a share (F,) of the way to the one found."""
     step = given.local(found)
-    return given.retract(Step(share * step.frame, step.shared))
+    return given.retract(Step(share.to(step.frame)[:, None] * step.frame, step.shared))

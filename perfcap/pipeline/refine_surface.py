@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.tether import Tether
 from perfcap.geometry.folding import find_folds
 from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.objective import kernel
 from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps
 from perfcap.pipeline.sight import Sight, View
@@ -60,7 +61,19 @@ class DeformedSurface:
 
     def deformed(self, layer: Deformation) -> DeformedSurface:
         """This surface with one more layer."""
-        return DeformedSurface(self.actor, self.graph, self.motion, (*self.layers, layer))
+        return replace(self, layers=(*self.layers, layer))
+
+    def faded(self, share: Tensor) -> DeformedSurface:
+        """This surface with a share (F,) of every deformation."""
+        each = share[:, None, None]
+        parts = (
+            Deformation(
+                each.to(layer.rotation) * layer.rotation,
+                each.to(layer.rotation) * layer.translation,
+            )
+            for layer in self.layers
+        )
+        return replace(self, layers=tuple(parts))
 
 
 @dataclass(frozen=True)
@@ -71,8 +84,9 @@ class SurfaceRefinement:
         surface: of every frame.
         before: intersection over union of the skinned surface with the masks, (F,).
         after: of the refined surface, (F,).
-        kept: False in frames that a layer would have made worse, or folded; in that layer they
-            have the deformation of their neighbours, (F,).
+        kept: False in frames that a layer would have made worse, or folded, and that have the
+            deformation of their neighbours in it; and in frames that this would have made worse,
+            and that are the skinned surface, (F,).
         folded: share of each frame's surface that the deformation folded over, (F,).
     """
 
@@ -122,8 +136,12 @@ def refine_surface(
                 progress(motion.frames * number + frames.stop, motion.frames * len(passes))
         layers.append(_joined(done, config.folds))
         surface = surface.deformed(_smoothed(surface, layers[-1], width))
-    after = clip_overlaps(surface, sight, evidence, workers)
-    kept = np.logical_and.reduce([layer.kept for layer in layers])
+
+    def overlaps(surface: DeformedSurface) -> NDArray[np.float64]:
+        return clip_overlaps(surface, sight, evidence, workers)
+
+    surface, after, better = keep_better(surface.faded, overlaps, layers[0].before)
+    kept = np.logical_and.reduce([better, *(layer.kept for layer in layers)])
     folded = np.max([layer.folded for layer in layers], axis=0)
     return SurfaceRefinement(surface, layers[0].before, after, kept, folded)
 
