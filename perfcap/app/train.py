@@ -54,7 +54,7 @@ def run_train_lifter(
         config.data,
         config.loss,
         config.loop.seed,
-        dense_from=round((1 - config.dense) * config.loop.steps),
+        config.dense,
     )
     torch.set_num_threads(1)  # tensors are small
     with _processes() as first, progress_bars() as tell:

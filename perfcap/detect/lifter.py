@@ -126,12 +126,20 @@ class OnnxLifter:
         spread = plane.new_zeros(plane.shape[:-1])
         for phase in range(min(step, plane.shape[1])):
             part = slice(phase, None, step)  # every step-th frame is a track at the usual rate
-            joints[:, part], spread[:, part] = self._lift(plane[:, part], confidence[:, part])
+            joints[:, part], spread[:, part] = self.lift_tracks(plane[:, part], confidence[:, part])
         like = detections.joints2d
         return joints.transpose(0, 1).to(like), spread.transpose(0, 1).to(like)
 
-    def _lift(self, plane: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
-        """Of tracks (C, F, 16, 2) at the usual rate: (C, F, 16, 3) and (C, F, 16)."""
+    def lift_tracks(self, plane: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
+        """Poses of undistorted tracks at the usual rate, float32.
+
+        Args:
+            plane: x/z and y/z of the landmarks, (N, F, 16, 2).
+            confidence: (N, F, 16).
+
+        Returns:
+            Joints (N, F, 16, 3), metres, in camera axes, and their expected errors (N, F, 16).
+        """
         features, turn = lifting_features(plane, confidence)
         joints, spread = self._run(features)
         if self.flip_test:

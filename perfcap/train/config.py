@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 class LoopConfig:
     """How to train."""
 
-    steps: int = 2200
+    steps: int = 1600
     batch: int = 256  # samples a step and process
     learning_rate: float = 2e-3  # at its peak
     warmup: int = 100  # steps until it is reached
@@ -47,10 +47,10 @@ class LiftingLoss:
 class DetectorNoise:
     """How 2D detectors err. Sizes in units, 1 % of a standing person's height; rates a frame."""
 
-    offset: float = 1.2  # of a joint, for a whole clip
-    drift: float = 0.8  # deviation of what changes slowly
-    keep: float = 0.75  # share of the drift that is left after a frame at 30 Hz
-    jitter: float = 0.35  # deviation of what is new every frame
+    offset: float = 1.0  # of a joint, for a whole clip
+    drift: float = 0.75  # deviation of what changes slowly
+    keep: float = 0.85  # share of the drift that is left after a frame at 30 Hz
+    jitter: float = 0.25  # deviation of what is new every frame
     spread: float = 0.5  # deviation of the log size of all this from clip to clip
     outliers: float = 0.005  # joints anywhere in the body's box
     swaps: float = 0.004  # left and right exchanged, arms or legs or both

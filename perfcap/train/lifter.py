@@ -48,17 +48,18 @@ class Lifter(nn.Module):
             hidden = block(hidden)
         return self._answer(features, hidden)
 
-    def middle(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """``forward`` at the middle frame of tracks of just the frames that it depends on.
+    def sparse(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Three poses of tracks of just the frames that an answer depends on, for learning.
 
-        An eighth of the cost a track: where taps are apart by powers of three, each block is
-        needed at a third of the frames of the one before.
+        A tenth of the cost a track: where taps are apart by powers of three, each block is needed
+        at a third of the frames of the one before. The middle one of the three is ``forward``'s;
+        the outer ones have neighbours on one side only, as at the ends of a track.
 
         Args:
             features: (N, 81, 49).
 
         Returns:
-            As ``forward``, with F = 1.
+            As ``forward``, at the frames 13, 40 and 67.
 
         Raises:
             ValueError: another number of frames, or taps that are not apart by powers of three.
@@ -67,14 +68,15 @@ class Lifter(nn.Module):
         apart = tuple(3**k for k in range(len(self.blocks)))
         if features.shape[1] != frames or self.config.dilations != apart:
             raise ValueError(
-                f"middle of {features.shape[1]} frames with taps {self.config.dilations} apart; "
-                f"expected {frames} frames and {apart}"
+                f"{features.shape[1]} frames with taps {self.config.dilations} apart; expected "
+                f"{frames} frames and {apart}"
             )
         hidden = self.enter(features)
-        for block in self.blocks:
-            hidden = cast(_Block, block).thirds(hidden)
-        half = frames // 2
-        return self._answer(features[:, half : half + 1], hidden)
+        blocks = [cast(_Block, block) for block in self.blocks]
+        for block in blocks[:-1]:
+            hidden = block.thirds(hidden)
+        hidden = blocks[-1].neighbors(hidden)
+        return self._answer(features[:, apart[-1] // 2 :: apart[-1]], hidden)
 
     def _answer(self, features: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         # what lies across the image is nearly what is seen: the blocks need not carry it
@@ -97,19 +99,26 @@ class _Block(nn.Module):
 
     def forward(self, hidden: Tensor) -> Tensor:
         """(N, F, width) to the same."""
-        frames, step = hidden.shape[1], self.dilation
-        normed = self.before(hidden)
-        # the ends repeated, by joining rather than padding: exports keep any number of frames
-        first, last = normed[:, :1], normed[:, -1:]
-        long = torch.cat((first.expand(-1, step, -1), normed, last.expand(-1, step, -1)), 1)
-        taps = [long[:, k * step : k * step + frames] for k in range(3)]
-        return self._update(hidden, torch.cat(taps, -1))
+        return self._tap(hidden, self.dilation)
+
+    def neighbors(self, hidden: Tensor) -> Tensor:
+        """The same for frames that are as far apart as the taps."""
+        return self._tap(hidden, 1)
 
     def thirds(self, hidden: Tensor) -> Tensor:
         """The same at every third of frames that are as far apart as the taps."""
         tracks, frames, width = hidden.shape
         taps = self.before(hidden).reshape(tracks, frames // 3, 3 * width)
         return self._update(hidden[:, 1::3], taps)
+
+    def _tap(self, hidden: Tensor, step: int) -> Tensor:
+        frames = hidden.shape[1]
+        normed = self.before(hidden)
+        # the ends repeated, by joining rather than padding: exports keep any number of frames
+        first, last = normed[:, :1], normed[:, -1:]
+        long = torch.cat((first.expand(-1, step, -1), normed, last.expand(-1, step, -1)), 1)
+        taps = [long[:, k * step : k * step + frames] for k in range(3)]
+        return self._update(hidden, torch.cat(taps, -1))
 
     def _update(self, hidden: Tensor, taps: Tensor) -> Tensor:
         result: Tensor = hidden + self.dropout(self.mix(torch.relu(self.taps(taps))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
@@ -15,7 +17,7 @@ BATCHES = 6  # of tracks that scores are taken on
 _TRACKS = 32  # in each
 _VALIDATION_SEED = 2**32  # none that a run would be given
 _MM = 1000.0
-_DENSE_COST = 8  # of a track, in poses in the middle of one
+_DENSE_COST = 8  # of a whole track, in tracks of three poses
 
 
 class LiftingTask:
@@ -28,7 +30,7 @@ class LiftingTask:
         data: of the tracks.
         loss: weights.
         seed: of the network's first weights and of the tracks.
-        dense_from: batch from which whole tracks are learned from.
+        dense: share of the training, at its end, that learns from whole tracks.
     """
 
     model: Lifter
@@ -41,32 +43,33 @@ class LiftingTask:
         data: LiftingData,
         loss: LiftingLoss,
         seed: int,
-        dense_from: int = 0,
+        dense: float = 1.0,
     ) -> None:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.model = Lifter(config)
         self._samples = LiftingSamples(library, data, seed)
         self._validation = LiftingSamples(validation, data, _VALIDATION_SEED)
-        self._loss, self._dense_from = loss, dense_from
+        self._loss, self._dense = loss, dense
         self._span = 2 * config.reach + 1
 
-    def loss(self, number: int, size: int) -> dict[str, Tensor]:
+    def loss(self, number: int, size: int, progress: float = 1.0) -> dict[str, Tensor]:
         """Mean joint error (m) of a batch, with the parts that smooth it and tell its size.
 
-        At first single poses in the middle of tracks, many for their cost; whole tracks, with
-        their ends and their speeds, at last.
+        At first three poses of each track, many for their cost; whole tracks, with their ends and
+        their speeds, at last.
         """
-        if number < self._dense_from:
+        if progress < 1 - self._dense:
             batch = self._samples.batch(number, size, self._span)
-            joints, spread = self.model.middle(batch.features)
-            half = self._span // 2
-            truth = batch.joints[:, half : half + 1]
+            joints, spread = self.model.sparse(batch.features)
+            apart = self._span // 3
+            truth = batch.joints[:, apart // 2 :: apart]
+            weights = replace(self._loss, velocity=0.0)  # these frames are far apart
         else:
             batch = self._samples.batch(number, max(1, size // _DENSE_COST))
             joints, spread = self.model(batch.features)
-            truth = batch.joints
-        return lifting_loss(joints, spread, truth, self._loss)
+            truth, weights = batch.joints, self._loss
+        return lifting_loss(joints, spread, truth, weights)
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores on people who are not learned from; see ``score_samples``."""
@@ -117,7 +120,7 @@ def lifting_loss(
     """
     error = joints - truth
     place = error.norm(dim=-1)
-    velocity = error.diff(dim=1).norm(dim=-1).mean() if error.shape[1] > 1 else error.new_zeros(())
+    velocity = error.diff(dim=1).norm(dim=-1).mean()
     likelihood = (place.detach() / spread + spread.log()).mean()
     mean = place.mean()
     total = mean + weights.velocity * velocity + weights.spread * likelihood

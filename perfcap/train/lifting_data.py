@@ -18,7 +18,7 @@ from perfcap.train.loop import mixed_seed
 from perfcap.train.motion_library import RATE, MotionLibrary
 
 _MIRRORED = list(LANDMARKS16.mirrored())
-_STANDING = 1.65  # m, height whose image is 100 units of noise
+STANDING = 1.65  # m, height whose image is 100 units of noise
 _NEAREST = 1.0  # m from the camera
 _POSES = 40  # of a clip, from which its bone lengths are taken
 
@@ -108,11 +108,15 @@ def observe(camera: Tensor, noise: DetectorNoise, generator: Generator) -> Lifti
     """What a detector and its user make of tracks (N, F, 16, 3) in camera axes."""
     plane = camera[..., :2] / camera[..., 2:]
     root = mid_hip(camera)
-    unit = 0.01 * _STANDING / root[..., 2]
+    unit = 0.01 * STANDING / root[..., 2]
     found, confidence = corrupt(plane, unit, noise, generator)
     features, turn = lifting_features(found, confidence)
-    joints = (camera - root.unsqueeze(-2)) @ turn
-    return LiftingBatch(features, joints)
+    return LiftingBatch(features, root_relative(camera) @ turn)
+
+
+def root_relative(joints: Tensor) -> Tensor:
+    """Joints (..., 16, 3) about the middle of the hips."""
+    return joints - mid_hip(joints).unsqueeze(-2)
 
 
 def _camera_rotation(yaw: Tensor, pitch: Tensor, roll: Tensor) -> Tensor:

@@ -31,8 +31,11 @@ class Task(Protocol[Model]):
 
     model: Model
 
-    def loss(self, number: int, size: int) -> dict[str, Tensor]:
-        """Losses on batch ``number`` of ``size`` samples; ``loss`` is minimised, others shown."""
+    def loss(self, number: int, size: int, progress: float) -> dict[str, Tensor]:
+        """Losses on batch ``number`` of ``size`` samples; ``loss`` is minimised, others shown.
+
+        ``progress`` is the share of the steps that are done.
+        """
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores of a model; the first is the one to make small."""
@@ -108,7 +111,7 @@ class _State(Generic[Model]):
         number = self.step * processes + rank
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(mixed_seed(config.seed, number))  # dropout
-            losses = self.task.loss(number, config.batch)
+            losses = self.task.loss(number, config.batch, self.step / config.steps)
         if not bool(torch.isfinite(losses["loss"])):
             raise InputError(
                 f"training: the loss is not finite at step {self.step}; lower the learning rate, "

@@ -27,10 +27,10 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> MotionLibrary:
     return MotionLibrary.read(write_library(tmp_path_factory.mktemp("motion")))
 
 
-def task(library: MotionLibrary, dense_from: int = 4) -> LiftingTask:
+def task(library: MotionLibrary, dense: float = 0.5) -> LiftingTask:
     data = LiftingData(frames=16)
     people = library.without(["03"]), library.of(["03"])
-    return LiftingTask(*people, SMALL, data, LiftingLoss(), 0, dense_from)
+    return LiftingTask(*people, SMALL, data, LiftingLoss(), 0, dense)
 
 
 def lifter(config: LifterConfig = SMALL) -> Lifter:
@@ -56,15 +56,16 @@ def test_an_answer_depends_on_its_reach_only() -> None:
     assert apart.nonzero().flatten().tolist() == list(range(16, 25)) and SMALL.reach == 4
 
 
-def test_the_middle_is_the_middle() -> None:
+def test_the_middle_of_three_poses_is_the_whole_networks() -> None:
     model = lifter()
     features = torch.randn(5, 9, 49).double()
-    for whole, middle in zip(model(features), model.middle(features), strict=True):
-        torch.testing.assert_close(whole[:, 4:5], middle)
+    for whole, three in zip(model(features), model.sparse(features), strict=True):
+        assert three.shape[1] == 3
+        torch.testing.assert_close(whole[:, 4], three[:, 1])
     with pytest.raises(ValueError, match="expected 9 frames"):
-        model.middle(features[:, :8])
+        model.sparse(features[:, :8])
     with pytest.raises(ValueError, match=re.escape("(1, 3)")):
-        lifter(LifterConfig(16, (1, 2))).middle(features)
+        lifter(LifterConfig(16, (1, 2))).sparse(features)
 
 
 def test_loss_of_the_truth_is_least_and_spread_learns_the_error() -> None:
@@ -87,7 +88,7 @@ def test_loss_of_the_truth_is_least_and_spread_learns_the_error() -> None:
 
 def test_training_lowers_the_error(library: MotionLibrary, tmp_path: Path) -> None:
     config = LoopConfig(steps=60, batch=32, learning_rate=5e-3, warmup=5, evaluate_every=10)
-    learner = task(library, dense_from=50)
+    learner = task(library, dense=0.15)
     before = next(iter(learner.evaluate(learner.model).values()))
     model = train(learner, config, tmp_path, {"a": 1})
     after = next(iter(learner.evaluate(model).values()))
@@ -142,7 +143,7 @@ def test_a_loss_that_is_not_finite_stops(
     library: MotionLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     learner = task(library)
-    monkeypatch.setattr(learner, "loss", lambda n, s: {"loss": torch.tensor(torch.nan)})
+    monkeypatch.setattr(learner, "loss", lambda *_: {"loss": torch.tensor(torch.nan)})
     with pytest.raises(InputError, match="not finite at step 0"):
         train(learner, LoopConfig(steps=2), tmp_path, {})
 
