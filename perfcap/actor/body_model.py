@@ -20,6 +20,9 @@ type that a user holds a licence for. It is given as plain arrays under these na
                                      ``r_toe``), with
 ``landmark_bones``   (L,)            the bone each rides on, and
 ``landmark_vertices`` (L, K)         the vertices whose mean it is
+``attribute_names``  (A,)            optional: what people are asked for (gender, age), with
+``attribute_mean``   (A,)            its values for the mean body, and
+``attribute_basis``  (S, A)          how they change with each coefficient (of deviation 1)
 ``name``, ``licence``, ``source``    optional texts
 ==================== =============== ============================================================
 
@@ -32,7 +35,7 @@ moving the last axis to the front; its pose correctives are not used.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -53,6 +56,7 @@ ARRAYS = (
     *REQUIRED,
     *("shape_deviation", "bone_positions", "bone_basis", "joint_regressor", "weight_bones"),
     *("uv", "faces_uv", "landmark_names", "landmark_bones", "landmark_vertices"),
+    *("attribute_names", "attribute_mean", "attribute_basis"),
     *("name", "licence", "source"),
 )
 MAX_COMPONENTS = 512
@@ -70,6 +74,7 @@ class BodyRig:
         uv, faces_uv: texture corners (N, 2) and those of each triangle (T, 3), or None.
         texture: an encoded JPEG or PNG, or None.
         name, licence, source: texts.
+        attributes: value for the mean body and slopes (S,) by name; empty if not known.
     """
 
     faces: Integers
@@ -84,6 +89,7 @@ class BodyRig:
     name: str = "body"
     licence: str = ""
     source: str = ""
+    attributes: Mapping[str, tuple[float, Floats]] = field(default_factory=dict)
 
 
 class BodyModel(nn.Module):
@@ -104,6 +110,7 @@ class BodyModel(nn.Module):
                 "names; give the same number of each"
             )
         self.surface, self.bones, self.rig = surface, bones, rig
+        self._corners = _split(rig, len(surface.mean))
         self.template(torch.zeros(0, dtype=torch.float64))  # refuses what is no rigged mesh
 
     @classmethod
@@ -148,7 +155,7 @@ class BodyModel(nn.Module):
         vertices, joints = vertices - lift, joints - lift
         rig, rest = self.rig, np.tile(np.eye(4), (len(joints), 1, 1))
         rest[:, :3, 3] = joints
-        corner, faces, uv = _split(rig, len(vertices))
+        corner, faces, uv = self._corners
         marks = {n: (bone, vertices[points].mean(0)) for n, (bone, points) in rig.landmarks.items()}
         return Template(
             vertices=vertices[corner],
@@ -239,7 +246,23 @@ def _rig(arrays: Mapping[str, NDArray[Any]], name: str, texture: bytes | None) -
         texture=texture,
         **{key: str(arrays[key]) for key in ("licence", "source") if key in arrays},
         name=str(arrays.get("name", name)),
+        attributes=_attributes(arrays, name),
     )
+
+
+def _attributes(arrays: Mapping[str, NDArray[Any]], name: str) -> dict[str, tuple[float, Floats]]:
+    keys = ("attribute_names", "attribute_mean", "attribute_basis")
+    if not all(key in arrays for key in keys):
+        return {}
+    names = _texts(arrays, keys[0], name)
+    mean, basis = (_numbers(arrays, key, name).numpy() for key in keys[1:])
+    count = len(arrays["shape_basis"])
+    if mean.shape != (len(names),) or basis.shape != (count, len(names)):
+        raise InputError(
+            f"body model {name!r}: attribute_mean and attribute_basis have shapes {mean.shape} "
+            f"and {basis.shape}; expected {(len(names),)} and {(count, len(names))}"
+        )
+    return {n: (float(m), b) for n, m, b in zip(names, mean, basis.T, strict=True)}
 
 
 def _landmarks(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 ARM_JOINTS = tuple(f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist"))
-_JOINTS = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
+TAPE_JOINTS = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
 _ARM_SHARE = 0.5  # vertices with more than this weight on arm bones are no trunk
 _STEP = 0.005  # metres between the levels that are tried
 
@@ -47,14 +48,37 @@ def measure(template: Template) -> Measurements:
     Raises:
         InputError: a joint is missing, or there is no trunk between hips and shoulders.
     """
-    at = {name: template.bone_rest[template.bone(name), :3, 3] for name in _JOINTS}
-    hips = 0.5 * (at["l_hip"] + at["r_hip"])
-    shoulders = 0.5 * (at["l_shoulder"] + at["r_shoulder"])
-    faces = template.faces[~_is_arm(template)[template.faces].any(1)]
-    floor, top = template.vertices[:, 1].min(), template.vertices[:, 1].max()
-    crotch = _crotch(template.vertices, faces, float(hips[0]), float(hips[1]))
+    bones = {name: template.bone(name) for name in TAPE_JOINTS}
+    joints = {name: template.bone_rest[bone, :3, 3] for name, bone in bones.items()}
+    arm = arm_vertices(
+        template.bone_names, template.bone_parents, template.weight_bones, template.weights
+    )
+    return take(template.vertices, template.faces, arm, joints, template.name)
+
+
+def take(
+    vertices: Floats,
+    faces: Integers,
+    arm: NDArray[np.bool_],
+    joints: Mapping[str, Floats],
+    name: str = "body",
+) -> Measurements:
+    """Measure a surface (V, 3).
+
+    Args:
+        vertices: rest pose, metres, y up.
+        faces: (T, 3).
+        arm: which vertices are arms, (V,).
+        joints: rest positions of ``TAPE_JOINTS``, (3,) each.
+        name: for messages.
+    """
+    hips = 0.5 * (joints["l_hip"] + joints["r_hip"])
+    shoulders = 0.5 * (joints["l_shoulder"] + joints["r_shoulder"])
+    floor, top = vertices[:, 1].min(), vertices[:, 1].max()
+    trunk = faces[~arm[faces].any(1)]
+    crotch = _crotch(vertices, trunk, float(hips[0]), float(hips[1]))
     length = float(shoulders[1] - hips[1])
-    girths = _Girths(template.vertices, faces, template.name)
+    girths = _Girths(vertices, trunk, name)
     chest_from, chest_to = hips[1] + 0.55 * length, hips[1] + 0.80 * length
     waist, waist_level = girths.least(hips[1] + 0.15 * length, chest_from)
     return Measurements(
@@ -115,7 +139,9 @@ class _Girths:
 
     def _all(self, low: float, high: float) -> list[tuple[float, float]]:
         levels = np.arange(low, max(high, low + _STEP / 2), _STEP)
-        found = [(girth(self.vertices, self.faces, float(y)), float(y)) for y in levels]
+        heights = self.vertices[self.faces, 1]
+        here = self.faces[(heights.max(1) >= low) & (heights.min(1) <= levels[-1])]
+        found = [(girth(self.vertices, here, float(y)), float(y)) for y in levels]
         found = [pair for pair in found if pair[0] > 0]
         if not found:
             raise InputError(
@@ -135,11 +161,13 @@ def _crotch(vertices: Floats, faces: Integers, middle: float, hips: float) -> fl
     return float(below.min())
 
 
-def _is_arm(template: Template) -> NDArray[np.bool_]:
+def arm_vertices(
+    names: Sequence[str], parents: Integers, weight_bones: Integers, weights: Floats
+) -> NDArray[np.bool_]:
     """Vertices that move mostly with the arms, (V,); bones below the elbow may have any name."""
     owner: list[bool] = []
-    for name, parent in zip(template.bone_names, template.bone_parents, strict=True):
+    for name, parent in zip(names, parents, strict=True):
         owner.append(name in ARM_JOINTS or (parent >= 0 and owner[parent]))
-    share = (template.weights * np.array(owner)[template.weight_bones]).sum(1)
+    share = (weights * np.array(owner)[weight_bones]).sum(1)
     arm: NDArray[np.bool_] = share > _ARM_SHARE
     return arm

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.anatomy import JOINTS, PARENTS
+from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
@@ -28,25 +29,6 @@ logger = logging.getLogger(__name__)
 MOST_VERTICES = 2_000_000
 _ENDS = ("head_top", "l_toe", "r_toe")  # landmarks that are bones without weights
 _FAR = 0.25  # share of the mesh far from the fitted body above which it is no such person
-
-
-@dataclass(frozen=True, eq=False)
-class BareMesh:
-    """A mesh without bones, as it comes from a file.
-
-    Attributes:
-        vertices: (V, 3), any unit and axes.
-        faces: (T, 3).
-        uv: texture coordinates with the origin at the top left, (V, 2), or None.
-        texture: an encoded JPEG or PNG, or None.
-        name: what to call the actor.
-    """
-
-    vertices: Floats
-    faces: Integers
-    uv: Floats | None = None
-    texture: bytes | None = None
-    name: str = "actor"
 
 
 @dataclass(frozen=True, eq=False)

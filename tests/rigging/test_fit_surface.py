@@ -9,11 +9,12 @@ import pytest
 import torch
 from checks import check_energy
 
+from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import Motion
 from perfcap.errors import InputError
 from perfcap.io.body_model import load_body_model
-from perfcap.rigging.auto_rig import BareMesh, auto_rig, rig_with_joints
+from perfcap.rigging.auto_rig import auto_rig, rig_with_joints
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings
 from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch

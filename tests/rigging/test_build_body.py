@@ -1,0 +1,56 @@
+"""Bodies from what is known of a person."""
+
+from __future__ import annotations
+
+import pytest
+
+from perfcap.actor.body_model import BodyModel
+from perfcap.errors import InputError
+from perfcap.io.body_model import load_body_model
+from perfcap.rigging.build_body import Person, build_body
+
+
+@pytest.fixture(scope="module")
+def model() -> BodyModel:
+    return load_body_model()
+
+
+def test_nothing_known_is_the_mean(model: BodyModel) -> None:
+    assert not build_body(model, Person()).shape.any()
+
+
+@pytest.mark.slow
+def test_height_and_weight_are_met(model: BodyModel) -> None:
+    found = build_body(model, Person(height=1.81, weight=74.0, gender=0.0))
+    assert found.measurements.height == pytest.approx(1.81, abs=0.006)
+    assert found.weight == pytest.approx(74.0, abs=1.5)
+
+
+@pytest.mark.slow
+def test_girths_are_met(model: BodyModel) -> None:
+    found = build_body(model, Person(height=1.70, chest=0.95, waist=0.80, hip=1.02)).measurements
+    assert found.height == pytest.approx(1.70, abs=0.006)
+    assert found.chest == pytest.approx(0.95, abs=0.01)
+    assert found.waist == pytest.approx(0.80, abs=0.01)
+    assert found.hip == pytest.approx(1.02, abs=0.01)
+
+
+def test_weight_and_gender_are_met(model: BodyModel) -> None:
+    found = build_body(model, Person(weight=74.0, gender=0.0))
+    assert found.weight == pytest.approx(74.0, abs=1.5)
+    mean, slope = model.rig.attributes["gender"]
+    assert mean + float(found.shape.numpy() @ slope) == pytest.approx(0.0, abs=0.1)
+
+
+def test_older_people_are_older(model: BodyModel) -> None:
+    young, old = (build_body(model, Person(age=age)).shape for age in (25.0, 75.0))
+    assert (young - old).norm() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [({"height": 175.0}, "height is 175; expected 1.3 to 2.2 metres"), ({"age": 4.0}, "years")],
+)
+def test_implausible_values_are_refused(values: dict[str, float], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Person(**values)
