@@ -2,6 +2,8 @@
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import human_rig
+from perfcap.actor.bare_mesh import BareMesh
+from perfcap.actor.bone_map import BoneMap, map_bones
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.embedded_points import EmbeddedPoints
@@ -16,6 +18,8 @@ from perfcap.actor.template import Template
 
 __all__ = [
     "Actor",
+    "BareMesh",
+    "BoneMap",
     "Deformation",
     "DeformationGraph",
     "EmbeddedPoints",
@@ -29,6 +33,7 @@ __all__ = [
     "dual_quaternion_blend",
     "human_rig",
     "linear_blend",
+    "map_bones",
     "read_mjcf",
     "read_urdf",
 ]

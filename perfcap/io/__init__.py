@@ -9,6 +9,7 @@ from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.gltf import load_template, save_animation
 from perfcap.io.mask_files import save_masks
+from perfcap.io.mesh import read_mesh
 from perfcap.io.result import Result, read_result
 from perfcap.io.surface_file import SurfaceFile, open_surface, save_surface
 from perfcap.io.video_writer import VideoWriter
@@ -30,6 +31,7 @@ __all__ = [
     "open_surface",
     "read_cameras",
     "read_detections",
+    "read_mesh",
     "read_pixel_map",
     "read_result",
     "save_actor",
