@@ -84,6 +84,8 @@ def train(
                 save_checkpoint(folder / BEST, state.best_checkpoint())
         if (state.step % config.save_every == 0 or done) and _first_process():
             save_checkpoint(folder / LAST, state.checkpoint())
+    if _place()[1] > 1:
+        distributed.barrier()  # the first process has written the best weights
     if (folder / BEST).is_file():
         state.averaged.load_state_dict(load_checkpoint(folder / BEST).part("average"))
     return state.averaged.eval()
