@@ -32,8 +32,12 @@ class BareMesh:
         vertices, faces = np.array(self.vertices, np.float64), np.array(self.faces, np.int64)
         if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not np.isfinite(vertices).all():
             raise self._bad("vertices", f"{vertices.shape}", "finite (V, 3)")
-        if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
-            raise self._bad("faces", f"{faces.shape}", "one or more triangles (T, 3)")
+        if not len(faces):
+            raise InputError(
+                f"mesh {self.name!r}: has no faces; give a mesh, not a cloud of points"
+            )
+        if faces.ndim != 2 or faces.shape[1:] != (3,):
+            raise self._bad("faces", f"{faces.shape}", "triangles (T, 3)")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise self._bad("faces", f"{faces.min()} to {faces.max()}", "indices of vertices")
         if self.uv is not None:
