@@ -190,24 +190,47 @@ class ActorInspect:
 
 @dataclass(frozen=True)
 class ActorBuild:
-    """Make an actor folder of a rigged character."""
+    """Make an actor folder of a rigged character, a bare mesh, or a person's measures."""
 
-    source: tyro.conf.Positional[Path]
-    """A skinned .glb or .gltf with any bones, in any units, with any axis up."""
     out: Path
     """Folder for actor.glb, manifest.toml and contact_sheet.jpg."""
+    source: tyro.conf.Positional[Path | None] = None
+    """A skinned .glb or .gltf with any bones, or a mesh of a person in a T- or A-pose without any
+    (.obj, .ply, .stl, .glb), in any units, with any axis up."""
     mapping: Path | None = None
     """TOML that names the bones of joints, for rigs that are not recognised."""
     name: str | None = None
     """What to call the actor; the name of the file."""
     licence: str | None = None
     """Under which licence it may be used; what the file says."""
+    overrides: Path | None = None
+    """TOML of regions of a bare mesh that only some bones may move, such as a skirt."""
+    body: bool = False
+    """Make a body of the measures below instead of a file."""
+    body_model: str = "ada"
+    """Name or file of the body model."""
+    height: float | None = None
+    """Of the person, metres; for a bare mesh, with shoes and hair."""
+    weight: float | None = None
+    """Kilograms, for --body."""
+    chest: float | None = None
+    """Girth, metres, for --body, like the two below."""
+    waist: float | None = None
+    """Girth, metres."""
+    hip: float | None = None
+    """Girth, metres."""
+    inseam: float | None = None
+    """From the crotch to the floor, metres, for --body."""
+    gender: Literal["female", "male"] | None = None
+    """For --body."""
+    age: float | None = None
+    """Years, for --body."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.actor_build import BuildRequest, run_build
+        from perfcap.app.actor_build import build_request, run_build
 
-        return run_build(BuildRequest(**vars(self)))
+        return run_build(build_request(vars(self)))
 
 
 ActorCommand = (

@@ -44,8 +44,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.shape_space import ShapeSpace
 from perfcap.actor.template import Template
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -157,6 +159,9 @@ class BodyModel(nn.Module):
         rest[:, :3, 3] = joints
         corner, faces, uv = self._corners
         marks = {n: (bone, vertices[points].mean(0)) for n, (bone, points) in rig.landmarks.items()}
+        for bone, name in enumerate(rig.bone_names):
+            if name in LANDMARKS and name not in JOINTS and name not in marks:
+                marks[name] = max(int(rig.bone_parents[bone]), 0), joints[bone]
         return Template(
             vertices=vertices[corner],
             faces=faces,

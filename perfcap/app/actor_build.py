@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
+from perfcap.app.actor_make import GENDERS, body_of, is_bare, require_no_source, rigged_mesh
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
+from perfcap.io.body_model import DEFAULT_BODY
+from perfcap.io.mesh import FORMATS
 from perfcap.pipeline.appearance import Appearance
+from perfcap.rigging import Person
 
 _RIGGED = (".glb", ".gltf", ".vrm")
 
@@ -22,11 +28,29 @@ _RIGGED = (".glb", ".gltf", ".vrm")
 class BuildRequest:
     """What the command line asks for; see ``perfcap actor build --help``."""
 
-    source: Path
+    source: Path | None
     out: Path
     mapping: Path | None = None
     name: str | None = None
     licence: str | None = None
+    overrides: Path | None = None
+    body: bool = False
+    body_model: str = DEFAULT_BODY
+    person: Person = field(default_factory=Person)
+
+
+def build_request(options: Mapping[str, Any]) -> BuildRequest:
+    """The options of the command line, those about the person taken together.
+
+    Raises:
+        InputError: a measure that no person has.
+    """
+    about = {f.name for f in fields(Person)}
+    values = {name: value for name, value in options.items() if name in about}
+    gender = values.get("gender")
+    person = Person(**{**values, "gender": None if gender is None else GENDERS[gender]})
+    rest = {name: value for name, value in options.items() if name not in about}
+    return BuildRequest(**rest, person=person)
 
 
 def run_build(request: BuildRequest) -> int:
@@ -47,20 +71,29 @@ def run_build(request: BuildRequest) -> int:
 
 def _made(request: BuildRequest) -> tuple[Actor, str, str]:
     """The actor, its licence and where it comes from."""
-    suffix = request.source.suffix.lower()
-    if suffix in _RIGGED:
-        return _from_rigged(request)
-    raise InputError(
-        f"{request.source}: is {suffix or 'without a suffix'}; expected a rigged character, "
-        f"{', '.join(_RIGGED)}"
-    )
-
-
-def _from_rigged(request: BuildRequest) -> tuple[Actor, str, str]:
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
+    if request.body:
+        require_no_source(request.source)
+        actor, licence = body_of(request.person, request.body_model, request.name)
+        return actor, licence, f"body model {request.body_model}"
+    if request.source is None:
+        raise InputError("no file is given; expected a character or a mesh, or --body")
+    if request.source.suffix.lower() not in FORMATS:
+        raise InputError(
+            f"{request.source}: is {request.source.suffix or 'without a suffix'}; expected a "
+            f"rigged character or a bare mesh: {', '.join(FORMATS)}"
+        )
+    if is_bare(request.source):
+        height = request.person.height
+        actor = rigged_mesh(request.source, request.body_model, height, request.overrides)
+        return actor, UNKNOWN, f"rigged automatically from {request.source.name}"
+    return _from_rigged(request, request.source)
+
+
+def _from_rigged(request: BuildRequest, source: Path) -> tuple[Actor, str, str]:
     mapping = None if request.mapping is None else read_mapping(request.mapping)
-    imported = import_actor(request.source, mapping)
-    require_sound(request.source, imported.findings)
+    imported = import_actor(source, mapping)
+    require_sound(source, imported.findings)
     rights = imported.character.copyright or UNKNOWN
-    return imported.actor, rights, f"imported from {request.source.name}"
+    return imported.actor, rights, f"imported from {source.name}"

@@ -27,7 +27,8 @@ Integers = NDArray[np.int64]
 logger = logging.getLogger(__name__)
 
 MOST_VERTICES = 2_000_000
-_ENDS = ("head_top", "l_toe", "r_toe")  # landmarks that are bones without weights
+# Landmarks that end bones, and the joint each rides on: bones without weights.
+_ENDS = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _FAR = 0.25  # share of the mesh far from the fitted body above which it is no such person
 
 
@@ -110,8 +111,10 @@ def rig_with_joints(
     weights, heat = bone_heat_weights(mesh.vertices, mesh.faces, skeleton_bones(joints), overrides)
     rest = np.tile(np.eye(4), (len(names), 1, 1))
     rest[:, :3, 3] = [joints[name] for name in names]
-    owners = {**PARENTS, "head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
-    parents = [-1 if owners[n] is None else names.index(str(owners[n])) for n in names]
+    parents = [-1 if p is None else names.index(p) for p in (*PARENTS.values(), *_ENDS.values())]
+    ends = {
+        end: (names.index(joint), rest[names.index(end), :3, 3]) for end, joint in _ENDS.items()
+    }
     template = Template(
         vertices=mesh.vertices,
         faces=mesh.faces,
@@ -123,6 +126,7 @@ def rig_with_joints(
         uv=mesh.uv,
         texture=mesh.texture if mesh.uv is not None else None,
         name=mesh.name,
+        landmarks=ends,
     )
     return template, heat
 

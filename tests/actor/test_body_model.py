@@ -156,3 +156,13 @@ def test_the_shipped_body_is_a_person() -> None:
     assert 1.6 < np.ptp(template.vertices[:, 1]) < 1.85
     extents = [np.ptp(model.vertices(s * torch.eye(20)[0].double())[:, 1].numpy()) for s in (-1, 1)]
     assert abs(extents[1] - extents[0]) > 0.1  # the first component is mostly stature
+
+
+def test_a_body_is_saved_and_loaded(tmp_path: Path) -> None:
+    from perfcap.actor.actor import Actor
+    from perfcap.io import load_actor, save_actor
+
+    actor = Actor(load_body_model().template(torch.zeros(0)).rounded())
+    save_actor(actor, tmp_path / "me")
+    again = load_actor(tmp_path / "me")
+    assert torch.allclose(again.skeleton.rest_landmarks, actor.skeleton.rest_landmarks, atol=1e-6)
