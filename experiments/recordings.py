@@ -12,11 +12,12 @@ from report import data_folder
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
-from perfcap.io.actor import load_actor
+from perfcap.io.actor import load_actor, models_folder
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.detections import read_detections
 
@@ -111,3 +112,20 @@ def _read(name: str, folder: Path, person: Path, cameras: str) -> Recording:
     actor = load_actor(person / "template.glb")
     rate = rig.fps or float(json.loads((folder / cameras).read_text())["fps"])
     return Recording(name, folder, actor, rig, detections, rate, truth)
+
+
+def demo() -> Recording:
+    """The clip that perfcap ships, which was rendered from its own actor."""
+    folder = models_folder() / "demo"
+    rig = read_cameras(folder / "camera.json")
+    detections, _ = read_detections(folder / "detections.npz", views=rig.names)
+    with np.load(folder / "truth.npz", allow_pickle=False) as file:
+        truth, rate = torch.tensor(file["joints3d"]), float(file["fps"])
+    return Recording("demo", folder, load_actor("sam"), rig, detections, rate, truth)
+
+
+def demo_motion() -> Motion:
+    """The motion that the demo clip was rendered from; for scoring only."""
+    with np.load(models_folder() / "demo" / "truth.npz", allow_pickle=False) as file:
+        keys = ("root_translation", "root_rotation", "angles")
+        return Motion(*(torch.tensor(file[key]) for key in keys))

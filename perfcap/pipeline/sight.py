@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -108,4 +108,9 @@ class Sight:
         if self.parts is not None:
             parts = view.labels.label(self.parts, -1).numpy()
             room = part_depth(model.points, model.normals, parts, 0.2 * height)
-        return match(model, contour, config.matching, height, room)
+        return match(model, _beyond(contour, config.chance), config.matching, height, room)
+
+
+def _beyond(contour: Contour, chance: float) -> Contour:
+    """The contour with what its confidence says more than chance does, 0 to 1."""
+    return replace(contour, confidence=np.maximum(contour.confidence - chance, 0) / (1 - chance))

@@ -28,6 +28,8 @@ class ContourConfig:
     weight: float = 30.0  # independent observations that a frame's contour is worth
     deviation: float = 0.4  # percent of the person's height in the image
     scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+    # confidence of a contour that images say nothing about, which pulls nothing
+    chance: float = 0.4
     spacing: float = 3.0  # px between the model's contour points
     matching: Matching = field(default_factory=Matching)
 
