@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 import torch
@@ -52,57 +52,82 @@ def record(
     The same method as ``LevenbergMarquardt.minimize``, written for keeping rather than for speed;
     it ends at a relative decrease below ``settings.tolerance``.
     """
-    state, layout = initial, Layout.of(initial)
-    equations = assemble(objective, state)
-    running = equations.finite()
-    equations = equations.where(running, equations.zeros())
-    status = torch.where(running, Status.MAX_STEPS, Status.NOT_FINITE)
-    damping = Damping.start(settings.damping, equations.energy)
-    tried, kept = torch.zeros_like(status), []
-    enough = max(settings.tolerance, 32 * torch.finfo(equations.energy.dtype).eps)
+    run, kept = _start(objective, initial, settings), []
     for _ in range(settings.max_steps):
-        if not bool(running.any()):
+        if not bool(run.running.any()):
             break
-        move = _try(state, equations, damping, running, bounds)
-        there = state.retract(layout.unflatten(move.step))
-        after = assemble(objective, there)
-        promised = equations.decrease(move.step)
-        gained = equations.energy - after.energy
-        taken = move.taken & after.finite() & (gained > 0) & (promised > 0)
-        small = promised * (1 + damping.value) <= enough * equations.energy
-        converged = running & small & (taken | ~(gained > 0))
-        damping = damping.update(running, taken, gained / promised)
-        tried = tried + running
-        if bool(taken.any()):
-            step = torch.where(taken.unsqueeze(-1), move.step, 0)
-            kept.append(RecordedStep(state, step, move.damping, move.held, taken))
-            state = state.retract(layout.unflatten(step))
-            equations = after.where(taken, equations)
-        status = torch.where(converged, Status.CONVERGED, status)
-        running = running & ~converged
-    found = Solution.over_batch(layout.batch, state, equations.terms, tried, status)
+        move = _try(run, bounds)
+        run, taken = _judge(run, move, objective, settings)
+        if taken is not None:
+            kept.append(taken)
+    found = Solution.over_batch(
+        run.equations.layout.batch, run.state, run.equations.terms, run.steps, run.status
+    )
     return Record(tuple(kept), found)
 
 
-def _try(
-    state: StateType,
-    equations: NormalEquations,
-    damping: Damping,
-    running: Tensor,
-    bounds: Bounds | None,
-) -> RecordedStep[StateType]:
+@dataclass(frozen=True)
+class _Run(Generic[StateType]):
+    """Where every element is; tensors are (B,)."""
+
+    state: StateType
+    equations: NormalEquations
+    damping: Damping
+    steps: Tensor
+    status: Tensor
+    running: Tensor
+
+
+def _start(objective: Objective, state: StateType, settings: LevenbergMarquardt) -> _Run[StateType]:
+    equations = assemble(objective, state)
+    finite = equations.finite()
+    equations = equations.where(finite, equations.zeros())
+    status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
+    damping = Damping.start(settings.damping, equations.energy)
+    return _Run(state, equations, damping, torch.zeros_like(status), status, finite)
+
+
+def _judge(
+    run: _Run[StateType],
+    move: RecordedStep[StateType],
+    objective: Objective,
+    settings: LevenbergMarquardt,
+) -> tuple[_Run[StateType], RecordedStep[StateType] | None]:
+    """Go where the energy fell; the step as it was taken, None if no element took it."""
+    before, layout = run.equations, run.equations.layout
+    after = assemble(objective, run.state.retract(layout.unflatten(move.step)))
+    promised, gained = before.decrease(move.step), before.energy - after.energy
+    taken = move.taken & after.finite() & (gained > 0) & (promised > 0)
+    enough = max(settings.tolerance, 32 * torch.finfo(gained.dtype).eps)
+    small = promised * (1 + run.damping.value) <= enough * before.energy
+    converged = run.running & small & (taken | ~(gained > 0))
+    step = torch.where(taken.unsqueeze(-1), move.step, 0)
+    moved = replace(
+        run,
+        state=run.state.retract(layout.unflatten(step)),
+        equations=after.where(taken, before),
+        damping=run.damping.update(run.running, taken, gained / promised),
+        steps=run.steps + run.running,
+        status=torch.where(converged, Status.CONVERGED, run.status),
+        running=run.running & ~converged,
+    )
+    return moved, replace(move, step=step, taken=taken) if bool(taken.any()) else None
+
+
+def _try(run: _Run[StateType], bounds: Bounds | None) -> RecordedStep[StateType]:
     """The minimum of the damped model within the bounds; ``taken`` where there is one."""
-    added = damping.value.unsqueeze(-1) * damping_scale(equations)
+    equations = run.equations
+    added = run.damping.value.unsqueeze(-1) * damping_scale(equations)
     factorization = factorize(equations, added)
     step = factorization.newton_step(equations)
-    valid = running & factorization.valid & step.isfinite().all(-1)
+    valid = run.running & factorization.valid & step.isfinite().all(-1)
     step = torch.where(valid.unsqueeze(-1), step, 0)
     held = torch.zeros_like(step, dtype=torch.bool)
-    box = step_box(bounds, state, equations.layout)
+    box = step_box(bounds, run.state, equations.layout)
     if box is not None:
         step, multipliers = box_step(equations, factorization, added, step, box)
         held = multipliers != 0
-    return RecordedStep(state, step, added, held, valid)
+    return RecordedStep(run.state, step, added, held, valid)
 
 
 def replay(
