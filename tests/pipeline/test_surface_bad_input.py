@@ -192,6 +192,11 @@ def test_a_mask_without_a_contour_leaves_the_skinned_surface(take: Take, full: b
     assert bool(np.isfinite(found.before).all() and np.isfinite(found.after).all())
 
 
+def test_masks_that_the_pose_meets_exactly_change_nothing_for_the_worse(take: Take) -> None:
+    found = refined(take, evidence_of(take, partial(silhouette, take)))
+    assert (found.before == 1).all() and (found.after > 0.99).all()
+
+
 def test_one_empty_mask_spoils_no_other_frame(take: Take) -> None:
     shifted = partial(silhouette, take, aside=0.03)
     found = refined(take, evidence_of(take, lambda frame: shifted(frame) & (frame != 3)))
