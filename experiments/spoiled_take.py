@@ -26,7 +26,6 @@ from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 
 TRUSTS = ("as computed", "blind", "blind, not pruned")
-_HOLD = 0.03  # of contours without a pair
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class Take:
             full = tuple(tuple(np.full_like(t, 255) for t in row) for row in evidence.confidence)
             evidence = replace(evidence, confidence=full)
         pruned = trust != TRUSTS[2]
-        matching = replace(settings.contour.matching, pruned=pruned, hold=_HOLD)
+        matching = replace(settings.contour.matching, pruned=pruned)
         settings = replace(settings, contour=replace(settings.contour, matching=matching))
         parts = actor, self.graph, self.sight, evidence, self.found.motion, settings
         with torch.no_grad():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.limbs import limb_of_triangles
 from perfcap.actor.motion import Motion
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
@@ -92,7 +93,9 @@ def refine(
     """
     actor = problem.actor
     faces = torch.as_tensor(actor.template.faces.copy())
-    sight = Sight(images.cameras.to(motion.angles), faces, actor.template.weld()[0])
+    cameras = images.cameras.to(motion.angles)
+    weld = actor.template.weld()[0]
+    sight = Sight(cameras, faces, weld)
     heights = _heights(problem, images)
 
     def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
@@ -109,6 +112,7 @@ def refine(
         vertices = SkinnedSurface(actor, pose.motion)
         return Refinement(pose.motion, evidence, pose, None, vertices)
     with stage("refine_surface") as tell:
+        sight = Sight(cameras, faces, weld, limb_of_triangles(actor))  # limbs keep their width
         graph = DeformationGraph.build(actor.vertices, faces, config.refine_surface.nodes)
         surface = refine_surface(
             actor, graph, sight, evidence, pose.motion, config.refine_surface, workers, tell

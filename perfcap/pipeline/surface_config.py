@@ -56,7 +56,7 @@ class RefineSurfaceConfig:
     nodes: int = 1000  # of the deformation graph (MPC-26)
     rigidity: tuple[float, ...] = (0.6, 0.2)  # weight of each round (MPC-29)
     max_steps: int = 5  # of each round
-    contour: ContourConfig = ContourConfig(matching=Matching(support=(0.3, 0.6)))
+    contour: ContourConfig = ContourConfig(matching=Matching(support=(0.3, 0.6), hold=0.01))
     stretch: float = 0.003  # m, of an edge of the graph
     tether: float = 0.3  # weight of the mean squared displacement of nodes; the paper has none
     reach: float = 0.03  # m, that counts as one in it
