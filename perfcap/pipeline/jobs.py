@@ -177,6 +177,16 @@ def _doubts(refinement: Refinement | None) -> Iterator[str]:
             f"in {len(report['nobody_in_view'])} frames the person is outside every image; "
             "nothing refines them"
         )
+    if report["cropped"]:
+        yield (
+            f"in {len(report['cropped'])} frames the border of an image cuts the person off; what "
+            "lies outside follows as it can"
+        )
+    if report["no_contour"]:
+        yield (
+            f"in {len(report['no_contour'])} frames the masks are empty or fill the image; nothing "
+            "refines them"
+        )
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:
         if part is not None and not part.kept.all():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +15,7 @@ from torch import Tensor
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.limbs import limb_of_triangles
 from perfcap.actor.motion import Motion
+from perfcap.geometry.surface_topology import surface_topology
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.gaps import ranges
@@ -42,6 +43,7 @@ class Refinement:
         pose: how the motion was refined.
         surface: how the surface was; None where the capture ended before.
         vertices: of every frame.
+        mesh: what may be wrong with the actor's mesh, counted by name.
     """
 
     motion: Motion
@@ -49,6 +51,7 @@ class Refinement:
     pose: PoseRefinement
     surface: SurfaceRefinement | None
     vertices: SurfaceFrames
+    mesh: Mapping[str, int]
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """Overlap with the masks and frames without a refinement, as plain values."""
@@ -68,7 +71,7 @@ class Refinement:
         }
         if self.surface is not None:
             report["surface"]["folded_share"] = _plain(self.surface.folded)
-        return {**report, **self.evidence.report(first_frame)}
+        return {**report, **self.evidence.report(first_frame), "mesh": self.mesh}
 
 
 def refine(
@@ -97,6 +100,7 @@ def refine(
     weld = actor.template.weld()[0]
     sight = Sight(cameras, faces, weld)
     heights = _heights(problem, images)
+    mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
 
     def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
         with stage(name) as tell:
@@ -110,14 +114,14 @@ def refine(
     evidence = extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
     if until < Stage.REFINE_SURFACE:
         vertices = SkinnedSurface(actor, pose.motion)
-        return Refinement(pose.motion, evidence, pose, None, vertices)
+        return Refinement(pose.motion, evidence, pose, None, vertices, mesh)
     with stage("refine_surface") as tell:
         sight = Sight(cameras, faces, weld, limb_of_triangles(actor))  # limbs keep their width
         graph = DeformationGraph.build(actor.vertices, faces, config.refine_surface.nodes)
         surface = refine_surface(
             actor, graph, sight, evidence, pose.motion, config.refine_surface, workers, tell
         )
-    return Refinement(pose.motion, evidence, pose, surface, surface.surface)
+    return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 
 
 def _heights(problem: MotionProblem, images: Images) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +66,8 @@ class DeformedSurface:
 
     def faded(self, share: Tensor) -> DeformedSurface:
         """This surface with a share (F,) of every deformation."""
+        if bool((share == 1).all()):
+            return self  # which spares a copy
         each = share[:, None, None]
         parts = (
             Deformation(
@@ -125,48 +128,53 @@ def refine_surface(
     surface = DeformedSurface(actor, graph, motion)
     passes = [(config.rigidity, config.smoothing)]
     passes += [(config.settle, config.settle_smoothing)] if config.settle else []
-    parts = blocks(0, motion.frames)
-    layers: list[_Block] = []
+    outcomes: list[_Outcome] = []
     for number, (rigidity, width) in enumerate(passes):
         solver = _Solver(surface, sight, evidence, config, rigidity)
-        done: list[_Block] = []
-        for frames, block in zip(parts, ordered_map(solver.solve, parts, workers), strict=True):
-            done.append(block)
+
+        def tell(done: int, before: int = motion.frames * number) -> None:
             if progress is not None:
-                progress(motion.frames * number + frames.stop, motion.frames * len(passes))
-        layers.append(_joined(done, config.folds))
-        surface = surface.deformed(_smoothed(surface, layers[-1], width))
+                progress(before + done, motion.frames * len(passes))
+
+        layer, outcome = _solved(solver, workers, tell)
+        outcomes.append(outcome)
+        surface = surface.deformed(_smoothed(surface, layer, outcome.kept, width))
 
     def overlaps(surface: DeformedSurface) -> NDArray[np.float64]:
         return clip_overlaps(surface, sight, evidence, workers)
 
-    surface, after, better = keep_better(surface.faded, overlaps, layers[0].before)
-    kept = np.logical_and.reduce([better, *(layer.kept for layer in layers)])
-    folded = np.max([layer.folded for layer in layers], axis=0)
-    return SurfaceRefinement(surface, layers[0].before, after, kept, folded)
+    before = outcomes[0].before
+    surface, after, better = keep_better(surface.faded, overlaps, before)
+    kept = np.logical_and.reduce([better, *(outcome.kept for outcome in outcomes)])
+    folded = np.max([outcome.folded for outcome in outcomes], axis=0)
+    return SurfaceRefinement(surface, before, after, kept, folded)
 
 
 @dataclass(frozen=True)
-class _Block:
-    """The deformation of some frames; whether it did any good, and what it folded over."""
+class _Outcome:
+    """Whether deformations of some frames did any good, and what they folded over."""
 
-    deformation: Deformation
     before: NDArray[np.float64]
     kept: NDArray[np.bool_]
     folded: NDArray[np.float64]
 
 
-def _joined(blocks: list[_Block], folds: float) -> _Block:
-    """One block of all; frames with more folds than that share of the surface are not kept."""
-    before, kept, folded = (
-        np.concatenate([getattr(block, name) for block in blocks])
-        for name in ("before", "kept", "folded")
-    )
-    rotation, translation = (
-        torch.cat([getattr(block.deformation, name) for block in blocks])
-        for name in ("rotation", "translation")
-    )
-    return _Block(Deformation(rotation, translation), before, kept & (folded <= folds), folded)
+def _solved(
+    solver: _Solver, workers: int | None, tell: Callable[[int], None]
+) -> tuple[Deformation, _Outcome]:
+    """One layer of the whole clip, written block after block where it stays."""
+    graph, frames = solver.surface.graph, solver.surface.frames
+    device = solver.surface.motion.angles.device
+    layer = Deformation(*torch.zeros(2, frames, len(graph), 3, device=device))
+    parts = blocks(0, frames)
+    outcomes = []
+    for span, (part, outcome) in zip(parts, ordered_map(solver.solve, parts, workers), strict=True):
+        layer.rotation[span.start : span.stop] = part.rotation
+        layer.translation[span.start : span.stop] = part.translation
+        outcomes.append(outcome)
+        tell(span.stop)
+    names = ("before", "kept", "folded")
+    return layer, _Outcome(*(np.concatenate([getattr(o, n) for o in outcomes]) for n in names))
 
 
 @dataclass(frozen=True)
@@ -179,8 +187,8 @@ class _Solver:
     config: RefineSurfaceConfig
     rigidity: tuple[float, ...]
 
-    def solve(self, frames: range) -> _Block:
-        """One block of frames."""
+    def solve(self, frames: range) -> tuple[Deformation, _Outcome]:
+        """One block of frames; those without a contour are not kept."""
         span = slice(frames.start, frames.stop)
         graph, sight = self.surface.graph, self.sight
         canonical = deformed = self.surface[span]
@@ -196,13 +204,10 @@ class _Solver:
             deformation = solve(objective, deformation, method).state
             deformed = graph(canonical, deformation)
             drawn = sight.look(deformed, span)
-        folds = find_folds(canonical, deformed, sight.faces).share
-        return _Block(
-            deformation.to(canonical.new_zeros((), dtype=torch.float32)),
-            before,
-            frame_overlaps(drawn, masks) >= before,
-            folds.numpy(force=True),
-        )
+        folds = find_folds(canonical, deformed, sight.faces).share.numpy(force=True)
+        seen = np.array([any(len(line) for line in row) for row in contours])
+        kept = seen & (frame_overlaps(drawn, masks) >= before) & (folds <= self.config.folds)
+        return deformation, _Outcome(before, kept, folds)
 
     def _pairs(
         self, drawn: list[list[View]], contours: list[list[Contour]], like: Tensor
@@ -237,17 +242,19 @@ class _Solver:
         return Objective(energies).to(canonical)
 
 
-def _smoothed(surface: DeformedSurface, layer: _Block, width: int) -> Deformation:
-    """The deformation averaged over a centred window of frames (MPC-31).
+def _smoothed(
+    surface: DeformedSurface, raw: Deformation, kept: NDArray[np.bool_], width: int
+) -> Deformation:
+    """The deformation averaged over those kept in a centred window of frames (MPC-31).
 
     Averaged as seen from the bone that carries each node: a fold that rides on a swinging leg
     stands still there, and a mean in world axes would pull it back to where the leg was.
     Rotations of nodes are small, and means of their vectors means of rotations.
     """
-    actor, raw = surface.actor, layer.deformation
+    actor = surface.actor
     joints = actor.skin.rows()[2][surface.graph.node_vertex]  # the heaviest of each node
     turns = actor.joint_transforms(surface.motion)[0].to(raw.rotation)  # F J 3 3
-    weights, taps = torch.from_numpy(layer.kept).to(raw.rotation), binomial(width)
+    weights, taps = torch.from_numpy(kept).to(raw.rotation), binomial(width)
     rotation, translation = torch.empty_like(raw.rotation), torch.empty_like(raw.translation)
     for joint in set(joints.tolist()):
         nodes, turn = joints == joint, turns[:, joint]
