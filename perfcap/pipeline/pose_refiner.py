@@ -17,8 +17,9 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
+from perfcap.pipeline.start_clip import StartedClip, start_clip
 from perfcap.pipeline.track_motion import select
-from perfcap.pipeline.window_batch import WEIGHTS, StartedClip, WindowBatch, start_clip
+from perfcap.pipeline.window_batch import WEIGHTS, WindowBatch
 from perfcap.solve import Adjoint, Detached, Implicit, LevenbergMarquardt, Status, solve
 from perfcap.temporal.window import Window, partition
 

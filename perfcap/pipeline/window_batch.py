@@ -11,95 +11,15 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
-from perfcap.energy.joint_target import JointTarget
-from perfcap.energy.prior import PosePrior
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.initialize import initialize, trunk_start
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.objective import (
-    angle_bounds,
-    kernel,
-    neutral_angles,
-    person_height,
-    pose_objective,
-    trajectory_prior,
-)
-from perfcap.pipeline.pose_estimate import ClipEstimate
-from perfcap.pipeline.prepare import prepare
-from perfcap.solve import LevenbergMarquardt, Objective, solve
+from perfcap.pipeline.objective import pose_objective, trajectory_prior
+from perfcap.pipeline.start_clip import StartedClip, targets_energy
+from perfcap.solve import Objective
 from perfcap.temporal.window import Window
 
 WEIGHTS = ("joints2d", "joints3d", "targets", "trajectory", "prior")
 """Energies of a refinement, in the order of their learned weights."""
-
-_FIT_POINTS = 3  # joints that fix a pose in space
-_ROOT_DEVIATION = 0.05  # m, of where estimators put a whole person
-
-
-@dataclass(frozen=True)
-class StartedClip:
-    """A clip and where its solve begins; none of it but the estimate carries a graph.
-
-    Attributes:
-        estimate: of the clip.
-        motion: to start from, (F,).
-        trusted3d: 3D poses that agree with the 2D joints, (F, C).
-        pixel_unit: one percent of the person's height in each view, (C,), pixels.
-        preference: share of the weight of trajectory and prior that the clip's jitter asks for.
-    """
-
-    estimate: ClipEstimate
-    motion: Motion
-    trusted3d: Tensor
-    pixel_unit: Tensor
-    preference: float
-
-
-@torch.no_grad()
-def start_clip(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> StartedClip:
-    """Solve every frame of a clip on its own.
-
-    Raises:
-        InputError: nobody is detected in the whole clip.
-    """
-    unit = 0.01 * person_height(clip.detections)
-    relaxing = replace(clip.detections, joints3d=clip.targets) if clip.targets is not None else None
-    calm = relaxed(config, relaxing or clip.detections, unit)
-    preference = calm.trajectory.weight / config.trajectory.weight
-    if clip.has_pixels or clip.targets is None:
-        prepared = prepare(actor, clip.cameras, clip.detections, config.position.gate)
-        motion, _ = initialize(actor, clip.cameras, prepared, config, unit)
-        return StartedClip(clip, motion, prepared.detections.trusted3d, unit, preference)
-    motion = _placed_start(actor, clip, config)
-    return StartedClip(clip, motion, clip.detections.trusted3d, unit, preference)
-
-
-def _placed_start(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> Motion:
-    """Each frame's pose where only places of joints are known; frames without any are filled."""
-    assert clip.targets is not None
-    points, certain = clip.targets, clip.certain
-    total = certain.sum(1)
-    middle = (certain[..., None] * points).sum(1) / total.clamp(min=1e-9)[..., None]
-    start = trunk_start(actor, middle, total)
-    energies = {
-        "targets": _targets(actor, points[:, None], certain[:, None], config),
-        "prior": PosePrior(neutral_angles(actor), config.prior.deviation, config.prior.weight),
-    }
-    initial = Motion(start.translation[:, None], start.rotation[:, None], start.angles[:, None])
-    method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
-    objective = Objective(energies).to(actor.skeleton.lower)
-    found: Motion = solve(objective, initial, method, angle_bounds(actor)).state
-    motion = Motion(found.translation[:, 0], found.rotation[:, 0], found.angles[:, 0])
-    return fill_gaps(motion, (total > 0).sum(-1) >= _FIT_POINTS)
-
-
-def _targets(actor: Actor, points: Tensor, certain: Tensor, config: PoseConfig) -> JointTarget:
-    own = points.new_tensor(config.position.deviation)
-    unit = (own.square() + _ROOT_DEVIATION**2).sqrt()
-    weight = config.position.weight
-    return JointTarget(actor, points, certain, weight, kernel(config.position.scale), unit)
 
 
 @dataclass(frozen=True)
@@ -146,7 +66,7 @@ class WindowBatch:
         known = [each for each in points if each is not None]
         if len(known) == len(points):
             certain = self.stack([clip.estimate.certain for clip in self.clips])
-            energies["targets"] = _targets(actor, self.stack(known), certain, config)
+            energies["targets"] = targets_energy(actor, self.stack(known), certain, config)
         preference = weights.new_tensor([clip.preference for clip in self.clips])
         for name, energy in energies.items():
             factor = weights[WEIGHTS.index(name)]
