@@ -163,6 +163,18 @@ class Camera:
             distortion=distortion,
         )
 
+    def apart(self) -> Self:
+        """Cameras for frames that are batch elements of one frame each, (F, 1, C) where moving."""
+        if not self.moving:
+            return self
+        return replace(
+            self,
+            intrinsics=self.intrinsics.unsqueeze(-4),
+            rotation=self.rotation.unsqueeze(-4),
+            translation=self.translation.unsqueeze(-3),
+            distortion=None if self.distortion is None else self.distortion.unsqueeze(-3),
+        )
+
     def select(self, views: list[int]) -> Self:
         """The cameras of some views, in the order given."""
         distortion = None if self.distortion is None else self.distortion[..., views, :]

@@ -179,7 +179,11 @@ def _solved(
 
 @dataclass(frozen=True)
 class _Solver:
-    """Rounds of correspondence and deformation."""
+    """Rounds of correspondence and deformation.
+
+    Every frame is a batch element of its own: a block of frames is work shared out, and which
+    frames share it must not change a surface.
+    """
 
     surface: DeformedSurface
     sight: Sight
@@ -201,7 +205,8 @@ class _Solver:
             pairs = self._pairs(drawn, contours, canonical)
             objective = self._objective(canonical, pairs, span, weight)
             method = TruncatedNewton(max_steps=self.config.max_steps)
-            deformation = solve(objective, deformation, method).state
+            apart = solve(objective, _apart(deformation), method).state
+            deformation = Deformation(apart.rotation.squeeze(1), apart.translation.squeeze(1))
             deformed = graph(canonical, deformation)
             drawn = sight.look(deformed, span)
         folds = find_folds(canonical, deformed, sight.faces).share.numpy(force=True)
@@ -225,10 +230,11 @@ class _Solver:
         self, canonical: Tensor, pairs: Correspondences, span: slice, weight: float
     ) -> Objective:
         graph, config = self.surface.graph, self.config.contour
+        canonical, pairs = canonical.unsqueeze(1), pairs.apart()
         corners, shares = pairs.vertices.flatten(-3, -2), pairs.weights.flatten(-3, -2)
         contour = ContourAlignment(
             EmbeddedPoints(graph, canonical, corners, shares),
-            self.sight.cameras.frames(span),
+            self.sight.cameras.frames(span).apart(),
             pairs,
             config.weight,
             kernel(config.scale),
@@ -240,6 +246,11 @@ class _Solver:
         if self.config.tether > 0:
             energies["tether"] = Tether(len(graph), self.config.tether, unit=self.config.reach)
         return Objective(energies).to(canonical)
+
+
+def _apart(deformation: Deformation) -> Deformation:
+    """Every frame as a batch element of one frame."""
+    return Deformation(deformation.rotation.unsqueeze(1), deformation.translation.unsqueeze(1))
 
 
 def _smoothed(

@@ -69,6 +69,15 @@ class Correspondences:
         }
         return replace(self, **parts, confidence=self.confidence[..., index, :, :])
 
+    def apart(self) -> Self:
+        """The same pairs with every frame a batch element of its own, (*b, F, 1, C, P)."""
+        parts = {
+            field.name: getattr(self, field.name).unsqueeze(-4)
+            for field in fields(self)
+            if field.name != "confidence"
+        }
+        return replace(self, **parts, confidence=self.confidence.unsqueeze(-3))
+
     def to(self, like: Tensor) -> Self:
         """The same pairs with the type and device of a tensor; ``vertices`` stays int64."""
         return replace(

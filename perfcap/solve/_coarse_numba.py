@@ -18,17 +18,12 @@ Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-class CoarseCorrection:
-    """See ``_coarse_torch.CoarseCorrection``."""
-
-    def __init__(self, group: Tensor, modes: Tensor, inverse: Tensor) -> None:
-        self.group, self.modes, self.inverse = group.numpy(), modes.numpy(), inverse.numpy()
-        self.lengths = tuple((0,) * count for count in modes.shape[-2:])
-
-    def add(self, residual: Tensor, image: Tensor, running: Tensor) -> None:
-        """See ``coarse.CoarseCorrection``."""
-        arrays = residual.numpy(), image.numpy(), running.numpy()
-        _correct(self.group, self.modes, self.inverse, *arrays, *self.lengths)
+def correct(
+    group: Tensor, modes: Tensor, inverse: Tensor, residual: Tensor, image: Tensor, running: Tensor
+) -> None:
+    """See ``coarse.CoarseCorrection.add``."""
+    arrays = (t.numpy() for t in (group, modes, inverse, residual, image, running))
+    _correct(*arrays, *((0,) * count for count in modes.shape[-2:]))
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -6,28 +6,18 @@ import torch
 from torch import Tensor
 
 
-class CoarseCorrection:
-    """See ``coarse.CoarseCorrection``.
-
-    Args:
-        group: group of each block, -1 for none, (M,).
-        modes: (P, M, q, r).
-        inverse: (P, C * r, C * r), zero for problems without a correction.
-    """
-
-    def __init__(self, group: Tensor, modes: Tensor, inverse: Tensor) -> None:
-        self.member = (group >= 0)[:, None]
-        self.group, self.modes, self.inverse = group.clamp(min=0), modes, inverse
-
-    def add(self, residual: Tensor, image: Tensor, running: Tensor) -> None:
-        """See ``coarse.CoarseCorrection``."""
-        pull = (self.modes.mT @ residual.unsqueeze(-1)).squeeze(-1)  # P M r
-        count = pull.shape[-1]
-        sums = pull.new_zeros(len(pull), self.inverse.shape[-1] // count, count)
-        sums.index_add_(1, self.group, torch.where(self.member, pull, 0))
-        moved = (self.inverse @ sums.flatten(1).unsqueeze(-1)).view_as(sums)
-        back = (self.modes @ moved[:, self.group].unsqueeze(-1)).squeeze(-1)
-        image.add_(torch.where(self.member & running[:, None, None], back, 0))
+def correct(
+    group: Tensor, modes: Tensor, inverse: Tensor, residual: Tensor, image: Tensor, running: Tensor
+) -> None:
+    """See ``coarse.CoarseCorrection.add``."""
+    member, group = (group >= 0)[:, None], group.clamp(min=0)
+    pull = (modes.mT @ residual.unsqueeze(-1)).squeeze(-1)  # P M r
+    count = pull.shape[-1]
+    sums = pull.new_zeros(len(pull), inverse.shape[-1] // count, count)
+    sums.index_add_(1, group, torch.where(member, pull, 0))
+    moved = (inverse @ sums.flatten(1).unsqueeze(-1)).view_as(sums)
+    back = (modes @ moved[:, group].unsqueeze(-1)).squeeze(-1)
+    image.add_(torch.where(member & running[:, None, None], back, 0))
 
 
 def add_outer(matrix: Tensor, groups: Tensor, rows: Tensor, weight: Tensor) -> None:

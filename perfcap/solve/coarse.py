@@ -8,8 +8,8 @@ groups along the few motions an energy does not resist carries it everywhere at 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import ModuleType
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -18,11 +18,24 @@ from perfcap.solve.sparse import CoarseSpace, is_compiled
 from perfcap.solve.sparse_problem import SparseEquations
 
 
-class CoarseCorrection(Protocol):
-    """The second level of a preconditioner, ``B (B' H B)^-1 B'`` with the modes B."""
+@dataclass(frozen=True)
+class CoarseCorrection:
+    """The second level of a preconditioner, ``B (B' H B)^-1 B'`` with the modes B.
+
+    Attributes:
+        group: group of each block, -1 for none, (M,).
+        modes: (P, M, q, r).
+        inverse: of what the groups feel of H, (P, C * r, C * r), zero for problems without.
+    """
+
+    group: Tensor
+    modes: Tensor
+    inverse: Tensor
 
     def add(self, residual: Tensor, image: Tensor, running: Tensor) -> None:
         """Add the correction of a residual to its image, (P, M, q) both, where running (P,)."""
+        own = self.group, self.modes, self.inverse
+        _twin(self.modes).correct(*own, residual, image, running)
 
 
 def coarse_correction(
@@ -47,10 +60,7 @@ def coarse_correction(
     size = space.groups * count
     matrix = matrix.view(-1, size, size)
     matrix.diagonal(dim1=-2, dim2=-1).add_(sums.flatten(1))
-    correction: CoarseCorrection = _twin(modes).CoarseCorrection(
-        space.group, modes, _inverse(matrix)
-    )
-    return correction
+    return CoarseCorrection(space.group, modes, _inverse(matrix))
 
 
 def _inverse(matrix: Tensor) -> Tensor:

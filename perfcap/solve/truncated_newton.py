@@ -184,13 +184,19 @@ def _diagonal_damping(run: _Run[StateType]) -> Tensor:
 
 
 def _coarse(run: _Run[StateType], damping: Tensor) -> tuple[CoarseCorrection | None, Tensor]:
-    """The coarse correction and its damping, anew where it is far softer than what it corrects."""
-    value, fresh = run.damping.value, run.coarse is not None
-    if fresh:
-        fresh = bool(((value <= _STALE * run.coarse_damping) | ~run.running).all())
-    if run.space is None or fresh:
+    """The coarse corrections and their damping, anew for problems far softer than what they had."""
+    value = run.damping.value
+    if run.space is None:
+        return None, run.coarse_damping
+    if run.coarse is None:
+        return coarse_correction(run.space, run.equations, damping), value
+    stale = run.running & (value > _STALE * run.coarse_damping)
+    if not bool(stale.any()):
         return run.coarse, run.coarse_damping
-    return coarse_correction(run.space, run.equations, damping), value
+    # only where stale: what another problem goes through must not change a step of this one
+    anew = coarse_correction(run.space, run.equations, damping).inverse
+    inverse = torch.where(stale[:, None, None], anew, run.coarse.inverse)
+    return replace(run.coarse, inverse=inverse), torch.where(stale, value, run.coarse_damping)
 
 
 def _try(

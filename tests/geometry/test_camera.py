@@ -174,6 +174,16 @@ def test_selecting_frames_and_views() -> None:
     assert not fixed.moving
 
 
+@pytest.mark.parametrize("distortion", [False, True])
+def test_frames_apart_are_the_same_cameras(distortion: bool) -> None:
+    camera, points = rig(distortion=distortion, lead=(4,)), cloud(4)
+    apart = camera.apart().project(points[:, None])
+    assert torch.allclose(apart[:, 0], camera.project(points))
+    fixed = rig(distortion=distortion)
+    assert fixed.apart() is fixed
+    assert torch.allclose(fixed.project(points[:, None])[:, 0], fixed.project(points))
+
+
 def test_centre_projects_nowhere_else() -> None:
     camera = rig()
     assert torch.allclose(

@@ -65,6 +65,9 @@ def test_frames_and_type() -> None:
     )
     picked = batched.frames(torch.tensor([3, 0]))
     torch.testing.assert_close(picked.target[0], pairs.target[[3, 0]])
+    apart = pairs.apart()
+    assert apart.confidence.shape == (4, 1, *pairs.confidence.shape[1:])
+    torch.testing.assert_close(apart.target[:, 0], pairs.target)
 
 
 def test_bad_input() -> None:
