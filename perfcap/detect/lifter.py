@@ -121,12 +121,18 @@ class OnnxLifter:
         """
         plane = cameras.to_plane(detections.joints2d).transpose(0, 1).float()
         confidence = detections.confidence2d.transpose(0, 1).float()
-        step = max(1, round(rate / self.manifest.rate))
-        joints = plane.new_zeros(*plane.shape[:-1], 3)
-        spread = plane.new_zeros(plane.shape[:-1])
-        for phase in range(min(step, plane.shape[1])):
-            part = slice(phase, None, step)  # every step-th frame is a track at the usual rate
-            joints[:, part], spread[:, part] = self.lift_tracks(plane[:, part], confidence[:, part])
+        frames = plane.shape[1]
+        if not frames:
+            empty = detections.joints2d
+            return empty.new_zeros(*empty.shape[:-1], 3), empty.new_zeros(empty.shape[:-1])
+        step = min(max(1, round(rate / self.manifest.rate)), frames)
+        found = []
+        for phase in range(step):  # every step-th frame is a track at the usual rate
+            part = slice(phase, None, step)
+            answers = self.lift_tracks(plane[:, part], confidence[:, part])
+            found.append([_between(answer, phase, step, frames) for answer in answers])
+        # tracks answer for the frames between theirs too: their mean does not flicker
+        joints, spread = (torch.stack(parts).mean(0) for parts in zip(*found, strict=True))
         like = detections.joints2d
         return joints.transpose(0, 1).to(like), spread.transpose(0, 1).to(like)
 
@@ -159,9 +165,6 @@ class OnnxLifter:
                 {self.session.inputs[0]: part.numpy()}, (self.manifest.joints, self.manifest.spread)
             )
             found.append([array[:, start - low : stop - low] for array in outputs])
-        if not found:
-            empty = features.new_zeros(*features.shape[:2], len(LANDMARKS))
-            return empty[..., None].expand(*empty.shape, 3), empty
         joints, spread = (np.concatenate(arrays, 1) for arrays in zip(*found, strict=True))
         return torch.from_numpy(joints), torch.from_numpy(spread)
 
@@ -188,6 +191,18 @@ class OnnxLifter:
                     f"{manifest.path}: output {name!r} has shape {array.shape}, expected {shape} "
                     f"for {frames} frames; give a lifter that perfcap exported"
                 )
+
+
+def _between(values: Tensor, phase: int, step: int, frames: int) -> Tensor:
+    """Values (C, n, ...) of the frames phase, phase + step, ... linearly at all (C, F, ...)."""
+    if step == 1:
+        return values
+    place = (torch.arange(frames) - phase) / step
+    place = place.clamp(0, values.shape[1] - 1)
+    before = place.floor().long()
+    after = (before + 1).clamp(max=values.shape[1] - 1)
+    share = (place - before).reshape(-1, *[1] * (values.dim() - 2)).to(values)
+    return torch.lerp(values[:, before], values[:, after], share)
 
 
 def mirrored_features(features: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 class LoopConfig:
     """How to train."""
 
-    steps: int = 1600
+    steps: int = 6000
     batch: int = 256  # samples a step and process
     learning_rate: float = 2e-3  # at its peak
     warmup: int = 100  # steps until it is reached
@@ -27,7 +27,7 @@ class LifterConfig:
 
     channels: int = 256
     dilations: tuple[int, ...] = (1, 3, 9, 27)  # frames between the three taps of each block
-    dropout: float = 0.1
+    dropout: float = 0.0
 
     @property
     def reach(self) -> int:

@@ -42,23 +42,34 @@ def test_export_is_whole_valid_and_says_nothing_of_this_machine(folder: Path) ->
     assert not re.search(rb"\.py\b|/home|/tmp|site-packages", (folder / "model.onnx").read_bytes())
 
 
-def test_lifting_equals_torch_at_several_rates(network: Lifter, folder: Path) -> None:
+def test_lifting_equals_torch(network: Lifter, folder: Path) -> None:
     take = make_take(40, views=2)
     found = take.detections
     plane = take.cameras.to_plane(found.joints2d).float().transpose(0, 1)
-    confidence = found.confidence2d.float().transpose(0, 1)
+    features, turn = lifting_features(plane, found.confidence2d.float().transpose(0, 1))
+    with torch.no_grad():
+        expected, error = network(features)
     lifter = OnnxLifter(folder, flip_test=False)
-    for rate, step in ((30.0, 1), (60.0, 2), (25.0, 1), (100.0, 3)):
+    for rate in (24.0, 30.0, 44.0):
         joints, spread = lifter.lift(found, take.cameras, rate)
-        for phase in range(step):
-            features, turn = lifting_features(plane[:, phase::step], confidence[:, phase::step])
-            with torch.no_grad():
-                expected, error = network(features)
-            turned = (expected @ turn.mT).transpose(0, 1).double()
-            torch.testing.assert_close(joints[phase::step], turned, atol=1e-4, rtol=0)
-            torch.testing.assert_close(
-                spread[phase::step], error.transpose(0, 1).double(), atol=1e-4, rtol=0
-            )
+        turned = (expected @ turn.mT).transpose(0, 1).double()
+        torch.testing.assert_close(joints, turned, atol=1e-4, rtol=0)
+        torch.testing.assert_close(spread, error.transpose(0, 1).double(), atol=1e-4, rtol=0)
+
+
+def test_other_rates_are_tracks_of_the_usual_one(folder: Path) -> None:
+    """At twice the rate a frame is the mean of its own track and of the other's between."""
+    take = make_take(41)
+    lifter = OnnxLifter(folder)
+    both = lifter.lift(take.detections, take.cameras, 60.0)[0]
+    even, odd = (
+        lifter.lift(take.detections.frames(slice(p, None, 2)), take.cameras, 30.0)[0]
+        for p in (0, 1)
+    )
+    torch.testing.assert_close(both[2:40:2], 0.5 * even[1:20] + 0.25 * (odd[:-1] + odd[1:]),
+                               atol=1e-5, rtol=0)  # fmt: skip
+    for rate in (100.0, 3000.0):
+        assert lifter.lift(take.detections, take.cameras, rate)[0].isfinite().all()
 
 
 def test_long_tracks_in_parts(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
