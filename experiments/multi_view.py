@@ -16,7 +16,7 @@ from perfcap.geometry.triangulation import triangulate
 from perfcap.io.calibration import match_image, read_pixel_map
 from perfcap.io.clip import Clip
 from perfcap.metrics import joint_errors
-from perfcap.metrics.joints import root_aligned
+from perfcap.metrics.alignment import root_aligned
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay
 from perfcap.pipeline.performance import Performance

@@ -16,7 +16,7 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.metrics import acceleration_error, joint_errors, limit_violations
-from perfcap.metrics.joints import root_aligned
+from perfcap.metrics.alignment import root_aligned
 from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.presets import CaptureConfig

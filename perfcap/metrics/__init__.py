@@ -1,29 +1,90 @@
 """Errors of results against truth."""
 
+from perfcap.metrics.alignment import Alignment, align, root_aligned
+from perfcap.metrics.contact import Penetration, floor_contact, foot_skate, penetration
+from perfcap.metrics.girths import GirthErrors, girth_errors
 from perfcap.metrics.joints import (
     JointErrors,
-    LimitViolations,
-    acceleration_error,
-    bone_length_variation,
-    jerk,
+    action_table,
+    aligned_distances,
     joint_errors,
-    limit_violations,
+    joint_table,
     reprojection_error,
 )
-from perfcap.metrics.masks import MaskOverlap, mask_overlap
-from perfcap.metrics.surface import SurfaceError, surface_error
+from perfcap.metrics.markers import (
+    MarkerError,
+    MarkerSites,
+    attach_markers,
+    marker_error,
+    marker_positions,
+)
+from perfcap.metrics.masks import (
+    MaskOverlap,
+    SilhouetteScores,
+    boundary_f,
+    mask_overlap,
+    silhouette_scores,
+)
+from perfcap.metrics.missing import counted_joints
+from perfcap.metrics.motion import (
+    LimitViolations,
+    acceleration_error,
+    angle_error,
+    bone_angle_error,
+    bone_length_variation,
+    jerk,
+    limit_violations,
+)
+from perfcap.metrics.surface import SurfaceError, surface_distance, surface_error, vertex_error
+from perfcap.metrics.thresholds import (
+    area_under_curve,
+    correct_share,
+    head_size,
+    image_correct_share,
+    torso_size,
+)
 
 __all__ = [
+    "Alignment",
+    "GirthErrors",
     "JointErrors",
     "LimitViolations",
+    "MarkerError",
+    "MarkerSites",
     "MaskOverlap",
+    "Penetration",
+    "SilhouetteScores",
     "SurfaceError",
     "acceleration_error",
+    "action_table",
+    "align",
+    "aligned_distances",
+    "angle_error",
+    "area_under_curve",
+    "attach_markers",
+    "bone_angle_error",
     "bone_length_variation",
+    "boundary_f",
+    "correct_share",
+    "counted_joints",
+    "floor_contact",
+    "foot_skate",
+    "girth_errors",
+    "head_size",
+    "image_correct_share",
     "jerk",
     "joint_errors",
+    "joint_table",
     "limit_violations",
+    "marker_error",
+    "marker_positions",
     "mask_overlap",
+    "penetration",
     "reprojection_error",
+    "root_aligned",
+    "silhouette_scores",
+    "surface_distance",
     "surface_error",
+    "torso_size",
+    "vertex_error",
 ]

@@ -1,12 +1,16 @@
-"""Distances between surfaces of one topology."""
+"""Distances between surfaces, and of their vertices."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from torch import Tensor
+
+from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -16,7 +20,7 @@ _CANDIDATES = 4  # samples whose triangles are looked at for the nearest point
 
 @dataclass(frozen=True)
 class SurfaceError:
-    """Errors of one frame after the mean offset is removed (MPC-E2), millimetres.
+    """Errors of one frame, millimetres.
 
     Attributes:
         vertex: mean distance of corresponding vertices.
@@ -35,8 +39,9 @@ def surface_error(
     part: NDArray[np.bool_] | None = None,
     samples: int = 25_000,
     queries: int = 6_000,
+    translated: bool = True,
 ) -> SurfaceError:
-    """Compare a surface with the truth, up to a translation.
+    """Compare a surface with the truth, vertex by vertex and as surfaces.
 
     The depth offset that one camera cannot see is taken out by aligning the means of all vertices
     (Xu et al. 2018, Fig. 10). Distances to a surface are to the nearest of the triangles that the
@@ -50,14 +55,75 @@ def surface_error(
         part: vertices to average over, (V,); all when not given. The alignment is of all.
         samples: points drawn on each surface, by area.
         queries: vertices whose distance is measured, at most.
+        translated: whether the means of all vertices are aligned first.
+
+    Raises:
+        InputError: the vertices are not those of one template.
     """
-    moved = vertices - vertices.mean(0) + truth.mean(0)
+    if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.ndim != 2:
+        raise InputError(
+            f"surface has vertices {vertices.shape} and the truth {truth.shape}; give vertices of "
+            "one template, (V, 3), or use surface_distance"
+        )
+    moved = vertices - vertices.mean(0) + truth.mean(0) if translated else vertices
     chosen = np.flatnonzero(part) if part is not None else np.arange(len(truth))
     vertex = np.linalg.norm(moved - truth, axis=1)[chosen].mean()
     asked = rng.permutation(chosen)[:queries]
     there = _distance(moved[asked], truth, faces, rng, samples)
     back = _distance(truth[asked], moved, faces, rng, samples)
     return SurfaceError(1e3 * float(vertex), 1e3 * float(there.mean() + back.mean()) / 2)
+
+
+def surface_distance(
+    vertices: Floats,
+    faces: Integers,
+    truth: Floats,
+    truth_faces: Integers,
+    rng: np.random.Generator,
+    samples: int = 25_000,
+    queries: int = 4_000,
+) -> float:
+    """Mean distance of two surfaces of any topology, both ways, without alignment, millimetres.
+
+    Args:
+        vertices: (V, 3) m.
+        faces: (T, 3).
+        truth: (V', 3) m.
+        truth_faces: (T', 3).
+        rng: draws samples and queries.
+        samples: points drawn on each surface, by area.
+        queries: vertices of each whose distance is measured, at most.
+    """
+    asked, answered = (rng.permutation(len(v))[:queries] for v in (vertices, truth))
+    there = _distance(vertices[asked], truth, truth_faces, rng, samples)
+    back = _distance(truth[answered], vertices, faces, rng, samples)
+    return 1e3 * float(there.mean() + back.mean()) / 2
+
+
+def vertex_error(
+    vertices: Tensor, truth: Tensor, part: Tensor | None = None, translated: bool = True
+) -> Tensor:
+    """Mean distance of corresponding vertices in each frame, (*b, F), mm.
+
+    Args:
+        vertices: (*b, F, V, 3), metres; a frame with a NaN has no error, NaN.
+        truth: (*b, F, V, 3), metres.
+        part: vertices to average over, (V,) bool; all when not given. The alignment is of all.
+        translated: whether the means of all vertices are aligned first.
+
+    Raises:
+        InputError: the vertices are not those of one template.
+    """
+    if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.dim() < 3:
+        raise InputError(
+            f"vertices have shape {tuple(vertices.shape)} and the truth {tuple(truth.shape)}; give "
+            "vertices of one template, (*b, F, V, 3)"
+        )
+    offset = vertices - truth
+    if translated:
+        offset = offset - offset.mean(-2, keepdim=True)
+    apart: Tensor = torch.linalg.vector_norm(offset, dim=-1)
+    return 1e3 * (apart if part is None else apart[..., part]).mean(-1)
 
 
 def _distance(

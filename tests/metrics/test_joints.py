@@ -5,7 +5,7 @@ import torch
 
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.metrics.joints import (
+from perfcap.metrics import (
     bone_length_variation,
     correct_share,
     joint_errors,

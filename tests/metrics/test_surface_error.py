@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from perfcap.metrics import mask_overlap, surface_error
+from perfcap.errors import InputError
+from perfcap.metrics import mask_overlap, surface_distance, surface_error
 from perfcap.metrics.surface import point_triangle_distance
-
-SHARED = Path(__file__).parents[2] / ".." / "shared"
 
 
 def sphere(rings: int = 24) -> tuple[np.ndarray, np.ndarray]:
@@ -94,19 +90,24 @@ def test_empty_truth(found: bool, iou: float) -> None:
     assert (overlap.iou, overlap.precision, overlap.recall) == (iou, iou, iou)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # its open files
-def test_equals_the_independent_scorer() -> None:
-    folder = SHARED / "data" / "rendered" / "dev_tight"
-    if not folder.is_dir():
-        pytest.skip("needs the rendered sequences beside the checkout")
-    sys.path.insert(0, str(SHARED / "tools"))
-    import score  # type: ignore[import-not-found]
+def test_surfaces_of_other_topology() -> None:
+    """A coarse sphere lies within a fine one: the distance is known from their volumes' radii."""
+    fine, coarse = sphere(60), sphere(20)
+    rng = np.random.default_rng(0)
+    assert surface_distance(*fine, *coarse, rng) < 12
+    moved = surface_distance(fine[0] + [3.0, 0, 0], fine[1], *fine, rng)
+    assert moved > 1000
 
-    with np.load(folder / "gt.npz") as file:
-        truth = file["vertices"][:1].astype(float)
-    faces = np.load(folder / "template.npz")["faces"]
-    bent = truth + 0.03 * np.sin(9 * truth[..., [1, 2, 0]])
-    own = surface_error(bent[0], truth[0], faces, np.random.default_rng(0))
-    theirs = score.evaluate(str(folder), verts=bent, frames=[0])
-    assert own.vertex == pytest.approx(theirs["vertex_transl_mm"], rel=1e-6)
-    assert own.surface == pytest.approx(theirs["surface_transl_mm"], rel=0.02)
+
+def test_without_alignment_a_translation_is_an_error() -> None:
+    vertices, faces = sphere()
+    rng = np.random.default_rng(0)
+    error = surface_error(vertices + [0, 0.1, 0], vertices, faces, rng, translated=False)
+    assert error.vertex == pytest.approx(100)
+    assert 30 < error.surface < 100
+
+
+def test_refuses_another_template() -> None:
+    vertices, faces = sphere()
+    with pytest.raises(InputError, match="one template"):
+        surface_error(vertices[:-1], vertices, faces, np.random.default_rng(0))

@@ -1,0 +1,106 @@
+"""Feet on the floor: how they slide, and how deep they sink."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.metrics.missing import frame_mean
+
+CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
+CONTACT_SPEED = 0.3  # m/s
+_MILLIMETRES = 1000.0
+
+
+@dataclass(frozen=True)
+class Penetration:
+    """How deep a person sinks into the floor, each (*b).
+
+    Attributes:
+        depth: mean over frames of how far the lowest point is below the floor, mm.
+        worst: the deepest of all, mm.
+        share: frames in which any point is deeper than the tolerance, percent.
+    """
+
+    depth: Tensor
+    worst: Tensor
+    share: Tensor
+
+
+def floor_contact(
+    feet: Tensor,
+    height: Tensor,
+    fps: float,
+    rise: float = CONTACT_HEIGHT,
+    speed: float = CONTACT_SPEED,
+) -> Tensor:
+    """Which feet stand, from the truth: low and slow over a step of one frame, (*b, F - 1, K).
+
+    Args:
+        feet: true positions of K foot joints, (*b, F, K, 3), metres.
+        height: of the same joints above the floor, (*b, F, K), metres.
+        fps: frames a second.
+        rise: a joint stands while it is at most this much above its own lowest height, metres: an
+            ankle never touches the floor.
+        speed: and no faster than this, m/s.
+
+    Raises:
+        InputError: shapes that do not belong together, or no positive frame rate.
+    """
+    if height.shape != feet.shape[:-1] or feet.shape[-1:] != (3,) or feet.dim() < 3:
+        raise InputError(
+            f"feet have shape {tuple(feet.shape)} and height {tuple(height.shape)}; give "
+            "(*b, F, K, 3) and (*b, F, K)"
+        )
+    if not fps > 0:
+        raise InputError(f"fps is {fps}, expected a positive number")
+    known = torch.where(height.isfinite(), height, torch.inf)
+    low = known <= known.amin(-2, keepdim=True) + rise
+    slow = feet.diff(dim=-3).norm(dim=-1) * fps <= speed
+    stands: Tensor = low[..., 1:, :] & low[..., :-1, :] & slow
+    return stands
+
+
+def foot_skate(feet: Tensor, contact: Tensor, up: Tensor) -> Tensor:
+    """How far feet that should stand slide along the floor in a frame, mean, (*b), mm.
+
+    Args:
+        feet: estimated positions of K foot joints, (*b, F, K, 3), metres.
+        contact: steps over which each stands, (*b, F - 1, K), of the truth: ``floor_contact``.
+        up: unit vector, (3,).
+
+    Returns:
+        NaN where nothing stands.
+
+    Raises:
+        InputError: shapes that do not belong together.
+    """
+    step = feet.diff(dim=-3)
+    if contact.shape != step.shape[:-1]:
+        raise InputError(
+            f"contact has shape {tuple(contact.shape)} for feet {tuple(feet.shape)}; give one a "
+            "step and foot, (*b, F - 1, K)"
+        )
+    sideways = step - (step * up).sum(-1, keepdim=True) * up
+    size = _MILLIMETRES * sideways.norm(dim=-1)
+    return frame_mean(size, contact & size.isfinite())
+
+
+def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
+    """How deep points are below the floor; frames with a NaN are left out.
+
+    Args:
+        height: of points above the floor, (*b, F, N), metres: joints, or vertices of a surface.
+        tolerance: a depth up to this is no fault, metres.
+    """
+    valid = height.isfinite().all(-1)
+    depth = torch.where(valid, -height.amin(-1), 0).clamp(min=0)
+    frames = valid.sum(-1)
+    return Penetration(
+        depth=_MILLIMETRES * depth.sum(-1) / frames,
+        worst=_MILLIMETRES * depth.amax(-1),
+        share=100 * (depth > tolerance).to(depth.dtype).sum(-1) / frames,
+    )

@@ -1,0 +1,86 @@
+"""Which joints count, and means over those that do.
+
+A joint is *missing* where a coordinate of the estimate or of the truth is not finite, or where its
+confidence is zero or NaN. What is missing is left out of every mean, and counted.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+
+
+def check_same_joints(estimate: Tensor, truth: Tensor) -> None:
+    """Refuse joints that do not belong together.
+
+    Raises:
+        InputError: the shapes differ or are not (*b, F, J, d).
+    """
+    if estimate.shape != truth.shape or estimate.dim() < 3:
+        raise InputError(
+            f"estimate has shape {tuple(estimate.shape)} and truth {tuple(truth.shape)}; give "
+            "joints of the same frames as (*b, F, J, d)"
+        )
+
+
+def complete(points: Tensor) -> Tensor:
+    """Frames (*b, F) of points (*b, F, J, d) in which every joint is finite."""
+    return points.isfinite().all(-1).all(-1)
+
+
+def counted_joints(
+    estimate: Tensor, truth: Tensor, confidence: Tensor | None = None, partial: bool = False
+) -> Tensor:
+    """Which joints count, (*b, F, J).
+
+    Args:
+        estimate: (*b, F, J, d).
+        truth: (*b, F, J, d).
+        confidence: (*b, F, J); a joint of confidence 0 or NaN is missing.
+        partial: whether a frame with missing joints counts with those it has; otherwise it does
+            not count at all.
+
+    Raises:
+        InputError: shapes that do not belong together.
+    """
+    check_same_joints(estimate, truth)
+    present = estimate.isfinite().all(-1) & truth.isfinite().all(-1)
+    if confidence is not None:
+        if confidence.shape != present.shape:
+            raise InputError(
+                f"confidence has shape {tuple(confidence.shape)} for joints "
+                f"{tuple(estimate.shape)}; give one number a joint, (*b, F, J)"
+            )
+        present = present & (confidence > 0)  # NaN is not larger
+    return present if partial else present.all(-1, keepdim=True).expand_as(present)
+
+
+def frame_mean(values: Tensor, valid: Tensor) -> Tensor:
+    """Mean (*b) of values (*b, F, J) over what is valid; NaN over nothing.
+
+    Args:
+        values: may hold anything where they are not valid.
+        valid: frames (*b, F) or joints (*b, F, J).
+    """
+    kept = _over_joints(values, valid)
+    total = torch.where(kept, values, torch.zeros_like(values)).sum((-2, -1))
+    return total / kept.sum((-2, -1))
+
+
+def joint_mean(values: Tensor, valid: Tensor) -> Tensor:
+    """Mean (*b, J) of values (*b, F, J) over the frames in which each joint is valid."""
+    kept = _over_joints(values, valid)
+    return torch.where(kept, values, torch.zeros_like(values)).sum(-2) / kept.sum(-2)
+
+
+def masked(points: Tensor, valid: Tensor) -> Tensor:
+    """Points (*b, F, J, d) with NaN where frames (*b, F) or joints (*b, F, J) are not valid."""
+    lack = valid.dim() - points.dim() + 2
+    kept = valid[..., None, None] if lack == 0 else valid.unsqueeze(-1)
+    return torch.where(kept, points, torch.nan)
+
+
+def _over_joints(values: Tensor, valid: Tensor) -> Tensor:
+    return valid if valid.dim() == values.dim() else valid.unsqueeze(-1).expand_as(values)

@@ -1,0 +1,134 @@
+"""How a motion moves: smoothness, bones that keep their lengths, angles, limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.metrics.missing import frame_mean
+
+_MILLIMETRES = 1000.0  # in a metre
+
+
+@dataclass(frozen=True)
+class LimitViolations:
+    """How far angles leave their limits, each (*b).
+
+    Attributes:
+        share: angles outside, percent of all angles of all frames that count.
+        worst: largest excess, radians; 0 when there is none.
+    """
+
+    share: Tensor
+    worst: Tensor
+
+
+def acceleration_error(estimate: Tensor, truth: Tensor, *, partial: bool = False) -> Tensor:
+    """Mean distance of second differences, (*b), mm per squared frame.
+
+    Over the frames that are complete together with both neighbours; NaN if there are none.
+
+    Args:
+        estimate: (*b, F, J, 3), metres.
+        truth: (*b, F, J, 3), metres.
+        partial: whether frames count with the joints that are complete.
+    """
+    error = _MILLIMETRES * (estimate - truth).diff(n=2, dim=-3).norm(dim=-1)
+    return _mean(error, partial)
+
+
+def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
+    """Mean length of third differences over time, (*b), m/s^3.
+
+    Over runs of four complete frames; NaN if there are none.
+    """
+    return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
+
+
+def bone_length_variation(points: Tensor, bones: Sequence[tuple[int, int]]) -> Tensor:
+    """Standard deviation of bone lengths over time, mean over bones, (*b), mm.
+
+    Zero for a skeleton that keeps its bones; the classic sign of per-frame detections.
+
+    Args:
+        points: joints (*b, F, J, 3), metres.
+        bones: pairs of joints.
+    """
+    lengths = _MILLIMETRES * _bones(points, bones).norm(dim=-1)
+    valid = lengths.isfinite().all(-1, keepdim=True)
+    count = valid.sum(-2, keepdim=True)
+    lengths = torch.where(valid, lengths, torch.zeros_like(lengths))
+    deviation = torch.where(valid, lengths - lengths.sum(-2, keepdim=True) / count, 0)
+    variation: Tensor = (deviation.square().sum(-2) / count.squeeze(-2)).sqrt().mean(-1)
+    return variation
+
+
+def bone_angle_error(estimate: Tensor, truth: Tensor, bones: Sequence[tuple[int, int]]) -> Tensor:
+    """Mean angle between bones and true bones, (*b), degrees.
+
+    Independent of bone lengths and of where the person stands. A bone that lacks an end, or has no
+    length, on either side does not count.
+
+    Args:
+        estimate: joints (*b, F, J, 3).
+        truth: joints (*b, F, J, 3).
+        bones: pairs of joints.
+    """
+    found, true = _bones(estimate, bones), _bones(truth, bones)
+    # atan2 is exact at 0 and 180 degrees, where arccos loses half of the digits
+    sine = torch.linalg.cross(found, true).norm(dim=-1)
+    angle = torch.rad2deg(torch.atan2(sine, (found * true).sum(-1)))
+    lengths = found.norm(dim=-1) * true.norm(dim=-1)
+    return frame_mean(angle, lengths.isfinite() & (lengths > 0))
+
+
+def angle_error(angles: Tensor, truth: Tensor) -> Tensor:
+    """Mean distance of joint angles on the circle, (*b), degrees.
+
+    Args:
+        angles: (*b, F, A), radians; a NaN does not count.
+        truth: (*b, F, A), radians, of the same rig.
+
+    Raises:
+        InputError: the shapes differ.
+    """
+    if angles.shape != truth.shape or angles.dim() < 2:
+        raise InputError(
+            f"angles have shape {tuple(angles.shape)} and truth {tuple(truth.shape)}; give angles "
+            "of the same rig and frames as (*b, F, A)"
+        )
+    turn = torch.remainder(angles - truth + math.pi, 2 * math.pi) - math.pi
+    return frame_mean(torch.rad2deg(turn.abs()), turn.isfinite())
+
+
+def limit_violations(
+    angles: Tensor, lower: Tensor, upper: Tensor, tolerance: float = 1e-6
+) -> LimitViolations:
+    """Angles (*b, F, A) against limits (A,), radians; frames with a NaN angle are left out.
+
+    Args:
+        angles: radians.
+        lower: radians.
+        upper: radians.
+        tolerance: an excess up to this is rounding, radians.
+    """
+    valid = angles.isfinite().all(-1)
+    excess = torch.maximum(lower - angles, angles - upper).clamp(min=0)
+    outside = (excess > tolerance).to(angles.dtype)
+    counted = torch.where(valid.unsqueeze(-1), outside * excess, torch.zeros_like(excess))
+    return LimitViolations(100 * frame_mean(outside, valid), counted.amax((-2, -1)))
+
+
+def _bones(points: Tensor, bones: Sequence[tuple[int, int]]) -> Tensor:
+    ends = torch.tensor(bones, device=points.device)
+    return points[..., ends[:, 1], :] - points[..., ends[:, 0], :]
+
+
+def _mean(values: Tensor, partial: bool) -> Tensor:
+    finite = values.isfinite()
+    return frame_mean(values, finite if partial else finite.all(-1))
