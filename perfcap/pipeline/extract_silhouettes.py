@@ -19,12 +19,12 @@ from perfcap.pipeline.evidence import Evidence, Mask, MaskRecord, encode_confide
 from perfcap.pipeline.images import FrameReader, Frames
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
-from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Scene, Segmentation, extract_contour, survey
 from perfcap.segment.scene import sample_frames
 from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, segment_block
 from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trust import boundary_trust
+from perfcap.workers import ordered_map
 
 # the skeleton's lines in the image: limbs between landmarks, and the spine to the middle of the
 # hips, which is their mean
@@ -58,7 +58,7 @@ def extract_silhouettes(
         workers: threads; all cores when not given. The result does not depend on it.
         progress: called with (frames done, frames), summed over views.
     """
-    source = SilhouetteSource(actor, sight, reader, motion, settings)
+    source = SilhouetteSource(actor, sight, reader, motion, settings, workers)
 
     def records(block: FrameBlock) -> list[MaskRecord]:
         return [_record(found) for found in source.segment(block)]
@@ -96,9 +96,10 @@ class SilhouetteSource:
         reader: FrameReader,
         motion: Motion,
         settings: SequenceSettings,
+        workers: int | None = 1,
     ) -> None:
         self.actor, self.sight, self.reader = actor, sight, reader
-        self.motion, self.settings = motion, settings
+        self.motion, self.settings, self.workers = motion, settings, workers
 
     def blocks(self, view: int) -> Iterator[FrameBlock]:
         """Blocks of a view in order, read as they are asked for."""
@@ -124,8 +125,9 @@ class SilhouetteSource:
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
         images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
-        models = [self._draw(view, f) for f in frames]
-        return survey(images, models, self.settings.frame.plate, self.settings.scene)
+        models = list(ordered_map(partial(self._draw, view), frames, self.workers))
+        plate, scene = self.settings.frame.plate, self.settings.scene
+        return survey(images, models, plate, scene, self.workers)
 
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
         """The model's silhouette; of frames around a block it only matters if the camera moves."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.io.clip import Clip
 from perfcap.io.video_writer import VideoWriter
-from perfcap.pipeline.workers import ordered_map
+from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
 # paints one picture (H, W, 3) from a frame within a span, a view, and the image seen there

@@ -18,9 +18,9 @@ from perfcap.pipeline.camera_path import CameraPath
 from perfcap.pipeline.footage import Image
 from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.surface import BLOCK, SurfaceFrames
-from perfcap.pipeline.workers import ordered_map
 from perfcap.render import ProjectedMesh, Visibility, render, shade_ground, visibility
 from perfcap.render.backdrop import Backdrop
+from perfcap.workers import ordered_map
 
 # Directions that light is taken from; fewer than in still pictures, for speed.
 _SUN, _SKY = 1, 12  # on the person

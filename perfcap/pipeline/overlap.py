@@ -12,7 +12,7 @@ from perfcap.metrics import mask_overlap
 from perfcap.pipeline.evidence import Evidence, Mask
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
-from perfcap.pipeline.workers import ordered_map
+from perfcap.workers import ordered_map
 
 BLOCK = 8  # frames drawn at once
 

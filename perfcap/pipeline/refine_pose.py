@@ -25,10 +25,10 @@ from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefinePoseConfig
 from perfcap.pipeline.track_motion import MotionProblem, Progress
-from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition
+from perfcap.workers import ordered_map
 
 
 @dataclass(frozen=True)

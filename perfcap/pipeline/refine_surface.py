@@ -26,10 +26,10 @@ from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 from perfcap.pipeline.track_motion import Progress
-from perfcap.pipeline.workers import ordered_map
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, Objective, TruncatedNewton, solve
 from perfcap.temporal.smoothing import binomial, smooth_vectors
+from perfcap.workers import ordered_map
 
 
 @dataclass(frozen=True, eq=False)

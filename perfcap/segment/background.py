@@ -7,6 +7,7 @@ darkened by a shadow; a shadow keeps the texture, a person does not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment import _background_numba
 from perfcap.segment.trimap import Box, Mask
+from perfcap.workers import ordered_map
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -22,6 +24,7 @@ Image = NDArray[np.uint8]
 _QUARTILES = 1.35  # interquartile range of a normal distribution of unit deviation
 _CHI_SQUARED_MEDIAN = 2.366  # three degrees of freedom
 _LEAST, _SAMPLES = 100, 4000  # pixels of the surroundings
+_BAND = 64  # rows of a plate worked on at once
 _DARK = 30  # grey levels below which a ratio says nothing about exposure
 
 
@@ -112,15 +115,32 @@ class Lighting:
         return Lighting(self.gain, self.noise, light, strain)
 
 
-def build_plate(images: Image, hidden: NDArray[np.bool_], settings: PlateSettings) -> Plate:
-    """The median of registered images (n, H, W, 3) where they are not ``hidden`` (n, H, W)."""
-    shape = images.shape[1:3]
-    color = np.zeros((*shape, 3), np.uint8)
-    spread = np.zeros(shape, np.float32)
-    seen = np.zeros(shape, np.uint8)
-    _background_numba.masked_median(
-        np.ascontiguousarray(images), np.ascontiguousarray(hidden), color, spread, seen
-    )
+def build_plate(
+    images: Sequence[Image],
+    hidden: Sequence[Mask],
+    settings: PlateSettings,
+    workers: int | None = 1,
+) -> Plate:
+    """The median of registered images (H, W, 3), n of them, where they are not ``hidden`` (H, W).
+
+    Args:
+        images: at most 255.
+        hidden: one for each.
+        settings: how it is made.
+        workers: threads, that share the rows; all cores when None.
+    """
+    height = len(images[0])
+    bands = [slice(row, row + _BAND) for row in range(0, height, _BAND)]
+
+    def median(rows: slice) -> tuple[Image, Plane, Image]:
+        shown, closed = (np.stack([x[rows] for x in part]) for part in (images, hidden))
+        shape = shown.shape[1:3]
+        found = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, "u1")
+        _background_numba.masked_median(shown, closed, *found)
+        return found
+
+    parts = zip(*ordered_map(median, bands, workers), strict=True)
+    color, spread, seen = (np.concatenate(part) for part in parts)
     smooth = color.astype(np.float32)
     slope = sum(
         (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=3) / 8) ** 2 for axis in ((1, 0), (0, 1))

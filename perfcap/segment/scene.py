@@ -18,6 +18,7 @@ from perfcap.segment.registration import (
     shrink,
 )
 from perfcap.segment.trimap import Box, Mask, signed_distance
+from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
 
@@ -84,6 +85,7 @@ def survey(
     models: Sequence[Mask],
     plate: PlateSettings | None = None,
     settings: SceneSettings | None = None,
+    workers: int | None = 1,
 ) -> Scene:
     """Look at samples of a stretch: does the camera stand still, and what is behind the person?
 
@@ -92,30 +94,48 @@ def survey(
         models: silhouettes of everybody modelled, (H, W).
         plate: how a plate is made.
         settings: of the survey.
+        workers: threads; all cores when None.
     """
     plate, settings = plate or PlateSettings(), settings or SceneSettings()
     if len(images) < plate.least:
         return Scene(None, float("nan"), 0)
-    hidden = np.stack([hide(model, plate.clearance) for model in models])
     scale = min(1.0, settings.registration.side / max(images[0].shape[:2]))
-    small = [shrink(image, scale) for image in images]
-    closed = [
-        cv2.resize(h.astype(np.uint8), s.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-        for h, s in zip(hidden, small, strict=True)
-    ]
-    middle = len(images) // 2
-    shifts = np.array(
-        [
-            shift_of(small[middle], s, closed[middle] | c) / scale
-            for s, c in zip(small, closed, strict=True)
-        ]
-    )
+
+    def glimpse(sample: tuple[Image, Mask]) -> _Glimpse:
+        return _Glimpse.of(*sample, plate.clearance, scale)
+
+    samples = list(ordered_map(glimpse, zip(images, models, strict=True), workers))
+    middle = samples[len(samples) // 2]
+    shifts = np.array(list(ordered_map(middle.shift_to, samples, workers))) / scale
     same = np.nonzero(shifts < settings.still)[0]
-    typical = float(np.median(np.delete(shifts, middle)))
+    typical = float(np.median(np.delete(shifts, len(samples) // 2)))
     if len(same) < max(settings.share * len(images), plate.least):
         return Scene(None, typical, len(same))
-    chosen = np.stack([images[int(i)] for i in same])
-    return Scene(build_plate(chosen, hidden[same], plate), typical, len(same))
+    chosen = [int(i) for i in same]
+    hidden = [samples[i].hidden for i in chosen]
+    made = build_plate([images[i] for i in chosen], hidden, plate, workers)
+    return Scene(made, typical, len(same))
+
+
+@dataclass(frozen=True)
+class _Glimpse:
+    """One sample: where people may be, and its picture for finding shifts."""
+
+    hidden: Mask
+    small: Image
+    closed: Mask
+
+    @classmethod
+    def of(cls, image: Image, model: Mask, clearance: float, scale: float) -> _Glimpse:
+        """Of an image (H, W, 3), shrunk by a scale."""
+        hidden, small = hide(model, clearance), shrink(image, scale)
+        size = small.shape[::-1]
+        closed = cv2.resize(hidden.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        return cls(hidden, small, closed)
+
+    def shift_to(self, other: _Glimpse) -> float:
+        """Pixels of the small picture by which the background moved."""
+        return shift_of(self.small, other.small, self.closed | other.closed)
 
 
 def shift_of(one: Image, other: Image, hidden: Mask) -> float:
@@ -190,5 +210,5 @@ def follow(
     if not shown:
         return Context(None, adjacent, len(adjacent))
     # few frames show any one pixel here: one is better than none
-    seen = build_plate(np.stack(shown), np.stack(closed), plate)
+    seen = build_plate(shown, closed, plate)
     return Context(seen, adjacent, len(shown))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from perfcap.pipeline.workers import ordered_map, usable_cores
+from perfcap.workers import ordered_map, usable_cores
 
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
