@@ -102,7 +102,7 @@ def test_surfaces_of_other_topology() -> None:
 def test_without_alignment_a_translation_is_an_error() -> None:
     vertices, faces = sphere()
     rng = np.random.default_rng(0)
-    error = surface_error(vertices + [0, 0.1, 0], vertices, faces, rng, translated=False)
+    error = surface_error(vertices + np.array([0, 0.1, 0]), vertices, faces, rng, translated=False)
     assert error.vertex == pytest.approx(100)
     assert 30 < error.surface < 100
 

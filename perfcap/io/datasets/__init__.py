@@ -1,0 +1,1 @@
+"""Readers of recordings with truth, in the layouts they are published in."""
