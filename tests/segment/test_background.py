@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from disc_scene import disc, disc_clip, texture
@@ -38,11 +40,11 @@ def density(image, plate, around):
 
 def test_median_equals_numpy():
     rng = np.random.default_rng(1)
-    images = rng.integers(0, 256, (7, 6, 5, 3)).astype(np.uint8)
-    hidden = rng.random((7, 6, 5)) < 0.5
+    images = rng.integers(0, 256, (7, 40, 35, 3)).astype(np.uint8)
+    hidden = rng.random((7, 40, 35)) < 0.5
     hidden[:, 0, 0] = True
-    color, spread = np.zeros((6, 5, 3), np.uint8), np.zeros((6, 5), np.float32)
-    seen = np.zeros((6, 5), np.uint8)
+    color, spread = np.zeros((40, 35, 3), np.uint8), np.zeros((40, 35), np.float32)
+    seen = np.zeros((40, 35), np.uint8)
     _background_numba.masked_median(images, hidden, color, spread, seen)
     np.testing.assert_array_equal(seen, (~hidden).sum(0))
     for row, column in np.argwhere(seen > 0):
@@ -116,6 +118,16 @@ def test_another_scene_is_not_compared_with(still):
     plate, image, person = still
     assert find_lighting(255 - image, ~person, plate, SETTINGS) is None
     assert find_lighting(image, np.zeros_like(person), plate, SETTINGS) is None
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 10])
+def test_comparisons_sort_everything(count):
+    """What sorts zeros and ones sorts all numbers."""
+    for bits in itertools.product((0, 1), repeat=count):
+        values = list(bits)
+        for low, high in _background_numba._comparators(count):
+            values[low], values[high] = sorted((values[low], values[high]))
+        assert values == sorted(bits)
 
 
 def test_survey_sees_behind_a_person_who_moves():
