@@ -83,14 +83,20 @@ def _masked_median(
             for frame in range(frames):
                 count += not hidden[frame, start + i]
             seen[start + i] = count
-            if count == 0:
-                continue
-            total = 0.0
-            for channel in range(3):
-                at = 3 * i + channel
-                color[start + i, channel] = values[(count - 1) // 2, at]
-                total += float(values[(3 * count) // 4, at]) - float(values[count // 4, at])
-            spread[start + i] = total / 3
+            if count > 0:
+                part = values[:, 3 * i : 3 * i + 3]
+                spread[start + i] = _quantiles(part, count, color[start + i])
+
+
+@numba.njit(nogil=True, cache=True)
+def _quantiles(values, count, color):  # type: ignore[no-untyped-def]
+    """Write the median of the first ``count`` sorted rows (n, 3); return the mean spread."""
+    total = 0.0
+    for channel in range(3):
+        color[channel] = values[(count - 1) // 2, channel]
+        total += float(values[(3 * count) // 4, channel])
+        total -= float(values[count // 4, channel])
+    return total / 3
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

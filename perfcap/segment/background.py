@@ -133,7 +133,8 @@ def build_plate(
     bands = [slice(row, row + _BAND) for row in range(0, height, _BAND)]
 
     def median(rows: slice) -> tuple[Image, Plane, Image]:
-        shown, closed = (np.stack([x[rows] for x in part]) for part in (images, hidden))
+        shown: Image = np.stack([image[rows] for image in images])
+        closed: Mask = np.stack([mask[rows] for mask in hidden])
         shape = shown.shape[1:3]
         found = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, "u1")
         _background_numba.masked_median(shown, closed, *found)
