@@ -125,6 +125,40 @@ class Render:
 
 
 @dataclass(frozen=True)
+class Export:
+    """Write a finished capture as files of other programs; docs/formats.md says which for which."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    to: tuple[Literal["glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv"], ...]
+    """One or several formats; usd, usdz and c3d need an extra of perfcap."""
+    out: Path | None = None
+    """Folder for the files; FOLDER/export if not given."""
+    name: str | None = None
+    """What to call the files; the name of the folder if not given."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+    up: Literal["y", "z"] | None = None
+    """Which axis points up in the files; z in c3d, else y, if not given. glb is always y up."""
+    unit: Literal["m", "cm", "mm"] | None = None
+    """Of length; cm in bvh, mm in trc and c3d, else m, if not given. glb is always in metres."""
+    world_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the capture's world points up; auto: the one along which the person stands."""
+    surface: bool = True
+    """Write the captured surface into glb and usd, where there is one, beside the skinned mesh."""
+    markers: Literal["landmarks", "bones"] = "landmarks"
+    """Markers of trc and c3d: the 16 landmarks, or the origins of the actor's bones."""
+    order: Literal["auto", "ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX"] = "auto"
+    """Of the axes in bvh; auto: for each joint the one whose angles move the least."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.export import ExportRequest, run_export
+
+        return run_export(ExportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
 class Doctor:
     """Check the installation and, before any solve, the inputs."""
 
@@ -233,8 +267,54 @@ class ActorBuild:
         return run_build(build_request(vars(self)))
 
 
+@dataclass(frozen=True)
+class ActorFit:
+    """Make an actor with the body of a person seen by one or several calibrated cameras."""
+
+    videos: tyro.conf.Positional[tuple[Path, ...]]
+    """A video or a folder of images; one for each view."""
+    cameras: Path
+    """Calibration, as for capture."""
+    out: Path
+    """Folder for actor.glb, manifest.toml, measurements.json, contact_sheet.jpg and fit.jpg."""
+    detections: tuple[Path, ...] = ()
+    """Joints, as for capture; one for each view."""
+    detector: str | None = None
+    """Find the joints in the videos instead: a folder with manifest.toml and an ONNX network."""
+    box: tuple[float, ...] = ()
+    """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view."""
+    lifter: str | None = None
+    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
+    masks: tuple[Path, ...] = ()
+    """Silhouettes of the person: a folder of images for each view, one image a frame of the video,
+    0 is background; segmented if not given."""
+    silhouettes: bool = True
+    """Fit to silhouettes as well as joints; switch it off for loose clothes."""
+    height: float | None = None
+    """Of the person, metres; one camera needs it."""
+    frames: str | None = None
+    """Part of the clip to choose frames from, A:B (B exclusive)."""
+    count: int = 12
+    """Frames to fit to, spread over the clip."""
+    name: str | None = None
+    """What to call the actor; the name of the folder."""
+    body_model: str = "ada"
+    """Name or file of the body model."""
+    video_map: Path | None = None
+    """JSON of affine maps from video to calibration pixels, where the two differ."""
+    detections_in: Literal["calibration", "video"] = "calibration"
+    """Which pixels detections are in, where the two differ."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_fit import FitRequest, run_fit
+
+        return run_fit(FitRequest(**vars(self)))
+
+
 ActorCommand = (
     Annotated[ActorBuild, tyro.conf.subcommand("build")]
+    | Annotated[ActorFit, tyro.conf.subcommand("fit")]
     | Annotated[ActorInspect, tyro.conf.subcommand("inspect")]
 )
 
@@ -255,6 +335,7 @@ Command = (
     | Annotated[Capture, tyro.conf.subcommand("capture")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Render, tyro.conf.subcommand("render")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Train, tyro.conf.subcommand("train")]
@@ -264,7 +345,7 @@ Command = (
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
-    command: Demo | Capture | Evaluate | Render | ActorTools | Doctor | Train = tyro.cli(
+    command: Demo | Capture | Evaluate | Render | Export | ActorTools | Doctor | Train = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,

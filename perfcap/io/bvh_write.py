@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.bvh_motion import BvhMotion, Floats, Integers
 
 _AXES = "XYZ"
+_ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")
 _STILL = 1e-6  # metres: joints that move less against their parent get no position channels
 _GIMBAL = 1e-6  # cosine of the middle angle below which only one other angle is defined
 
@@ -52,6 +54,23 @@ def euler_angles(rotations: Floats, order: str = "ZXY") -> Floats:
     return angles
 
 
+def calmest_orders(rotations: Floats) -> tuple[str, ...]:
+    """For each joint the order of axes whose angles move the least between frames.
+
+    Angles of any order race where its middle axis nears a quarter turn; for the joints of a person
+    another order is then far from there.
+
+    Args:
+        rotations: joint-to-parent rotations, (F, J, 3, 3).
+    """
+    steps = [
+        np.abs(np.diff(euler_angles(rotations, order), axis=0)).max(axis=(0, 2), initial=0.0)
+        for order in _ORDERS
+    ]
+    # a hundredth of a degree is no reason to leave the usual order, the first one
+    return tuple(_ORDERS[best] for best in np.round(steps, 4).argmin(0))
+
+
 def _nearest(one: Floats, two: Floats, previous: Floats) -> Floats:
     """Of two sets of angles, moved by full turns, the one closer to the previous set."""
     turn = 2 * np.pi
@@ -63,25 +82,36 @@ def _nearest(one: Floats, two: Floats, previous: Floats) -> Floats:
 
 
 def save_bvh(
-    path: str | Path, motion: BvhMotion, metres_per_unit: float = 0.01, order: str = "ZXY"
+    path: str | Path,
+    motion: BvhMotion,
+    metres_per_unit: float = 0.01,
+    order: str | Sequence[str] = "ZXY",
 ) -> None:
     """Write a motion; the file appears complete or not at all.
 
     BVH has no units: tell readers what ``metres_per_unit`` was (0.01 writes centimetres).
+
+    Args:
+        path: where to write.
+        motion: what to write.
+        metres_per_unit: the unit of the file.
+        order: of the axes that joints turn about, for all of them or for each, (J,).
     """
-    if sorted(order) != list(_AXES):
-        raise InputError(f"order is {order!r}; expected X, Y and Z in some order, such as ZXY")
+    orders = _checked_orders(order, len(motion.names))
     scale = 1 / metres_per_unit
     moves = np.abs(motion.positions - motion.offsets).max(axis=(0, 2)) > _STILL
     moves[0] = True
-    angles = np.degrees(euler_angles(motion.rotations, order))
+    angles = np.empty(motion.rotations.shape[:-1])
+    for one in dict.fromkeys(orders):
+        alike = np.array([order == one for order in orders])
+        angles[:, alike] = np.degrees(euler_angles(motion.rotations[:, alike], one))
     columns = []
     for joint in _depth_first(motion.parents):
         if moves[joint]:
             columns.append(motion.positions[:, joint] * scale)
         columns.append(angles[:, joint])
     table = np.concatenate(columns, axis=1)
-    lines = ["HIERARCHY", *_hierarchy(motion, moves, order, scale), "MOTION"]
+    lines = ["HIERARCHY", *_hierarchy(motion, moves, orders, scale), "MOTION"]
     lines += [f"Frames: {len(table)}", f"Frame Time: {motion.frame_time:.9f}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in table]
     with writing(Path(path)) as file:
@@ -97,7 +127,19 @@ def _depth_first(parents: Integers) -> list[int]:
     return order
 
 
-def _hierarchy(motion: BvhMotion, moves: NDArray[np.bool_], order: str, scale: float) -> list[str]:
+def _checked_orders(order: str | Sequence[str], joints: int) -> tuple[str, ...]:
+    orders = (order,) * joints if isinstance(order, str) else tuple(order)
+    for one in orders:
+        if one not in _ORDERS:
+            raise InputError(f"order is {one!r}; expected X, Y and Z in some order, such as ZXY")
+    if len(orders) != joints:
+        raise InputError(f"order has {len(orders)} orders of axes; expected one or {joints}")
+    return orders
+
+
+def _hierarchy(
+    motion: BvhMotion, moves: NDArray[np.bool_], orders: Sequence[str], scale: float
+) -> list[str]:
     lines: list[str] = []
     depths: list[int] = []
     depth = np.zeros(len(motion.names), dtype=np.int64)
@@ -108,7 +150,7 @@ def _hierarchy(motion: BvhMotion, moves: NDArray[np.bool_], order: str, scale: f
             lines.append("\t" * depths.pop() + "}")
         tab = "\t" * depth[joint]
         channels = ["Xposition", "Yposition", "Zposition"] if moves[joint] else []
-        channels += [f"{axis}rotation" for axis in order]
+        channels += [f"{axis}rotation" for axis in orders[joint]]
         offset = motion.offsets[joint] * scale * (parent >= 0)
         lines += [
             f"{tab}{'ROOT' if parent < 0 else 'JOINT'} {'_'.join(motion.names[joint].split())}",

@@ -165,8 +165,12 @@ def _read_motion(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(
             f"{path}: joints3d is {joints.dtype} {joints.shape}, expected finite {shape}; {_AGAIN}"
         )
-    if rate.size != 1 or rate.dtype.kind not in "fiu" or not 0 < rate.reshape(()) < 1e5:
-        raise InputError(f"{path}: fps is {rate.dtype} {rate.shape}, expected a number; {_AGAIN}")
+    plain = rate.size == 1 and rate.dtype.kind in "fiu"
+    if not plain or not 0 < rate.reshape(()) < 1e5:
+        found = rate.reshape(()) if plain else f"{rate.dtype} {rate.shape}"
+        raise InputError(
+            f"{path}: fps is {found}, expected a positive number of frames a second; {_AGAIN}"
+        )
     return motion
 
 

@@ -8,7 +8,7 @@ of any length is written and read a few frames at a time.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -88,10 +88,27 @@ def save_surface(
         "frames": np.asarray(frames, dtype=np.int64),
         "fps": np.array(float(rate)),
     }
+    save_vertices(path, blocks, len(frames), small)
+
+
+def save_vertices(
+    path: Path, blocks: Iterable[NDArray[Any]], frames: int, others: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write an npz archive of ``vertices`` (F, V, 3) float32 and other arrays, in constant memory.
+
+    Args:
+        path: where to write; the file appears complete or not at all.
+        blocks: vertices of consecutive frames, (f, V, 3) each.
+        frames: F.
+        others: further arrays by name.
+
+    Raises:
+        InputError: as ``save_surface``.
+    """
     with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         with archive.open(_member("vertices"), "w", force_zip64=True) as member:
-            _write_blocks(member, blocks, len(frames))
-        for name, array in small.items():
+            _write_blocks(member, blocks, frames)
+        for name, array in others.items():
             with archive.open(_member(name), "w") as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
 

@@ -1,0 +1,116 @@
+"""``perfcap export``: a finished capture as files of other programs."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+
+from perfcap.app.inputs import parse_frames
+from perfcap.errors import InputError
+from perfcap.io.export import FORMATS, Options, Recording, publishing, upright_from
+from perfcap.io.result import Result, read_result
+from perfcap.pipeline.scene import axis, upright
+
+FOLDER = "export"  # in the folder of the capture
+_UNNAMED = "capture"
+_LONGEST = 100  # bytes of a name: files get endings, and file systems refuse 255
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What the command line asks for; see ``perfcap export --help``."""
+
+    folder: Path
+    to: tuple[str, ...]
+    out: Path | None = None
+    name: str | None = None
+    frames: str | None = None
+    up: str | None = None
+    unit: str | None = None
+    world_up: str = "auto"
+    surface: bool = True
+    markers: str = "landmarks"
+    order: str = "auto"
+
+
+def run_export(request: ExportRequest) -> int:
+    """Write all files and say which; returns the exit code.
+
+    Raises:
+        InputError: bad input, in one line; nothing has been written then.
+    """
+    formats = {name: FORMATS[name] for name in request.to}
+    if not formats:
+        raise InputError(f"--to: expected one or several of {', '.join(FORMATS)}")
+    for name, chosen in formats.items():
+        chosen.require(name)
+    name = _name(request)
+    recording = _recording(request, name, read_result(request.folder))
+    out = request.out or request.folder / FOLDER
+    with publishing(out) as scratch:
+        for chosen in formats.values():
+            free = not chosen.fixed
+            up = (free and request.up) or chosen.up
+            unit = (free and request.unit) or chosen.unit
+            options = Options(unit, request.surface, request.markers, request.order)
+            chosen.write(scratch, recording.facing_up(up), options)
+        written = sorted(entry.name for entry in scratch.iterdir())
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    if not np.array_equal(recording.upright, np.eye(3)):
+        console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
+    for entry in written:
+        console.print(out / entry)
+    return 0
+
+
+def _name(request: ExportRequest) -> str:
+    """What files are called: as asked for, or as the folder."""
+    if request.name is None:
+        try:
+            found = request.folder.resolve().name
+        except (OSError, RuntimeError):  # a loop of links; reading will say so
+            found = request.folder.name
+        return _shortened(re.sub(r"[\x00-\x1f\x7f]", "_", found).lstrip(".") or _UNNAMED)
+    plain = not re.search(r"[/\\\x00-\x1f\x7f]", request.name)
+    if not plain or not request.name.strip() or request.name.startswith("."):
+        raise InputError(
+            f"--name {request.name!r}: expected the name of a file, without folders and ending"
+        )
+    if _shortened(request.name) != request.name:
+        raise InputError(f"--name {request.name}: is too long, expected at most {_LONGEST} bytes")
+    return request.name
+
+
+def _shortened(name: str) -> str:
+    return name.encode("utf-8", "replace")[:_LONGEST].decode("utf-8", "ignore")
+
+
+def _recording(request: ExportRequest, name: str, result: Result) -> Recording:
+    """The frames that are asked for, counted as in the video, with y up."""
+    numbers = result.frame_numbers
+    part = parse_frames(request.frames)
+    chosen = np.flatnonzero(
+        (numbers >= part.start) & (numbers < (part.stop or numbers[-1] + 1))
+        if part.stop != 0 else np.zeros(len(numbers), bool)
+    )  # fmt: skip
+    if not len(chosen):
+        raise InputError(
+            f"--frames {request.frames}: {request.folder} holds frames {numbers[0]} to "
+            f"{numbers[-1]}; expected a part of them"
+        )
+    up = upright(torch.from_numpy(result.joints)) if request.world_up == "auto" else None
+    up = axis(request.world_up) if up is None else up
+    recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
+    return replace(recording, upright=upright_from(up.numpy()))
+
+
+def _up_name(recording: Recording) -> str:
+    """The axis of the capture's world that was turned to y."""
+    up = recording.upright[1]
+    place = int(np.abs(up).argmax())
+    return ("-" if up[place] < 0 else "") + "xyz"[place]

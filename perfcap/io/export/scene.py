@@ -1,0 +1,42 @@
+"""Characters as GLB; the surface of long clips in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+from perfcap.io.export.options import Options
+from perfcap.io.export.recording import Recording
+from perfcap.io.gltf_morph import MAX_TARGET_BYTES, MAX_TARGETS, fits
+from perfcap.io.gltf_write import save_animation
+
+
+def write_glb(folder: Path, recording: Recording, options: Options) -> None:
+    """Skin and clip on the actor's own bones, and the captured surface as morph targets.
+
+    Where one file with a target for every frame would be one that viewers refuse, the whole clip
+    goes into a file without, and the surface into further ones of as many frames as they take.
+    """
+    surface = options.surface and recording.result.surface is not None
+    whole = surface and fits(recording.frames, len(recording.template.vertices))
+    _save(folder / f"{recording.name}.glb", recording, whole)
+    for part in pieces(recording) if surface and not whole else ():
+        span = f"{part.numbers[0]:06d}-{part.numbers[-1]:06d}"
+        _save(folder / f"{recording.name}_surface_{span}.glb", part, True)
+
+
+def pieces(recording: Recording) -> Iterator[Recording]:
+    """Consecutive parts of about the same length whose surface fits into a file each."""
+    bytes_each = 12 * len(recording.template.vertices)
+    most = max(1, min(MAX_TARGETS, MAX_TARGET_BYTES // bytes_each))
+    count = -(-recording.frames // most)
+    bounds = [recording.frames * number // count for number in range(count + 1)]
+    for start, stop in pairwise(bounds):
+        yield recording.part(start, stop)
+
+
+def _save(path: Path, recording: Recording, surface: bool) -> None:
+    blocks = recording.blocks() if surface else None
+    template, transforms = recording.template, recording.bone_transforms
+    save_animation(path, template, transforms, recording.rate, blocks)

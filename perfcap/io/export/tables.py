@@ -1,0 +1,106 @@
+"""Numbers for spreadsheets and scripts: CSV and npz."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.rotation import aligned
+from perfcap.io.archive import read_archive
+from perfcap.io.atomic import writing
+from perfcap.io.export.options import Options
+from perfcap.io.export.recording import Recording
+from perfcap.io.surface_file import save_vertices
+
+Floats = NDArray[np.float64]
+
+_ANGLES = ("root_translation", "root_rotation", "angles", "angle_names")
+
+
+def write_csv(folder: Path, recording: Recording, options: Options) -> None:
+    """Landmarks, and joint angles in degrees where the capture has them; a row a frame."""
+    unit = options.per_metre
+    columns = [f"{name}_{axis}" for name in LANDMARKS for axis in "xyz"]
+    landmarks = recording.landmarks.reshape(recording.frames, -1) * unit
+    _write(folder / f"{recording.name}_joints.csv", recording, columns, landmarks)
+    motion = read_motion(recording)
+    if motion is None:
+        return
+    angles = np.degrees(motion["angles"])
+    names = [f"{name}_deg" for name in motion["angle_names"].tolist()]
+    turn = Rotation.from_rotvec(motion["root_rotation"]).as_quat(scalar_first=True)
+    turn = aligned(torch.from_numpy(turn)).numpy()  # no jumps between q and -q
+    values = np.concatenate([motion["root_translation"] * unit, turn, angles], axis=1)
+    columns = [*(f"root_{axis}" for axis in "xyz"), *(f"root_q{axis}" for axis in "wxyz"), *names]
+    _write(folder / f"{recording.name}_angles.csv", recording, columns, values)
+
+
+def write_npz(folder: Path, recording: Recording, options: Options) -> None:
+    """Everything as arrays: motion, skeleton, skin, texture coordinates and vertices."""
+    template = recording.template
+    arrays: dict[str, NDArray[Any]] = {
+        "fps": np.array(recording.rate),
+        "frames": recording.numbers,
+        "joints3d": recording.landmarks * options.per_metre,
+        "joint_names": np.array(LANDMARKS),
+        "faces": template.faces.astype(np.int32),
+        "bone_names": np.array(template.bone_names),
+        "bone_parents": template.bone_parents,
+        "bone_rest": _scaled(template.bone_rest, options),
+        "bone_transforms": _scaled(recording.bone_transforms, options),
+        "weight_bones": template.weight_bones.astype(np.int32),
+        "weights": template.weights.astype(np.float32),
+        "rest_vertices": (template.vertices * options.per_metre).astype(np.float32),
+    }
+    if template.uv is not None:
+        arrays["uv"] = template.uv.astype(np.float32)
+    motion = read_motion(recording)
+    if motion is not None:
+        motion["root_translation"] = motion["root_translation"] * options.per_metre
+        arrays |= motion
+    unit = np.float32(options.per_metre)
+    blocks = (block * unit for block in recording.blocks())
+    save_vertices(folder / f"{recording.name}.npz", blocks, recording.frames, arrays)
+
+
+def read_motion(recording: Recording) -> dict[str, NDArray[Any]] | None:
+    """Root and angles of the frames, in the axes of the recording; None in older results.
+
+    ``root_rotation`` takes the rest pose, with the axes of the recording, to the world.
+    """
+    path = recording.result.folder / "motion.npz"
+    found = read_archive(path, _ANGLES, "the motion.npz of a capture")
+    count = recording.result.frames
+    whole = set(found) == set(_ANGLES) and all(
+        found[name].shape[:1] == (count,) and found[name].dtype.kind == "f"
+        for name in _ANGLES[:3]
+    )  # fmt: skip
+    if not whole or found["angles"].shape[1:] != found["angle_names"].shape:
+        return None
+    moved = {name: found[name][recording.first : recording.stop] for name in _ANGLES[:3]}
+    axes, upright = recording.axes, recording.upright
+    turn = axes @ upright @ Rotation.from_rotvec(moved["root_rotation"]).as_matrix() @ axes.T
+    moved["root_rotation"] = Rotation.from_matrix(turn).as_rotvec()
+    moved["root_translation"] = moved["root_translation"] @ (axes @ upright).T
+    return moved | {"angle_names": found["angle_names"]}
+
+
+def _scaled(transforms: Floats, options: Options) -> Floats:
+    scaled = transforms.copy()
+    scaled[..., :3, 3] *= options.per_metre
+    return scaled
+
+
+def _write(path: Path, recording: Recording, columns: Sequence[str], values: Floats) -> None:
+    lines = [",".join(["frame", "time_s", *columns])]
+    for number, time, row in zip(recording.numbers, recording.times, values, strict=True):
+        lines.append(f"{number},{time:.9f}," + ",".join(f"{value:.9g}" for value in row))
+    with writing(path) as file:
+        file.write(("\n".join(lines) + "\n").encode())
