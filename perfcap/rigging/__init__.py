@@ -7,6 +7,7 @@ from perfcap.rigging.build_body import BuiltBody, Person, build_body
 from perfcap.rigging.fit_body import BodyFit, ViewFitSettings, fit_body
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.overrides import Override, read_overrides
+from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.upright import Upright
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "HeatReport",
     "Override",
     "Person",
+    "PersonMasks",
     "RigReport",
     "SurfaceFit",
     "Upright",

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
-from perfcap.actor.measurements import (
-    TAPE_JOINTS,
-    Measurements,
-    arm_vertices,
-    measure,
-    take,
-)
+from perfcap.actor.measurements import Measurements, measure
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
-
-Floats = NDArray[np.float64]
-
-DENSITY = 985.0  # kg per cubic metre, of a body with half-filled lungs
+from perfcap.rigging.scales import LENGTHS, Scales, mass
 
 _ROUNDS = 5
-_NUDGE = 0.2  # of a coefficient, for the slopes of measurements
 _COMPONENTS = 12  # later ones are details that nobody is measured for
 _MOST = 3.5  # deviations
-_LENGTHS = ("height", "chest", "waist", "hip", "inseam")
 # How exactly a value is met, against one deviation of shape; and what is plausible.
 _TOLERANCE = {
-    **dict.fromkeys(_LENGTHS, 0.004),
+    **dict.fromkeys(LENGTHS, 0.004),
     "weight": 0.7,
     "gender": 0.08,
     "age": 6.0,
@@ -48,7 +36,7 @@ _RANGE = {
     "age": (18.0, 90.0),
     "muscle": (0.0, 1.0),
 }
-_UNITS = {**dict.fromkeys(_LENGTHS, "metres"), "weight": "kilograms", "age": "years"}
+_UNITS = {**dict.fromkeys(LENGTHS, "metres"), "weight": "kilograms", "age": "years"}
 
 
 @dataclass(frozen=True)
@@ -119,7 +107,7 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
     count = min(_COMPONENTS, model.components)
     shape = np.zeros(count)
     if known:
-        scales = _Scales(model, tuple(known))
+        scales = Scales(model, tuple(known))
         wanted = np.array(list(known.values()))
         scale = np.array([1 / _TOLERANCE[name] for name in known])
         for _ in range(_ROUNDS):
@@ -132,40 +120,3 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
     full[:count] = torch.from_numpy(shape)
     template = model.template(full)
     return BuiltBody(template, full, measure(template), mass(template.vertices, template.faces))
-
-
-def mass(vertices: Floats, faces: NDArray[np.int64]) -> float:
-    """Kilograms of a closed surface at the density of a body."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return float(DENSITY * np.einsum("nk,nk->n", a, np.cross(b, c)).sum() / 6)
-
-
-class _Scales:
-    """Measures bodies of a model, and how that changes with their shape."""
-
-    def __init__(self, model: BodyModel, names: tuple[str, ...]) -> None:
-        rig = model.rig
-        self.model, self.names = model, names
-        self.arm = arm_vertices(rig.bone_names, rig.bone_parents, rig.weight_bones, rig.weights)
-        self.index = {name: rig.bone_names.index(name) for name in TAPE_JOINTS}
-
-    def linearized(self, shape: Floats) -> tuple[Floats, Floats]:
-        """Values (N,) of a shape (S,) and their slopes (N, S), by differences."""
-        here = self.values(shape)
-        moved = [self.values(shape + _NUDGE * step) for step in np.eye(len(shape))]
-        return here, (np.stack(moved, 1) - here[:, None]) / _NUDGE
-
-    def values(self, shape: Floats) -> Floats:
-        """What a body measures, in the order of the names."""
-        coefficients = torch.from_numpy(shape)
-        vertices = self.model.vertices(coefficients).numpy()
-        known: dict[str, float] = {}
-        if set(self.names) & set(_LENGTHS):
-            bones = self.model.joints(coefficients).numpy()
-            joints = {name: bones[index] for name, index in self.index.items()}
-            known |= asdict(take(vertices, self.model.rig.faces, self.arm, joints))
-        if "weight" in self.names:
-            known["weight"] = mass(vertices, self.model.rig.faces)
-        for name, (mean, slope) in self.model.rig.attributes.items():
-            known[name] = mean + float(shape @ slope[: len(shape)])
-        return np.array([known[name] for name in self.names])

@@ -6,25 +6,33 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
 from perfcap.actor.motion import Motion
 from perfcap.actor.template import Template
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_surface import shape_bounds
+from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import ShapePrior
+from perfcap.rigging.uncertainty import deviations, shape_covariance
 from perfcap.rigging.view_energies import LandmarkReprojection, ShapedSilhouette
 from perfcap.solve import Coupling, Energy, LevenbergMarquardt, Objective, Residual, solve
 from perfcap.solve.kernels import GemanMcClure
 
-_JOINTS = 16
+# How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
+# 5 cm at hips and knees, 1 to 1.5 cm at ankles; the neck is as vague as a hip, the rest between.
+_OFFSETS = {"hip": 0.03, "knee": 0.03, "neck": 0.03, "ankle": 0.015}
+DETECTOR_OFFSETS = tuple(
+    _OFFSETS.get(name.removeprefix("l_").removeprefix("r_"), 0.02) for name in LANDMARKS
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +42,11 @@ class ViewFitSettings:
     Attributes:
         joints: weight of a joint's squared reprojection error.
         joint_scale: of the robust kernel, in pixel units.
+        offsets: deviation of where detectors see each landmark from where the body model has it,
+            metres, (16,): constant errors, which no number of frames averages out. They count in
+            the deviations of measurements, but the skeleton stays where joints are detected, as
+            captures with the same detector want it.
+        edge: deviation of where silhouettes end from where the skin does, metres; in deviations.
         silhouettes: weight of a view's squared silhouette error, shares of its area.
         heights: of the person in the images the silhouettes are compared in, px, in turn.
         band: about the outline, px of those images.
@@ -45,6 +58,8 @@ class ViewFitSettings:
 
     joints: float = 0.5
     joint_scale: float = 4.0
+    offsets: tuple[float, ...] = DETECTOR_OFFSETS
+    edge: float = 0.004
     silhouettes: float = 1500.0
     heights: tuple[float, ...] = (80.0, 160.0)
     band: float = 4.0
@@ -63,12 +78,15 @@ class BodyFit:
         motion: pose in each frame, with the shape.
         template: the rigged body in its rest pose.
         measurements: of the template.
+        deviations: standard deviations of the measurements, from noise and from what detectors and
+            silhouettes are constantly off by; clothes and a wrong calibration come on top.
     """
 
     shape: Tensor
     motion: Motion
     template: Template
     measurements: Measurements
+    deviations: Measurements
 
 
 def fit_body(
@@ -76,7 +94,7 @@ def fit_body(
     cameras: Camera,
     detections: Detections,
     initial: Motion,
-    masks: Tensor | None = None,
+    masks: PersonMasks | None = None,
     height: float | None = None,
     settings: ViewFitSettings | None = None,
 ) -> BodyFit:
@@ -84,10 +102,10 @@ def fit_body(
 
     Args:
         model: the body.
-        cameras: C calibrated views, (C,) or (F, C), with their sizes where there are masks.
+        cameras: C calibrated views in pixels of the detections, (C,) or (F, C).
         detections: joints of F frames, (F, C).
         initial: poses to start from, (F,), such as of ``initialize`` with the mean body.
-        masks: of the person, (F, C, H, W), or None. Bodies are taken to fill them: tight clothes.
+        masks: of the person, or None. Bodies are taken to fill them: tight clothes.
         height: metres, or None. With one view, size and distance are told apart by it alone.
         settings: how.
 
@@ -95,24 +113,30 @@ def fit_body(
         InputError: frames of the arguments do not agree.
     """
     settings = settings or ViewFitSettings()
-    if initial.frames != detections.frame_count:
-        raise InputError(
-            f"initial has {initial.frames} frames but detections have {detections.frame_count}; "
-            "give a pose for each"
-        )
+    _require_frames(detections, initial, masks)
     problem = _Problem(model, cameras, detections, height, settings)
     shape = torch.zeros(model.components).to(initial.angles)
     motion = problem.solved(replace(initial, shape=shape), {}, settings.steps[0])
-    sizes = settings.heights if masks is not None else ()
-    for pixels, steps in zip(sizes, settings.steps[1:], strict=False):
-        assert masks is not None
-        energies: dict[str, Energy[Any]] = {
-            "silhouettes": problem.silhouettes(motion, masks, pixels)
-        }
-        motion = problem.solved(motion, energies, steps)
-    assert motion.shape is not None
-    template = model.template(motion.shape)
-    return BodyFit(motion.shape, motion, template, measure(template))
+    energies: dict[str, Energy[Any]] = {}
+    if masks is not None:
+        for pixels, steps in zip(settings.heights, settings.steps[1:], strict=False):
+            energies = {"silhouettes": problem.silhouettes(masks, pixels)}
+            motion = problem.solved(motion, energies, steps)
+    return problem.result(motion, energies)
+
+
+def _require_frames(detections: Detections, initial: Motion, masks: PersonMasks | None) -> None:
+    frames = detections.frame_count
+    if initial.frames != frames:
+        raise InputError(
+            f"initial has {initial.frames} frames but detections have {frames}; give a pose for "
+            "each"
+        )
+    if masks is not None and len(masks.inside) != frames:
+        raise InputError(
+            f"masks have {len(masks.inside)} frames but detections have {frames}; give a mask for "
+            "each"
+        )
 
 
 class _Problem:
@@ -126,26 +150,35 @@ class _Problem:
         height: float | None,
         settings: ViewFitSettings,
     ) -> None:
-        self.model, self.cameras, self.settings = model, cameras, settings
+        self.model, self.cameras, self.detections = model, cameras, detections
+        self.height, self.settings = height, settings
         self.actor = model.actor(torch.zeros(0)).to(detections.joints2d)
         self.surface = ShapedPoints.of_surface(model, self.actor)
-        self.frames = detections.frame_count
         self.unit = 0.01 * extents(detections)
-        marks = ShapedPoints.of_landmarks(model, self.actor).at(torch.arange(_JOINTS).numpy())
-        self.energies: dict[str, Energy[Any]] = {
+        self.energies = self._energies(None)
+
+    def _energies(self, offsets: tuple[float, ...] | None) -> dict[str, Energy[Any]]:
+        """All but silhouettes, with what a detector may be off by among the unknowns."""
+        model, settings, frames = self.model, self.settings, self.detections.frame_count
+        landmarks = ShapedPoints.of_landmarks(model, self.actor, offsets)
+        unknowns = len(landmarks.basis)
+        found: dict[str, Energy[Any]] = {
             "joints": LandmarkReprojection(
-                marks,
-                cameras,
-                detections,
+                landmarks.at(torch.arange(len(LANDMARKS)).numpy()),
+                self.cameras,
+                self.detections,
                 settings.joints,
                 GemanMcClure(settings.joint_scale),
                 self.unit,
             ),
-            "shape": ShapePrior(model.components, self.frames, weight=settings.shape),
+            "shape": ShapePrior(unknowns, frames, weight=settings.shape),
             "pose": PosePrior(self.actor.skeleton.lower.new_zeros(27), settings.pose, 1.0),
         }
-        if height is not None:
-            self.energies["height"] = Stature(model, height, settings.height, self.frames)
+        if self.height is not None:
+            found["height"] = Stature(
+                model, self.height, settings.height, frames, unknowns - model.components
+            )
+        return found
 
     def solved(self, motion: Motion, more: dict[str, Energy[Any]], steps: int) -> Motion:
         """Minimise."""
@@ -154,32 +187,53 @@ class _Problem:
         state: Motion = solve(objective, motion, LevenbergMarquardt(max_steps=steps), bounds).state
         return state
 
-    def silhouettes(self, motion: Motion, masks: Tensor, pixels: float) -> ShapedSilhouette:
+    def silhouettes(self, masks: PersonMasks, pixels: float) -> ShapedSilhouette:
         """Overlap in images in which the person is about so many pixels tall."""
         factor = max(1, int(100 * float(self.unit.median()) / pixels))
-        small, cameras = shrunk(masks, self.cameras, factor)
-        size = (small.shape[-2], small.shape[-1])
+        small = masks.shrunk(factor)
+        size = (small.inside.shape[-2], small.inside.shape[-1])
         faces = torch.from_numpy(self.model.rig.faces)
         silhouette = SoftSilhouette(faces, size, self.settings.band)
         weight = self.settings.silhouettes
-        return ShapedSilhouette(self.surface, silhouette, cameras, small, weight)
+        return ShapedSilhouette(
+            self.surface, silhouette, small.cameras, small.inside, small.known, weight
+        )
+
+    def result(self, motion: Motion, more: dict[str, Energy[Any]]) -> BodyFit:
+        """What was found, and how well it is known."""
+        assert motion.shape is not None
+        shape, count = motion.shape, self.model.components
+        energies = self._energies(self.settings.offsets)
+        prior = energies["shape"]
+        assert isinstance(prior, ShapePrior)
+        free = prior.components - count
+        padded = replace(motion, shape=torch.nn.functional.pad(shape, (0, free)))
+        covariance = shape_covariance(Objective({**energies, **more}), padded)
+        template = self.model.template(shape)
+        edge = self.settings.edge if more else 0.0
+        known = deviations(self.model, shape, covariance[:count, :count], edge)
+        return BodyFit(shape, motion, template, measure(template), known)
 
 
 class Stature(Energy[Motion]):
     """A known height: (height of the rest pose - height) / deviation, however many the frames.
 
-    The crown and the sole are those of the mean body; at small changes of shape they stay.
+    The crown and the sole are those of the mean body; at small changes of shape they stay. The
+    last ``more`` coefficients do not matter.
     """
 
     coupling = Coupling.FRAME
     sees_shared = True
 
-    def __init__(self, model: BodyModel, height: float, deviation: float, frames: int) -> None:
+    def __init__(
+        self, model: BodyModel, height: float, deviation: float, frames: int, more: int = 0
+    ) -> None:
         super().__init__(1.0)
         mean, basis = model.surface.mean[:, 1], model.surface.basis[..., 1]
         top, low = int(mean.argmax()), int(mean.argmin())
         scale = 1 / (deviation * frames**0.5)
-        self.register_buffer("slope", scale * (basis[:, top] - basis[:, low]))
+        slope = scale * (basis[:, top] - basis[:, low])
+        self.register_buffer("slope", torch.nn.functional.pad(slope, (0, more)))
         self.register_buffer("offset", scale * (mean[top] - mean[low] - height))
 
     def residual(self, motion: Motion) -> Residual:
@@ -199,19 +253,3 @@ def extents(detections: Detections) -> Tensor:
     tall = torch.where((high - low).isfinite(), high - low, torch.nan)
     found: Tensor = tall.nanmedian(0).values
     return found.nan_to_num(100.0).clamp(min=10.0)
-
-
-def shrunk(masks: Tensor, cameras: Camera, factor: int) -> tuple[Tensor, Camera]:
-    """Masks averaged over blocks of ``factor`` pixels, and the cameras of the small images."""
-    height, width = (size // factor * factor for size in masks.shape[-2:])
-    cut = masks[..., :height, :width].double()
-    lead = cut.shape[:-2]
-    small = nn.functional.avg_pool2d(cut.reshape(-1, 1, height, width), factor)
-    small = small.reshape(*lead, *small.shape[-2:])
-    intrinsics = cameras.intrinsics.clone()
-    # pixel centres are integers: the image corner is half a pixel before the first of them
-    intrinsics[..., :2, 2] += 0.5
-    intrinsics[..., :2, :] /= factor
-    intrinsics[..., :2, 2] -= 0.5
-    sizes = ((small.shape[-2], small.shape[-1]),) * cameras.views
-    return small, replace(cameras, intrinsics=intrinsics, size=sizes)

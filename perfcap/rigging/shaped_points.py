@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Self
 
@@ -24,7 +25,8 @@ class ShapedPoints(nn.Module):
 
     Linear blend skinning of rest points ``v(b)`` about rest joints ``r(b)``, both linear in the
     coefficients b = ``motion.shape``: ``x = sum_j w_j (R_j (v(b) - r_j(b)) + p_j(b))``. At a fixed
-    pose x is linear in b. Hinges and rest angles are those of the mean body.
+    pose x is linear in b. Hinges and rest angles are those of the mean body. A motion may have more
+    coefficients than these points depend on: further ones do not move them.
 
     Args:
         actor: the mean body, standing where the joints say.
@@ -76,13 +78,27 @@ class ShapedPoints(nn.Module):
         return cls(actor, _joints(model, actor), surface, torch.from_numpy(dense).to(surface[0]))
 
     @classmethod
-    def of_landmarks(cls, model: BodyModel, actor: Actor) -> Self:
-        """The 16 landmarks, then the skeleton's joints."""
+    def of_landmarks(
+        cls, model: BodyModel, actor: Actor, offsets: Sequence[float] | None = None
+    ) -> Self:
+        """The 16 landmarks, then the skeleton's joints.
+
+        Args:
+            model: the body.
+            actor: ``model.actor`` of the mean.
+            offsets: deviation of where a detector sees each landmark from where the body has it,
+                metres, (16,). Further coefficients, those of ``mirrored_offsets``, move the
+                landmarks, and they alone, within the joint they ride on.
+        """
         joints = _joints(model, actor)
         rig, count = actor.skeleton.rig, len(actor.skeleton.rig.joints)
         places = [_landmark(model, name) for name in LANDMARKS]
         mean = torch.cat((torch.stack([p for p, _ in places]), joints[0]))
         basis = torch.cat((torch.stack([b for _, b in places], 1), joints[1]), 1)
+        if offsets is not None:
+            free = mirrored_offsets(offsets).to(basis)
+            moved = torch.cat((free, free.new_zeros(len(free), count, 3)), 1)
+            basis = torch.cat((basis, moved))
         owner = torch.tensor([*rig.landmark_joints, *range(count)])
         return cls(actor, joints, (mean, basis), torch.eye(count).to(mean)[owner])
 
@@ -116,17 +132,22 @@ class ShapedPoints(nn.Module):
         sums = torch.einsum("nj,ju,...fnja->...fnua", self.weights, self._buffer("moved"), carried)
         share = self.weights @ self._buffer("moved")
         frame = torch.linalg.cross(turn.expand_as(sums), sums) + share[..., None] * shift
-        return points, frame.mT, self._shape_derivative(rotation)
+        shared = self._shape_derivative(rotation)
+        return (
+            points,
+            frame.mT,
+            nn.functional.pad(shared, (0, motion.shared_dim - shared.shape[-1])),
+        )
 
     def _buffer(self, name: str) -> Tensor:
         return self.get_buffer(name)
 
     def _rest_points(self, motion: Motion) -> Tensor:
-        return self.mean + torch.einsum("...s,snk->...nk", _shape(motion), self.basis)
+        return self.mean + torch.einsum("...s,snk->...nk", _shape(motion, self.basis), self.basis)
 
     def _joints(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
         """Rotation (*b, F, J, 3, 3), position (*b, F, J, 3), and rest positions (*b, J, 3)."""
-        shape = _shape(motion)
+        shape = _shape(motion, self.joint_basis)
         plain = Motion(motion.translation, motion.rotation, motion.angles)
         rotation = self.skeleton(plain).rotation
         bones = self._buffer("bone_mean") + torch.einsum(
@@ -151,13 +172,37 @@ class ShapedPoints(nn.Module):
         moved = moved - torch.einsum("...jab,sjb->...jas", rotation, self.joint_basis)
         turn = torch.einsum("nj,...fjab->...fnab", self.weights, rotation)
         own = torch.einsum("...nab,snb->...nas", turn, self.basis)
-        return own + torch.einsum("nj,...jas->...nas", self.weights, moved)
+        carried = torch.einsum("nj,...jas->...nas", self.weights, moved)
+        return own + nn.functional.pad(carried, (0, own.shape[-1] - carried.shape[-1]))
 
 
-def _shape(motion: Motion) -> Tensor:
+def mirrored_offsets(deviations: Sequence[float]) -> Tensor:
+    """Displacements of the landmarks that are alike left and right, (K, 16, 3) metres.
+
+    Three for each pair, two within the middle for each of the others.
+
+    Args:
+        deviations: displacement at a coefficient of one, (16,) metres.
+    """
+    rows = []
+    for name, size in zip(LANDMARKS, deviations, strict=True):
+        if name.startswith("r_"):
+            continue
+        other = LANDMARKS.index("r" + name[1:]) if name.startswith("l_") else None
+        for axis in range(0 if other is not None else 1, 3):
+            row = torch.zeros(len(LANDMARKS), 3, dtype=torch.float64)
+            row[LANDMARKS.index(name), axis] = size
+            if other is not None:
+                row[other, axis] = -size if axis == 0 else size
+            rows.append(row)
+    return torch.stack(rows)
+
+
+def _shape(motion: Motion, basis: Tensor) -> Tensor:
+    """The coefficients that a basis is of."""
     if motion.shape is None:
         raise ValueError("motion of a body model needs shape coefficients; it has none")
-    return motion.shape
+    return motion.shape[..., : len(basis)]
 
 
 def _joints(model: BodyModel, actor: Actor) -> tuple[Tensor, Tensor]:

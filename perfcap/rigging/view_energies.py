@@ -75,6 +75,7 @@ class ShapedSilhouette(Energy[Motion]):
         silhouette: draws them.
         cameras: C views, (C,) or (F, C).
         masks: (F, C, H, W).
+        known: which of their pixels count, of a shape that broadcasts to theirs.
         weight: of the energy.
         kernel: acts on the squared norm of a view.
     """
@@ -88,6 +89,7 @@ class ShapedSilhouette(Energy[Motion]):
         silhouette: SoftSilhouette,
         cameras: Camera,
         masks: Tensor,
+        known: Tensor | None = None,
         weight: float | Tensor = 1.0,
         kernel: Kernel | None = None,
     ) -> None:
@@ -96,7 +98,7 @@ class ShapedSilhouette(Energy[Motion]):
         def points(corners: Tensor, _: Tensor) -> _Vertices:
             return _Vertices(surface, corners.squeeze(-1))
 
-        self.overlap = SilhouetteOverlap(surface, silhouette, cameras, masks, points=points)
+        self.overlap = SilhouetteOverlap(surface, silhouette, cameras, masks, known, points=points)
 
     def residual(self, motion: Motion) -> Residual:
         """(F, C, H * W)."""

@@ -15,13 +15,15 @@ from perfcap.actor.measurements import measure
 from perfcap.actor.motion import Motion
 from perfcap.actor.shape_space import ShapeSpace
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
-from perfcap.rigging.fit_body import Stature, ViewFitSettings, extents, fit_body, shrunk
-from perfcap.rigging.shaped_points import ShapedPoints
+from perfcap.rigging.fit_body import Stature, ViewFitSettings, extents, fit_body
+from perfcap.rigging.person_masks import PersonMasks
+from perfcap.rigging.shaped_points import ShapedPoints, mirrored_offsets
 from perfcap.rigging.view_energies import LandmarkReprojection, ShapedSilhouette
 
 QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
@@ -103,11 +105,16 @@ def test_girths_are_recovered_from_two_views(model: BodyModel) -> None:
     truth = person(model)
     detections, masks = seen(model, truth, cameras)
     start = replace(truth, translation=truth.translation + 0.02, shape=None)
-    found = fit_body(model, cameras, detections, start, masks, settings=QUICK)
+    seen_there = PersonMasks(cameras, masks)
+    found = fit_body(model, cameras, detections, start, seen_there, settings=QUICK)
     assert truth.shape is not None
     expected = measure(model.template(truth.shape))
-    for mine, true in zip(astuple(found.measurements), astuple(expected), strict=True):
+    known = astuple(found.deviations)
+    for mine, true, spread in zip(
+        astuple(found.measurements), astuple(expected), known, strict=True
+    ):
         assert mine == pytest.approx(true, abs=0.02)
+        assert abs(mine - true) < 3 * spread and spread < 0.04
 
 
 def test_a_height_fixes_the_size_of_one_view(model: BodyModel) -> None:
@@ -119,17 +126,60 @@ def test_a_height_fixes_the_size_of_one_view(model: BodyModel) -> None:
     height = measure(model.template(truth.shape)).height
     found = fit_body(model, cameras, detections, start, height=height, settings=QUICK)
     assert found.measurements.height == pytest.approx(height, abs=0.02)
+    assert found.deviations.height < 0.01
+    free = fit_body(model, cameras, detections, start, settings=QUICK)
+    assert free.deviations.height > 0.03  # one camera alone
 
 
 def test_small_images_show_the_same(model: BodyModel) -> None:
     cameras = synthetic.cameras(2, size=402)
     masks = torch.rand(3, 2, 402, 402) > 0.5
-    small, fewer = shrunk(masks, cameras, 4)
+    reduced = PersonMasks(cameras, masks).shrunk(4)
+    small, fewer = reduced.inside, reduced.cameras
     assert small.shape == (3, 2, 100, 100)
     assert float(small[0, 0, 0, 0]) == pytest.approx(float(masks[0, 0, :4, :4].double().mean()))
     points = torch.randn(1, 5, 3, dtype=torch.float64)
     there, here = cameras.project(points), fewer.project(points)
     assert torch.allclose((there + 0.5) / 4, here + 0.5)
+
+
+def test_views_of_other_sizes_are_padded_with_what_is_unknown() -> None:
+    cameras = synthetic.cameras(2, size=40)
+    views = [torch.ones(3, 20, 40), torch.ones(3, 40, 30)]
+    padded = PersonMasks.padded(cameras, views)
+    assert padded.inside.shape == (3, 2, 40, 40) and padded.known is not None
+    assert padded.cameras.size == ((40, 40), (40, 40))
+    assert padded.known.sum((1, 2)).tolist() == [800, 1200]
+    assert not padded.inside[:, 0, 20:].any()
+    with pytest.raises(InputError, match="of 2 views"):
+        PersonMasks(cameras, torch.zeros(3, 1, 40, 40))
+
+
+def test_constant_offsets_of_landmarks_are_alike_left_and_right() -> None:
+    moves = mirrored_offsets([0.01] * 16)
+    assert moves.shape == (7 * 3 + 2 * 2, 16, 3)
+    left, right = LANDMARKS.index("l_knee"), LANDMARKS.index("r_knee")
+    mirror = torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
+    assert torch.equal(moves[:, left] * mirror, moves[:, right])
+    assert int(moves[:, LANDMARKS.index("neck")].abs().sum(-1).gt(0).sum()) == 2
+
+
+def test_more_coefficients_than_a_body_has_do_not_move_it(model: BodyModel) -> None:
+    truth = person(model)
+    assert truth.shape is not None
+    longer = replace(truth, shape=torch.cat((truth.shape, torch.ones(25).double())))
+    actor = model.actor(torch.zeros(0))
+    surface = ShapedPoints.of_surface(model, actor, torch.arange(0, 300, 50).numpy())
+    assert torch.equal(surface(longer), surface(truth))
+    shared = surface.linearize(longer)[2]
+    assert shared.shape[-1] == 29 and not shared[..., 4:].any()
+    marks = ShapedPoints.of_landmarks(model, actor, [0.02] * 16)
+    assert longer.shape is not None
+    for index in (2, 4, 17):
+        step = torch.eye(29, dtype=torch.float64)[index]
+        ahead = marks(replace(longer, shape=longer.shape + step))
+        slope = (ahead - marks(replace(longer, shape=longer.shape - step))) / 2
+        assert torch.allclose(marks.linearize(longer)[2][..., index], slope, atol=1e-9)
 
 
 def test_frames_must_agree(model: BodyModel) -> None:
@@ -138,6 +188,10 @@ def test_frames_must_agree(model: BodyModel) -> None:
     detections = Detections.from_joints(pixels, torch.ones(2, 1, 16).double())
     with pytest.raises(InputError, match="3 frames but detections have 2"):
         fit_body(model, cameras, detections, replace(truth, shape=None))
+    both = replace(truth, shape=None)[:2]
+    masks = PersonMasks(cameras, torch.zeros(3, 1, 8, 8))
+    with pytest.raises(InputError, match="masks have 3 frames"):
+        fit_body(model, cameras, detections, both, masks)
 
 
 def test_extents_of_unseen_people_are_finite() -> None:

@@ -1,0 +1,153 @@
+"""A body fitted to a person in calibrated views: frames chosen, joints, silhouettes, shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.motion import Motion
+from perfcap.app.inputs import Inputs
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.clip import Clip, open_source
+from perfcap.pipeline.bone_lengths import spread_frames
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.extract_silhouettes import extract_silhouettes
+from perfcap.pipeline.images import Frames
+from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.sight import Sight
+from perfcap.rigging import BodyFit, PersonMasks, fit_body
+from perfcap.segment import Silhouettes
+from perfcap.segment.random_field import Smoothness
+from perfcap.segment.sequence import SequenceSettings
+from perfcap.segment.settings import GrabCutSettings
+
+# chosen frames lie far apart in time: what changed between them says little about either
+_APART = SequenceSettings(frame=replace(GrabCutSettings(), smoothness=Smoothness(temporal=0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenFrames:
+    """Some frames of a clip with all that is known about them.
+
+    Attributes:
+        clip: the clip.
+        frames: theirs within the clip, increasing.
+        cameras: C views in pixels of the images, (C,) or (F, C).
+        detections: likewise, (F, C, 16).
+    """
+
+    clip: Clip
+    frames: tuple[int, ...]
+    cameras: Camera
+    detections: Detections
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        """Those from the ``start``-th to the ``stop``-th, (stop - start, H, W, 3) RGB."""
+        height, width = self.clip.sizes[view]
+        images = np.empty((stop - start, height, width, 3), np.uint8)
+        for place, frame in enumerate(self.frames[start:stop]):
+            images[place] = self.clip.read_view(view, frame, frame + 1)[0]
+        return images
+
+
+def choose_frames(inputs: Inputs, count: int) -> ChosenFrames:
+    """Frames spread over a clip in which the person is seen well.
+
+    Raises:
+        InputError: nobody is detected.
+    """
+    detections, pixel_map = inputs.detections, inputs.pixel_map
+    if not bool((detections.confidence2d > 0).any()):
+        raise InputError("--detections: show nobody in any frame; expected one person's joints")
+    chosen = spread_frames(detections, count)
+    some = detections.frames(chosen).to(torch.zeros((), dtype=torch.float64))
+    cameras = pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes).frames(chosen)
+    some = replace(some, joints2d=pixel_map.to_video(some.joints2d))
+    return ChosenFrames(inputs.clip, tuple(chosen.tolist()), cameras.to(some.joints2d), some)
+
+
+def read_masks(chosen: ChosenFrames, folders: Sequence[Path]) -> PersonMasks:
+    """Masks of the chosen frames from folders of images, one a view, numbered as the videos are.
+
+    Raises:
+        InputError: other numbers of views or images, or images of another size than the videos'.
+    """
+    clip = chosen.clip
+    if len(folders) != clip.views:
+        raise InputError(
+            f"--masks: are {len(folders)} folders, expected one for each of {clip.views} views"
+        )
+    views = []
+    for folder, size in zip(folders, clip.sizes, strict=True):
+        source = open_source(folder)
+        needed = clip.start + chosen.frames[-1] + 1
+        if len(source) < needed or source.size != size:
+            raise InputError(
+                f"--masks {folder}: holds {len(source)} images of {source.size[1]}x"
+                f"{source.size[0]}; expected one of {size[1]}x{size[0]} for each frame of the "
+                f"video, at least {needed}"
+            )
+        frames = [clip.start + frame for frame in chosen.frames]
+        images = np.stack([source.read(f, f + 1)[0].max(-1) for f in frames])
+        views.append(torch.from_numpy(images > 0))
+    return PersonMasks.padded(chosen.cameras, views)
+
+
+def find_masks(chosen: ChosenFrames, actor: Actor, motion: Motion) -> PersonMasks:
+    """Masks of the chosen frames, segmented around a posed actor."""
+    template = actor.template
+    sight = Sight(chosen.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
+    heights = person_height(chosen.detections)
+    evidence = extract_silhouettes(actor, sight, chosen, motion, heights, _APART)
+    views = [_stacked(evidence.silhouettes, view) for view in range(chosen.clip.views)]
+    return PersonMasks.padded(chosen.cameras, views)
+
+
+def _stacked(silhouettes: Silhouettes, view: int) -> Tensor:
+    masks = [silhouettes.mask(frame, view) for frame in range(len(silhouettes))]
+    return torch.from_numpy(np.stack(masks))
+
+
+@torch.no_grad()
+def fit_person(
+    model: BodyModel,
+    chosen: ChosenFrames,
+    height: float | None = None,
+    masks: PersonMasks | None = None,
+    segment: bool = True,
+) -> tuple[BodyFit, PersonMasks | None]:
+    """The body of the person in some frames, and the masks it was fitted to.
+
+    Args:
+        model: of bodies.
+        chosen: the frames.
+        height: of the person, metres, if known.
+        masks: of the person, if there are some.
+        segment: whether to find masks where there are none: joints are fitted first, and what the
+            posed body covers is segmented.
+    """
+    detections, cameras = chosen.detections, chosen.cameras
+    actor = model.actor(torch.zeros(0)).to(detections.joints2d)
+    config = PoseConfig()
+    prepared = prepare(actor, cameras, detections, config.position.gate)
+    unit = 0.01 * person_height(detections)
+    initial, _ = initialize(actor, cameras, prepared, config, unit)
+    if masks is None and segment:
+        first = fit_body(model, cameras, detections, initial, None, height)
+        posed = replace(first.motion, shape=None)
+        masks = find_masks(chosen, Actor(first.template).to(detections.joints2d), posed)
+    return fit_body(model, cameras, detections, initial, masks, height), masks

@@ -1,0 +1,70 @@
+"""``perfcap actor fit``: views to an actor, its measurements and a picture; what is refused."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from runs import Command
+from takes import TakeFiles
+
+from perfcap.app import actor_sheet
+from perfcap.io import load_actor
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(actor_sheet, "_LARGE", 48)
+    monkeypatch.setattr(actor_sheet, "_SMALL", 32)
+
+
+def call(take: TakeFiles, out: Path, *more: object) -> list[object]:
+    options = ["--cameras", take.camera, "--detections", take.detections, "--out", out]
+    return ["actor", "fit", take.video, *options, "--count", 3, *more]
+
+
+def test_a_person_becomes_a_folder(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    done = perfcap(call(take, tmp_path / "me", "--height", 1.7, "--name", "me"))
+    assert done.code == 0, done
+    actor = load_actor(tmp_path / "me")
+    assert actor.template.name == "me"
+    assert float(np.ptp(actor.template.vertices[:, 1])) == pytest.approx(1.7, abs=0.02)
+    known = json.loads((tmp_path / "me" / "measurements.json").read_text())
+    assert known["height"]["metres"] == pytest.approx(1.7, abs=0.02)
+    assert 0 < known["waist"]["deviation"] < 0.3
+    assert "joints and silhouettes of 3 frames in 1 view" in known["source"]
+    for picture in ("fit.jpg", "contact_sheet.jpg"):
+        assert cv2.imread(str(tmp_path / "me" / picture)) is not None
+
+
+def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for frame in range(24):
+        cv2.imwrite(str(masks / f"{frame:06d}.png"), np.zeros((120, 160), np.uint8))
+    done = perfcap(call(take, tmp_path / "me", "--masks", masks))
+    assert done.code == 0, done
+    assert any("give --height" in note for note in done.notes)  # one camera
+    cv2.imwrite(str(masks / "000000.png"), np.zeros((60, 80), np.uint8))
+    line = perfcap(call(take, tmp_path / "out", "--masks", masks)).refused()
+    assert "80x60" in line and "160x120" in line and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--height", "17"], "expected 1.3 to 2.2 metres"),
+        (["--count", "0"], "expected 1 to 100"),
+        (["--detector", "pose"], "both given"),
+        (["--masks", "a", "--no-silhouettes"], "leave one"),
+        (["--masks", "a", "b"], "are 2 folders, expected one for each of 1 views"),
+        (["--masks", "nowhere"], "no such file or folder"),
+        (["--body-model", "nobody"], "ada"),
+    ],
+)
+def test_what_cannot_be_fitted_is_told(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, more: list[str], words: str
+) -> None:
+    line = perfcap(call(take, tmp_path / "out", *more)).refused()
+    assert words in line and not (tmp_path / "out").exists()
