@@ -1,0 +1,115 @@
+"""Recordings of Pose2Sim: calibrated views, triangulated joints as truth.
+
+A recording's folder holds ``calibration/*.toml``, and ``pose3d/`` or ``pose-3d/`` with ``*.trc``,
+as Pose2Sim writes them, or with ``reference3d*.npz`` (``joints3d_m``, ``names``), a triangulation
+in the axes of the calibration, which is preferred. A folder with several of these, one a person,
+is read as ``NAME/REFERENCE``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
+from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
+from perfcap.io.calibration import read_cameras
+from perfcap.io.datasets.layout import array_of, check_name, landmarks_of, matching, wrong_layout
+from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
+from perfcap.io.datasets.trc import read_trc
+from perfcap.metrics import Alignment
+
+_TITLE = "a Pose2Sim recording"
+_LAYOUT = "NAME/calibration/Calib*.toml with NAME/pose3d/ or NAME/pose-3d/ of *.trc"
+_WHAT = "a triangulation: joints3d_m (F, J, 3) in metres and names (J)"
+# a triangulation is better where views were registered to the scene
+_PREFERRED_CALIBRATION = "Calib_scene.toml"
+_DEFAULT_RATE = 60.0
+
+
+def list_pose2sim(folder: Path) -> tuple[str, ...]:
+    """Names of the recordings, people as ``NAME/REFERENCE`` where there are several."""
+    names = []
+    for calibration in matching(folder, "*/calibration"):
+        references = _references(calibration.parent)
+        name = calibration.parent.name
+        names += [name] if len(references) == 1 else [f"{name}/{r.stem}" for r in references]
+    if not names:
+        raise wrong_layout(folder, _TITLE, "NAME/calibration and NAME/pose3d", _LAYOUT)
+    return tuple(names)
+
+
+def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
+    """One person of a recording."""
+    check_name(folder, _TITLE, name, list_pose2sim(folder))
+    base, _, person = name.partition("/")
+    recording = folder / base
+    references = {path.stem: path for path in _references(recording)}
+    reference = references[person] if person else next(iter(references.values()))
+    names, points, rate = _joints(reference)
+    known = {canonical_name(joint) for joint in names}
+    if not known & set(LANDMARKS):
+        raise InputError(f"{reference}: names {', '.join(names[:5])}, none of the landmarks")
+    joints3d = landmarks_of(points, JointSet(base, tuple(canonical_name(n) for n in names)))
+    return DatasetSequence(
+        dataset="pose2sim",
+        name=name,
+        folder=recording,
+        frames=torch.arange(len(points)),
+        rate=rate,
+        joints3d=joints3d,
+        rig=read_cameras(_calibration(recording)),
+        videos=tuple(matching(recording, "videos/*.mp4")),
+        warnings=("the truth is a triangulation of detected joints, good to some centimetres",),
+    )
+
+
+def _joints(path: Path) -> tuple[Sequence[str], NDArray[np.float64], float]:
+    """Names, positions in the axes of the calibration, and frames a second."""
+    if path.suffix == ".npz":
+        values = read_archive(path, ("joints3d_m", "names"), _WHAT)
+        points = array_of(f"{path}: joints3d_m", values.get("joints3d_m"), (None, None, 3))
+        names = [str(name) for name in values.get("names", np.zeros(0)).reshape(-1)]
+        if len(names) != points.shape[1]:
+            raise InputError(f"{path}: has {len(names)} names for joints {points.shape}")
+        beside = matching(path.parent, "*.trc")
+        return names, points, read_trc(beside[0]).rate if beside else _DEFAULT_RATE
+    markers = read_trc(path)
+    # files are Y up, calibrations Z up: Pose2Sim turns the axes round when it writes
+    return markers.names, markers.points[..., [2, 0, 1]], markers.rate
+
+
+def _references(recording: Path) -> list[Path]:
+    for pattern in ("reference3d*.npz", "*.trc"):
+        found = [p for place in ("pose3d", "pose-3d") for p in matching(recording / place, pattern)]
+        if found:
+            return found
+    return []
+
+
+def _calibration(recording: Path) -> Path:
+    preferred = recording / "calibration" / _PREFERRED_CALIBRATION
+    found = [preferred] if preferred.is_file() else matching(recording, "calibration/*.toml")
+    if not found:
+        raise wrong_layout(recording, _TITLE, "calibration/*.toml", _LAYOUT)
+    return found[0]
+
+
+POSE2SIM = Dataset(
+    name="pose2sim",
+    title=_TITLE,
+    layout=_LAYOUT,
+    protocol=Protocol(
+        joints=LANDMARKS,
+        alignments=(Alignment.ABSOLUTE, Alignment.ROOT, Alignment.SIMILARITY),
+        splits={},
+        source="Pagnon et al. 2022; no protocol is published with the recordings",
+    ),
+    list_names=list_pose2sim,
+    read_sequence=read_pose2sim,
+)

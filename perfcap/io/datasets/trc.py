@@ -1,0 +1,82 @@
+"""TRC files: named markers over time, as Pose2Sim and OpenSim write them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.io.datasets.layout import MAX_FRAMES
+from perfcap.io.files import read_text
+
+_WHAT = "a TRC file: five lines of header, then a line a frame"
+_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Markers of a file, in its own axes.
+
+    Attributes:
+        names: M.
+        points: (F, M, 3), metres, NaN where nothing was measured.
+        frames: as the file numbers them, (F,).
+        rate: frames a second.
+    """
+
+    names: tuple[str, ...]
+    points: NDArray[np.float64]
+    frames: NDArray[np.int64]
+    rate: float
+
+
+def read_trc(path: Path) -> Markers:
+    """Read the markers of a file.
+
+    Raises:
+        InputError: it is no such file.
+    """
+    lines = read_text(path, _WHAT).splitlines()
+    if len(lines) < 6:
+        raise InputError(f"{path}: has {len(lines)} lines, expected {_WHAT}")
+    # cells are kept where they are empty: a tab between two tabs is a marker that is missing
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    names = tuple(name for name in lines[3].split("\t")[2:] if name.strip())
+    rate, unit = _number(path, header.get("DataRate")), header.get("Units", "")
+    if not names or not 0 < rate < 1e5 or unit not in _UNITS:
+        raise InputError(
+            f"{path}: says {len(names)} markers, DataRate {rate:g}, Units {unit!r:.10}; expected "
+            "markers in m or mm"
+        )
+    rows = [_row(path, line, len(names)) for line in lines[5:] if line.strip()]
+    if not 0 < len(rows) <= MAX_FRAMES:
+        raise InputError(f"{path}: has {len(rows)} frames, expected 1 to {MAX_FRAMES}")
+    table = np.array(rows)
+    points = _UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
+    return Markers(tuple(name.strip() for name in names), points, table[:, 0].astype(int), rate)
+
+
+def _row(path: Path, line: str, markers: int) -> list[float]:
+    cells = line.rstrip("\r\n").split("\t")
+    width = 2 + 3 * markers
+    if len(cells) < width or any(cell.strip() for cell in cells[width:]):
+        raise InputError(
+            f"{path}: frame {cells[0]!s:.12} has {len(cells)} cells, expected {width}: a number, "
+            "a time, and x, y, z of each marker"
+        )
+    values = [_number(path, cell) for cell in cells[:width]]
+    if not np.isfinite(values[:2]).all():
+        raise InputError(f"{path}: a frame is without a number or a time")
+    return values
+
+
+def _number(path: Path, text: str | None) -> float:
+    if text is None or not text.strip():
+        return float("nan")
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"{path}: holds {text!r:.20} where a number should be") from error
