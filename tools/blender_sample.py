@@ -114,20 +114,23 @@ def plain(name: str) -> str:
 def render(path: Path, points: np.ndarray, bones: Thing | None) -> None:
     """A small Cycles picture from the front left of (V, 3) points; bones become sticks."""
     low, high = points.min(0), points.max(0)
-    middle, size = mathutils.Vector(0.5 * (low + high)), float(np.linalg.norm(high - low))
+    middle, size = mathutils.Vector(0.5 * (low + high)), high - low
     scene = bpy.context.scene
     if bones is not None:
         _sticks(bones)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location = middle + size * mathutils.Vector((0.6, -1.5, 0.3))
+    away = max(1.6 * size[2], 2.1 * float(np.hypot(size[0], size[1])))  # what the lens takes in
+    camera.location = middle + away * mathutils.Vector((0.35, -0.92, 0.18))
     camera.rotation_euler = (middle - camera.location).to_track_quat("-Z", "Y").to_euler()
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
     sun.data.energy, sun.rotation_euler = 3.0, (0.7, 0, 0.5)
     for item in (camera, sun):
         scene.collection.objects.link(item)
     world = bpy.data.worlds.new("world")
-    world.color = (0.35, 0.38, 0.42)
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.5, 0.55, 0.6, 1.0)
     scene.camera, scene.world = camera, world
+    scene.view_settings.view_transform = "Standard"
     scene.render.engine, scene.cycles.samples = "CYCLES", 16
     scene.render.resolution_x, scene.render.resolution_y = 300, 400
     scene.render.resolution_percentage = 100
@@ -136,13 +139,15 @@ def render(path: Path, points: np.ndarray, bones: Thing | None) -> None:
 
 
 def _sticks(armature: Thing) -> None:
-    """Cones from the head of each bone to its tail, as Blender draws bones."""
+    """Cones from the origin of each bone's parent to its own."""
     world = armature.matrix_world
     for bone in armature.pose.bones:
-        head, tail = world @ bone.head, world @ bone.tail
+        if bone.parent is None:
+            continue
+        head, tail = world @ bone.parent.head, world @ bone.head
         along = tail - head
         bpy.ops.mesh.primitive_cone_add(
-            radius1=0.03, radius2=0.008, depth=along.length, location=head + 0.5 * along
+            radius1=0.03, radius2=0.012, depth=along.length, location=head + 0.5 * along
         )
         bpy.context.object.rotation_euler = along.to_track_quat("Z", "Y").to_euler()
 

@@ -117,3 +117,20 @@ def test_without_a_surface_there_is_one_file(recording: Recording, tmp_path: Pat
     named = replace(recording, name="a")
     FORMATS["usdz"].write(tmp_path, named, Options(surface=False))
     assert [p.name for p in tmp_path.iterdir()] == ["a.usdz"]
+
+
+def test_surfaces_of_long_clips_come_in_pieces(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pxr import UsdGeom
+
+    from perfcap.io.export import usd
+
+    monkeypatch.setattr(usd, "_MOST_BYTES", 3 * 24 * len(recording.template.vertices))
+    FORMATS["usdz"].write(tmp_path, replace(recording, name="a"), Options())
+    names = ["a.usdz", "a_surface_000000-000001.usdz", "a_surface_000002-000004.usdz"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == names
+    opened = stage(tmp_path / names[2])
+    assert (opened.GetStartTimeCode(), opened.GetEndTimeCode()) == (2, 4)
+    points = UsdGeom.Mesh(opened.GetDefaultPrim().GetChild("body")).GetPointsAttr().Get(3)
+    np.testing.assert_allclose(np.array(points), recording.vertices(3, 4)[0], atol=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -71,6 +72,18 @@ class Recording:
     def part(self, start: int, stop: int) -> Self:
         """Frames ``start`` to ``stop`` of these."""
         return replace(self, first=self.first + start, stop=self.first + stop)
+
+    def pieces(self, most: int) -> Iterator[Self]:
+        """Consecutive parts of about the same length, of at most so many frames each."""
+        count = -(-self.frames // max(1, most))
+        bounds = [self.frames * number // count for number in range(count + 1)]
+        for start, stop in pairwise(bounds):
+            yield self.part(start, stop)
+
+    @property
+    def surface_name(self) -> str:
+        """Of a file with the surface of these frames among those of others."""
+        return f"{self.name}_surface_{self.numbers[0]:06d}-{self.numbers[-1]:06d}"
 
     def facing_up(self, up: str) -> Self:
         """The same with ``y`` or ``z`` up, its rest pose too."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 
 from perfcap.io.export.options import Options
@@ -21,19 +19,11 @@ def write_glb(folder: Path, recording: Recording, options: Options) -> None:
     surface = options.surface and recording.result.surface is not None
     whole = surface and fits(recording.frames, len(recording.template.vertices))
     _save(folder / f"{recording.name}.glb", recording, whole)
-    for part in pieces(recording) if surface and not whole else ():
-        span = f"{part.numbers[0]:06d}-{part.numbers[-1]:06d}"
-        _save(folder / f"{recording.name}_surface_{span}.glb", part, True)
-
-
-def pieces(recording: Recording) -> Iterator[Recording]:
-    """Consecutive parts of about the same length whose surface fits into a file each."""
-    bytes_each = 12 * len(recording.template.vertices)
-    most = max(1, min(MAX_TARGETS, MAX_TARGET_BYTES // bytes_each))
-    count = -(-recording.frames // most)
-    bounds = [recording.frames * number // count for number in range(count + 1)]
-    for start, stop in pairwise(bounds):
-        yield recording.part(start, stop)
+    if surface and not whole:
+        bytes_each = 12 * len(recording.template.vertices)
+        most = min(MAX_TARGETS, MAX_TARGET_BYTES // bytes_each)
+        for part in recording.pieces(most):
+            _save(folder / f"{part.surface_name}.glb", part, True)
 
 
 def _save(path: Path, recording: Recording, surface: bool) -> None:

@@ -30,16 +30,18 @@ class Scene:
         root: path of the default prim.
         recording: what moves.
         scale: units of the stage in a metre.
+        start: time code of the first frame.
     """
 
     stage: Prim
     root: str
     recording: Recording
     scale: float
+    start: int = 0
 
     @classmethod
-    def begin(cls, stage: Prim, recording: Recording, options: Options) -> Self:
-        """Axes, unit, frame rate and the prim that holds everything; time code 0 comes first."""
+    def begin(cls, stage: Prim, recording: Recording, options: Options, start: int = 0) -> Self:
+        """Axes, unit, frame rate and the prim that holds everything; a frame is a time code."""
         from pxr import UsdGeom, UsdSkel
 
         up = UsdGeom.Tokens.z if recording.axes[2, 1] > 0.5 else UsdGeom.Tokens.y
@@ -47,13 +49,13 @@ class Scene:
         UsdGeom.SetStageMetersPerUnit(stage, 1 / options.per_metre)
         stage.SetFramesPerSecond(recording.rate)
         stage.SetTimeCodesPerSecond(recording.rate)
-        stage.SetStartTimeCode(0)
-        stage.SetEndTimeCode(recording.frames - 1)
+        stage.SetStartTimeCode(start)
+        stage.SetEndTimeCode(start + recording.frames - 1)
         root = f"/{identifier(recording.name)}"
         prim = UsdSkel.Root.Define(stage, root).GetPrim()
         prim.SetDisplayName(recording.name)
         stage.SetDefaultPrim(prim)
-        return cls(stage, root, recording, options.per_metre)
+        return cls(stage, root, recording, options.per_metre, start)
 
 
 def add_mesh(scene: Scene, texture: str | None) -> Prim:
@@ -79,7 +81,7 @@ def add_surface(scene: Scene, mesh: Prim) -> None:
     """Points and normals of every frame."""
     recording = scene.recording
     normals = SeamlessNormals(recording.template)
-    time = 0
+    time = scene.start
     for block in recording.blocks():
         for vertices in block * np.float32(scene.scale):
             mesh.GetPointsAttr().Set(_vectors(vertices), time)
