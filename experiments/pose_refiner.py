@@ -99,12 +99,12 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     sets = {
         "rendered": list(_rendered(config)),
-        "CMU": list(_library(config)),
+        "CMU": list(library(config)),
     }
     estimators: dict[str, Callable[[Clip, np.random.Generator, Experiment], Guess]] = {
         "places of joints": _places,
         "places, a quarter of the noise": _near_places,
-        "2D and 3D joints, one view": _one_view,
+        "2D and 3D joints, one view": one_view,
         "2D joints, three views": _three_views,
     }
     rows, worst = [], []
@@ -130,7 +130,7 @@ def _rendered(config: Experiment) -> Iterator[Clip]:
         yield Clip(name, recording.actor, _around(truth, config.seed), truth)
 
 
-def _library(config: Experiment) -> Iterator[Clip]:
+def library(config: Experiment) -> Iterator[Clip]:
     root = report.data_folder(config.data, "mocap_cmu_library")
     for index, name in enumerate(cmu.clip_names(root)[: config.clips]):
         truth = cmu.landmarks(root, name)[: config.frames]
@@ -174,7 +174,7 @@ def _near_places(clip: Clip, rng: np.random.Generator, config: Experiment) -> Gu
     return _places(clip, rng, replace(config, white=0.25 * config.white, slow=0.25 * config.slow))
 
 
-def _one_view(clip: Clip, rng: np.random.Generator, config: Experiment) -> Guess:
+def one_view(clip: Clip, rng: np.random.Generator, config: Experiment) -> Guess:
     """A detector of 2D joints and of 3D joints relative to the root."""
     camera = clip.cameras.select([0])
     pixels, confidence, local = _detected(clip, camera, rng)

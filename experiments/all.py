@@ -1,0 +1,78 @@
+"""Every experiment, one after the other; ``--small`` runs little of each, in minutes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import report
+from report import Report, Table
+
+# arguments of a small run; what is not named here is no experiment of its own
+SMALL: dict[str, tuple[str, ...]] = {
+    "adjoint_speed": ("--windows", "1", "--repeats", "1", "--directions", "1"),
+    "auto_rig": (),
+    "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
+    "joint_table": ("--clips", "3", "--frames", "60"),
+    "multi_view": (),
+    "noise_sweep": ("--seeds", "1", "--levels", "0", "2", "--frames", "60"),
+    "occlusion": ("--seeds", "1", "--lengths", "5", "--frames", "60"),
+    "own_skeleton": (),
+    "pose_refiner": ("--clips", "3", "--frames", "60"),
+    "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
+    "solver_speed": (),
+    "template_quality": (
+        "--seeds", "1", "--frames", "6", "--smooth", "20", "--sizes", "1.1",
+        "--sequences", "dev_tight",
+    ),
+    "term_ablation": ("--seeds", "1", "--frames", "60"),
+    "weight_sweep": ("--seeds", "1", "--factors", "0.5", "2", "--frames", "60"),
+    "window_sweep": ("--seeds", "1", "--frames", "60"),
+}  # fmt: skip
+LONG = (
+    "actor_import", "bias_through_solver", "body_fit", "boundary_trust", "deformation_speed",
+    "detector_noise", "export_check", "lifter_motion", "lifter_real", "long_clip", "long_surface",
+    "mask_corruption", "paired_or_soft", "real_silhouettes", "segmentation_ablation",
+    "silhouette_speed", "stage_ablation", "surface_speed",
+)  # fmt: skip
+
+
+# make what they need themselves
+_NO_DATA = (
+    "adjoint_speed", "body_fit", "deformation_speed", "long_clip", "own_skeleton",
+    "paired_or_soft", "silhouette_speed", "solver_speed",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    small: bool = False
+    """Little of each, and none of those that take minutes whatever is asked for."""
+    only: tuple[str, ...] = ()
+    """Some of them."""
+
+
+def run(config: Experiment) -> Report:
+    """Run scripts as a user would; a failure does not stop the others."""
+    names = config.only or tuple(sorted(SMALL if config.small else {*SMALL, *LONG}))
+    rows = []
+    for name in names:
+        start = time.monotonic()
+        small = SMALL.get(name, ()) if config.small else ()
+        script = Path(__file__).with_name(f"{name}.py")
+        data = () if name in _NO_DATA else ("--data", str(config.data))
+        command = [sys.executable, str(script), *data, *small]
+        code = subprocess.run(command, check=False).returncode
+        rows.append((name, "done" if code == 0 else f"failed, {code}", time.monotonic() - start))
+    return Report((Table("experiments", ("script", "end", "seconds"), tuple(rows), 0),))
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "all")
