@@ -44,7 +44,7 @@ def run_train_lifter(
         InputError: bad input, in one line.
     """
     library = MotionLibrary.read(motion)
-    _make_folder(out, resume)
+    make_folder(out, resume)
     others = (*config.held_out, *config.validation)
     learned = library.without(others)
     task = LiftingTask(
@@ -57,7 +57,7 @@ def run_train_lifter(
         config.dense,
     )
     torch.set_num_threads(1)  # tensors are small
-    with _processes() as first, progress_bars() as tell:
+    with processes() as first, progress_bars() as tell:
         trained = train(
             task,
             config.loop,
@@ -65,7 +65,7 @@ def run_train_lifter(
             asdict(config),
             resume=resume,
             progress=tell if first else None,
-            watch=_tensorboard(out) if first else None,
+            watch=tensorboard(out) if first else None,
         )
         if first:
             _finish(trained, out / MODEL, library, learned, config, licence)
@@ -97,7 +97,8 @@ def _finish(
     console.print(f"written to {folder}", soft_wrap=True)
 
 
-def _make_folder(out: Path, resume: bool) -> None:
+def make_folder(out: Path, resume: bool) -> None:
+    """The folder of a training; refused where another one was not resumed."""
     if (out / LAST).is_file() and not resume:
         raise InputError(
             f"--out {out}: holds an unfinished or finished training; expected an empty folder, or "
@@ -112,7 +113,7 @@ def _make_folder(out: Path, resume: bool) -> None:
 
 
 @contextmanager
-def _processes() -> Iterator[bool]:
+def processes() -> Iterator[bool]:
     """Join the processes that torchrun started; whether this is the first, or the only one."""
     if "RANK" not in os.environ:
         yield True
@@ -124,7 +125,7 @@ def _processes() -> Iterator[bool]:
         distributed.destroy_process_group()
 
 
-def _tensorboard(out: Path) -> Watch | None:
+def tensorboard(out: Path) -> Watch | None:
     """Writes numbers for TensorBoard where it is installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter

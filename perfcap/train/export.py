@@ -53,8 +53,8 @@ kind = "lifter"
 name = "{MODEL}"
 size = {len(data)}
 sha256 = "{digest}"
-licence = {_quoted(licence)}
-origin = {_quoted(origin)}
+licence = {quoted(licence)}
+origin = {quoted(origin)}
 
 [input]
 rate = {rate:g}  # frames a second
@@ -153,7 +153,7 @@ def check_equal(lifter: Lifter, data: bytes) -> None:
             )
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A TOML string."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
     return f'"{escaped}"'

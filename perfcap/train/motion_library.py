@@ -27,14 +27,47 @@ _SOURCE = (
 )  # fmt: skip
 _CROWN = np.array([0.0, 0.16, 0.0])
 
+# the source of each joint of the skeleton, in the order of ``JOINTS``
+_TURNED = {
+    "pelvis": "Hips", "spine": "Spine1", "neck": "Neck", "head": "Head",
+    "l_shoulder": "LeftArm", "r_shoulder": "RightArm",
+    "l_elbow": "LeftForeArm", "r_elbow": "RightForeArm",
+    "l_wrist": "LeftHand", "r_wrist": "RightHand",
+    "l_hip": "LeftUpLeg", "r_hip": "RightUpLeg",
+    "l_knee": "LeftLeg", "r_knee": "RightLeg",
+    "l_ankle": "LeftFoot", "r_ankle": "RightFoot",
+}  # fmt: skip
+STRAIGHT = {
+    **{f"l_{joint}": (1.0, 0.0, 0.0) for joint in ("shoulder", "elbow", "wrist")},
+    **{f"r_{joint}": (-1.0, 0.0, 0.0) for joint in ("shoulder", "elbow", "wrist")},
+    **{f"{side}_{joint}": (0.0, -1.0, 0.0) for side in "lr" for joint in ("hip", "knee")},
+    **{f"{side}_ankle": (0.0, 0.0, 1.0) for side in "lr"},
+}
+"""Directions of the bones of a T-pose, by the joint they start at; hands go on as forearms do."""
+_BONE_ENDS = {
+    "LeftArm": "LeftForeArm", "LeftForeArm": "LeftHand", "LeftHand": "LeftHand",
+    "RightArm": "RightForeArm", "RightForeArm": "RightHand", "RightHand": "RightHand",
+    "LeftUpLeg": "LeftLeg", "LeftLeg": "LeftFoot", "LeftFoot": "LeftToeBase",
+    "RightUpLeg": "RightLeg", "RightLeg": "RightFoot", "RightFoot": "RightToeBase",
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Recording:
-    """One clip: landmarks (F, 16, 3) in the world, metres, y up, at 60 Hz."""
+    """One clip, at 60 Hz.
+
+    Attributes:
+        name: of the clip.
+        subject: who moves.
+        landmarks: (F, 16, 3) in the world, metres, y up.
+        turns: how each joint of the skeleton is turned in the world against a T-pose that faces
+            +z, arms along x, legs down, feet ahead, (F, 16, 3, 3), in the order of ``JOINTS``.
+    """
 
     name: str
     subject: str
     landmarks: Tensor
+    turns: Tensor
 
 
 @dataclass(frozen=True)
@@ -60,9 +93,7 @@ class MotionLibrary:
             names = [str(name) for name in data["joint_names"]]
             columns = [names.index(name) for name in _SOURCE]
             recordings = [
-                Recording(
-                    row["clip"], row["subject"], _landmarks(archive, data, row["clip"], columns)
-                )
+                Recording(row["clip"], row["subject"], *_poses(archive, data, row["clip"], columns))
                 for row in rows
             ]
         return cls(tuple(recordings))
@@ -94,7 +125,10 @@ class MotionLibrary:
         return MotionLibrary(tuple(r for r in self.recordings if wanted(r)))
 
 
-def _landmarks(path: Path, data: np.lib.npyio.NpzFile, clip: str, columns: list[int]) -> Tensor:
+def _poses(
+    path: Path, data: np.lib.npyio.NpzFile, clip: str, columns: list[int]
+) -> tuple[Tensor, Tensor]:
+    names = [str(name) for name in data["joint_names"]]
     try:
         euler, root, offsets = (
             data[f"{clip}/{part}"].astype(np.float64)
@@ -107,7 +141,34 @@ def _landmarks(path: Path, data: np.lib.npyio.NpzFile, clip: str, columns: list[
     points[:, 0] += rotation[:, columns[0]] @ _CROWN
     if not np.isfinite(points).all():
         raise InputError(f"{path}: clip {clip} is not finite; remove it from the index")
-    return torch.from_numpy(points.astype(np.float32))
+    turns = rotation[:, [names.index(theirs) for theirs in _TURNED.values()]]
+    turns = turns @ _from_straight(names, offsets)
+    return torch.from_numpy(points.astype(np.float32)), torch.from_numpy(turns.astype(np.float32))
+
+
+def _from_straight(names: list[str], offsets: Array) -> Array:
+    """Turns (16, 3, 3) that take the straight bones of a T-pose to the rest pose of a file."""
+    turns = np.tile(np.eye(3), (len(_TURNED), 1, 1))
+    for row, (ours, theirs) in enumerate(_TURNED.items()):
+        if ours in STRAIGHT:
+            straight = np.array(STRAIGHT[ours])
+            turns[row] = smallest_turn(straight, offsets[names.index(_BONE_ENDS[theirs])])
+    return turns
+
+
+def smallest_turn(start: Array, end: Array) -> Array:
+    """The rotation (3, 3) about their common normal that takes one direction (3,) to another.
+
+    Opposite directions have no smallest turn; the identity is returned for them, and for zeros.
+    """
+    a, b = (v / max(float(np.linalg.norm(v)), 1e-12) for v in (start, end))
+    normal, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-9:
+        return np.eye(3)
+    x, y, z = normal
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn: Array = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return turn
 
 
 def _kinematics(

@@ -1,0 +1,183 @@
+"""``perfcap train detector``: recorded motion and bodies to a joint network."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import torch
+from rich.console import Console
+from torch import distributed
+
+from perfcap.app.console import progress_bars
+from perfcap.app.train import MODEL, make_folder, processes, tensorboard
+from perfcap.errors import InputError
+from perfcap.io.actor import load_actor
+from perfcap.io.body_model import load_body_model
+from perfcap.train.backgrounds import Backgrounds
+from perfcap.train.calibrate import expected_error, fit_calibration
+from perfcap.train.card_detector import write_detector_card
+from perfcap.train.cast import Cast
+from perfcap.train.checkpoint import load_checkpoint
+from perfcap.train.crop_batches import Shots
+from perfcap.train.crop_store import CropStore, Progress, render_crops
+from perfcap.train.detector import Detector
+from perfcap.train.detector_config import TrainDetectorConfig
+from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector
+from perfcap.train.export_detector import export_detector
+from perfcap.train.loop import train
+from perfcap.train.mixture import Mixture
+from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.photographs import Photographs
+from perfcap.train.scenes import Scenes
+
+CROPS = "crops"
+_VALIDATION_SEED = 2**32  # none that a run would be given
+
+
+@dataclass(frozen=True)
+class DetectorRequest:
+    """What to train a detector on, and where to.
+
+    Attributes:
+        motion: folder of the motion library.
+        out: folder for checkpoints, ``metrics.jsonl`` and ``model/``.
+        config: everything else.
+        licence: of the weights.
+        resume: go on from the last checkpoint.
+        crops_folder: folder of rendered crops; ``out``'s own if None.
+        body_model: name or file.
+        actors: names or files of people with clothes of their own.
+        backgrounds: folder of pictures without people; procedural ones if None.
+        photographs: folder of photographs with annotated joints to learn from as well.
+        start: checkpoint whose weights to start from, for fine-tuning.
+    """
+
+    motion: Path
+    out: Path
+    config: TrainDetectorConfig
+    licence: str = "unstated"
+    resume: bool = False
+    crops_folder: Path | None = None
+    body_model: str = "ada"
+    actors: tuple[str, ...] = ("sam",)
+    backgrounds: Path | None = None
+    photographs: Path | None = None
+    start: Path | None = None
+
+
+def run_train_detector(request: DetectorRequest) -> int:
+    """Render, train, export, score and describe a detector; returns the exit code.
+
+    Raises:
+        InputError: bad input, in one line.
+    """
+    config = request.config
+    _check(config)
+    library = MotionLibrary.read(request.motion)
+    make_folder(request.out, request.resume)
+    torch.set_num_threads(1)  # several processes are faster than several threads
+    cv2.setNumThreads(1)
+    with processes() as first, progress_bars() as tell:
+        shots, validation = _crops(request, library, first, tell)
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        task = DetectorTask(shots, validation, config, device)
+        if request.start is not None:
+            start_from(task.model, request.start)
+        trained = train(
+            task,
+            config.loop,
+            request.out,
+            asdict(config),
+            resume=request.resume,
+            progress=tell if first else None,
+            watch=tensorboard(request.out) if first else None,
+        )
+        if first:
+            learned = library.without((*config.held_out, *config.validation)).subjects
+            _finish(trained, request, validation, learned)
+    return 0
+
+
+def start_from(model: Detector, path: Path) -> None:
+    """Give a detector the weights of a checkpoint.
+
+    Raises:
+        InputError: it is of another network.
+    """
+    try:
+        model.load_state_dict(load_checkpoint(path).part("average"))
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1].strip()
+        raise InputError(
+            f"{path}: is of another network ({reason:.90}); give the same detector.widths and "
+            "detector.blocks as it was trained with"
+        ) from None
+
+
+def _check(config: TrainDetectorConfig) -> None:
+    sides = [config.detector.size, *(side for _, side in config.sizes)]
+    starts = [start for start, _ in config.sizes]
+    if not starts or starts[0] != 0 or starts != sorted(starts):
+        raise InputError(f"sizes: start at {starts}; expected rising shares of the steps from 0 on")
+    if any(side % 32 or side < 64 for side in sides) or sides[-1] != sides[0]:
+        raise InputError(
+            f"sizes: are {sides[1:]}, detector.size {sides[0]}; expected multiples of 32 from 64 "
+            "on, the last one detector.size"
+        )
+
+
+def _crops(
+    request: DetectorRequest, library: MotionLibrary, first: bool, tell: Progress
+) -> tuple[Shots, Shots]:
+    """What to learn from and what to validate on; rendered by the first process."""
+    config, folder = request.config, request.crops_folder or request.out / CROPS
+    others = (*config.held_out, *config.validation)
+    if first:
+        parts = {
+            "validation": (
+                library.of(config.validation),
+                config.validation_crops,
+                _VALIDATION_SEED,
+            ),
+            "training": (library.without(others), config.crops, config.loop.seed),
+        }
+        for name, (people, count, seed) in parts.items():
+            scenes = _scenes(request, people, seed)
+            described: dict[str, object] = {"scene": asdict(config.scene), "seed": seed}
+            render_crops(folder / name, scenes, count, described, tell)
+    if distributed.is_initialized():
+        distributed.barrier()  # the crops are there
+    shots: Shots = CropStore(folder / "training")
+    if request.photographs is not None:
+        scene = config.scene
+        shots = Mixture(shots, Photographs(request.photographs, scene.size, scene.margin))
+    return shots, CropStore(folder / "validation")
+
+
+def _scenes(request: DetectorRequest, people: MotionLibrary, seed: int) -> Scenes:
+    actors = tuple(load_actor(name) for name in request.actors)
+    data = request.config.scene
+    cast = Cast(load_body_model(request.body_model), actors, people, data)
+    return Scenes(cast, Backgrounds(request.backgrounds), data, seed)
+
+
+def _finish(
+    trained: Detector, request: DetectorRequest, validation: Shots, learned: tuple[str, ...]
+) -> None:
+    """Export, score on people held out, write the card."""
+    config, folder = request.config, request.out / MODEL
+    trained = trained.cpu()
+    device = torch.device("cpu")
+    peaks, hits = peaks_and_hits(trained, validation, config, device)
+    calibration = fit_calibration(peaks, hits)
+    origin = f"perfcap train detector, {config.loop.steps} steps, seed {config.loop.seed}"
+    export_detector(trained, folder, calibration, origin, request.licence)
+    scores = score_detector(trained, validation, config, device)
+    scores["calibration error"] = expected_error(peaks, hits, calibration)
+    write_detector_card(folder, config, learned, scores)
+    console = Console(highlight=False)
+    for name, value in scores.items():
+        console.print(f"{name}: {value:.3g}")
+    console.print(f"written to {folder}", soft_wrap=True)

@@ -1,0 +1,167 @@
+"""Photographs with annotated joints: a second source for fine-tuning."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.detect.joint_set import LANDMARKS, canonical_name
+from perfcap.errors import InputError
+from perfcap.train.scenes import Shot
+
+ANNOTATIONS, IMAGES = "annotations.json", "images"
+_FEWEST = 6  # joints that say where somebody is
+_LIMIT = 256 * 2**20  # bytes of annotations
+_MOST_PIXELS = 64 * 10**6
+
+
+@dataclass(frozen=True, eq=False)
+class Annotation:
+    """One person in one photograph.
+
+    Attributes:
+        path: of the photograph.
+        joints2d: landmarks, pixels with centres at integers, (16, 2); NaN where unknown.
+    """
+
+    path: Path
+    joints2d: NDArray[np.float32]
+
+
+class Photographs:
+    """Shots of a folder of photographs.
+
+    The folder holds ``images`` and ``annotations.json``: ``joint_names``, and ``images``, a list
+    of ``file`` and ``joints``, rows of x, y, visible with the origin at the image's corner.
+    Joints that are not visible are unknown. There are no 3D positions.
+
+    Args:
+        folder: of the photographs.
+        size: of a shot, pixels.
+        margin: of it, in boxes around the joints.
+
+    Raises:
+        InputError: it is missing or malformed, holds NaN, or shows nobody.
+    """
+
+    def __init__(self, folder: Path, size: int, margin: float) -> None:
+        self._annotations = read_annotations(folder)
+        self._size, self._margin = size, margin
+
+    def __len__(self) -> int:
+        return len(self._annotations)
+
+    def __getitem__(self, number: int) -> Shot:
+        """A square around one person; joints that are not known are NaN.
+
+        Raises:
+            InputError: the photograph cannot be read, or has no joint inside.
+        """
+        annotation = self._annotations[number]
+        image = _read(annotation.path)
+        joints = annotation.joints2d
+        known = np.isfinite(joints).all(-1)
+        height, width = image.shape[:2]
+        inside = known & ((joints >= 0) & (joints < [width, height])).all(-1)
+        if inside.sum() < _FEWEST:
+            raise InputError(
+                f"{annotation.path}: has {int(inside.sum())} annotated joints in the image; "
+                f"expected a person with at least {_FEWEST}; remove it from {ANNOTATIONS}"
+            )
+        low, high = joints[inside].min(0), joints[inside].max(0)
+        side = max(float((high - low).max()) * self._margin, 8.0)
+        scale = side / self._size
+        origin = 0.5 * (low + high) - scale * 0.5 * (self._size - 1)
+        matrix = np.array([[scale, 0, origin[0]], [0, scale, origin[1]]])
+        part = cv2.warpAffine(
+            image,
+            matrix,
+            (self._size, self._size),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+        )
+        unknown = np.full((len(LANDMARKS), 3), np.nan, np.float32)
+        points = ((joints - origin) / scale).astype(np.float32)
+        return Shot(np.asarray(part, np.uint8), points, unknown, float(self._size), True)
+
+
+def read_annotations(folder: Path) -> tuple[Annotation, ...]:
+    """Annotated people of a folder.
+
+    Raises:
+        InputError: the file is missing, malformed, holds NaN, or names no person.
+    """
+    path = folder / ANNOTATIONS
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected photographs with annotated joints")
+    if path.stat().st_size > _LIMIT:
+        raise InputError(f"{path}: is larger than {_LIMIT >> 20} MB; split the photographs")
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        names = [canonical_name(str(name)) for name in table["joint_names"]]
+        entries = list(_entries(table["images"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: is malformed ({type(error).__name__}: {error}); expected joint_names, and "
+            "images with file and joints"
+        ) from None
+    columns = {name: names.index(name) for name in LANDMARKS if name in names}
+    if not {"l_shoulder", "r_hip"} <= set(columns):
+        raise InputError(
+            f"{path}: joint_names lack shoulders or hips; expected names such as "
+            f"{', '.join(LANDMARKS[:4])}"
+        )
+    if not entries:
+        raise InputError(f"{path}: names no photograph; expected at least one")
+    return tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
+
+
+def _entries(images: Any) -> Sequence[Mapping[str, Any]]:
+    if isinstance(images, Mapping):
+        return [{"file": name, **entry} for name, entry in images.items()]
+    return list(images)
+
+
+def _annotation(
+    folder: Path,
+    path: Path,
+    entry: Mapping[str, Any],
+    columns: Mapping[str, int],
+    count: int,
+) -> Annotation:
+    name = str(entry.get("file") or entry.get("image") or entry.get("name") or "")
+    if not name or Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{path}: file is {name!r:.60}; expected a name inside {IMAGES}")
+    try:
+        rows = np.asarray(entry["joints"], np.float32)
+    except (KeyError, ValueError, TypeError):
+        rows = np.zeros(0, np.float32)
+    if rows.shape != (count, 3):
+        raise InputError(
+            f"{path}: joints of {name} have shape {rows.shape}; expected {(count, 3)}: x, y, "
+            "visible"
+        )
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path}: joints of {name} are not finite; mark them as not visible")
+    joints = np.full((len(LANDMARKS), 2), np.nan, np.float32)
+    for landmark, column in columns.items():
+        if rows[column, 2] > 0:
+            joints[LANDMARKS.index(landmark)] = rows[column, :2] - 0.5
+    file = folder / name if (folder / name).is_file() else folder / IMAGES / name
+    return Annotation(file, joints)
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; the annotations name it")
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None or image.shape[0] * image.shape[1] > _MOST_PIXELS:
+        raise InputError(f"{path}: cannot be read as a photograph; remove it from {ANNOTATIONS}")
+    return np.asarray(image, np.uint8)
