@@ -84,13 +84,23 @@ class Evaluate:
     folder: tyro.conf.Positional[Path]
     """Folder of a capture."""
     truth: Path
-    """An npz with joints3d [F,16,3] in metres, or a folder that holds truth.npz or gt.npz."""
+    """An npz with joints3d [F,16,3] in metres, a folder that holds truth.npz or gt.npz, or the
+    folder of a data set."""
+    dataset: str | None = None
+    """Which data set that is: monoperfcap, human36m, mpi_inf_3dhp, humaneva, 3dpw, emdb, panoptic,
+    rendered or pose2sim."""
+    sequence: str | None = None
+    """Which of its sequences."""
+    out: Path | None = None
+    """Where the numbers go, as JSON; metrics.json in the folder if not given."""
+    every: int = 1
+    """Compare surfaces and silhouettes of one in so many frames."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.evaluate import run_evaluate
+        from perfcap.app.evaluate import EvaluateRequest, run_evaluate
 
-        return run_evaluate(self.folder, self.truth)
+        return run_evaluate(EvaluateRequest(**vars(self)))
 
 
 @dataclass(frozen=True)

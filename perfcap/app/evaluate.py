@@ -3,113 +3,123 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import torch
 from rich.console import Console
 from rich.table import Table
 
+from perfcap.app.scores import joint_scores, joint_tables, mask_scores, surface_scores
+from perfcap.app.truth import Truth, find_truth, read_found, read_truth
 from perfcap.errors import InputError
-from perfcap.io.archive import read_archive
 from perfcap.io.atomic import writing
-from perfcap.metrics import JointErrors, joint_errors
+from perfcap.io.surface_file import open_surface
 
-_UNKNOWN_FPS = 30.0
-_TRUTH_NAMES = ("truth.npz", "gt.npz")
 _ROWS = (
+    ("frames_scored", "frames with truth", ""),
     ("pa_mpjpe_mm", "joints, similarity-aligned", "mm"),
     ("mpjpe_root_mm", "joints, root-aligned", "mm"),
+    ("mpjpe_transl_mm", "joints, translation-aligned", "mm"),
+    ("mpjpe_first_frame_mm", "joints, first frame's offset removed", "mm"),
     ("mpjpe_mm", "joints, absolute", "mm"),
     ("pck3d_150", "3DPCK at 150 mm", "%"),
     ("auc3d", "3DPCK area under curve", "%"),
+    ("reproj_px", "joints in the image", "px"),
     ("accel_err_mm_per_frame2", "acceleration error", "mm/frame²"),
     ("jitter_jerk_m_s3", "jerk", "m/s³"),
     ("jitter_jerk_gt_m_s3", "jerk of the truth", "m/s³"),
+    ("bone_length_std_mm", "bone lengths over time, deviation", "mm"),
+    ("foot_skate_mm", "sliding of standing feet", "mm/frame"),
+    ("penetration_mm", "feet below the floor", "mm"),
+    ("surface_transl_mm", "surface, translation-aligned", "mm"),
+    ("vertex_transl_mm", "vertices, translation-aligned", "mm"),
+    ("vertex_abs_mm", "vertices, absolute", "mm"),
+    ("silhouette_iou", "outline of the surface, overlap", "%"),
+    ("segmentation_iou", "masks, overlap", "%"),
+    ("segmentation_precision", "masks, precision", "%"),
+    ("segmentation_recall", "masks, recall", "%"),
+    ("segmentation_boundary_f", "masks, F measure of the outline", "%"),
 )
 
 
-def run_evaluate(folder: Path, truth: Path) -> int:
+@dataclass(frozen=True)
+class EvaluateRequest:
+    """What to compare with what.
+
+    Attributes:
+        folder: of a capture.
+        truth: an npz, a folder with one, or the folder of a data set.
+        dataset: which data set it is.
+        sequence: of that data set.
+        out: where the numbers go; ``metrics.json`` in the folder if not given.
+        every: of how many frames one is compared as surface and silhouette.
+    """
+
+    folder: Path
+    truth: Path
+    dataset: str | None = None
+    sequence: str | None = None
+    out: Path | None = None
+    every: int = 1
+
+
+def run_evaluate(request: EvaluateRequest) -> int:
     """Print the table and write metrics.json; returns the exit code.
 
     Raises:
         InputError: a file is missing or holds something else.
     """
-    metrics = evaluate(folder / "motion.npz", find_truth(truth))
-    with writing(folder / "metrics.json") as file:
-        file.write(json.dumps(metrics, indent=1).encode())
-    Console().print(error_table(metrics))
+    if request.every < 1:
+        raise InputError(f"--every is {request.every}, expected 1 or more")
+    truth = read_truth(request.truth, request.dataset, request.sequence)
+    metrics = compare(request.folder, truth, request.every)
+    with writing(request.out or request.folder / "metrics.json") as file:
+        file.write((json.dumps(metrics, indent=1) + "\n").encode())
+    console = Console()
+    console.print(error_table(metrics))
+    for note in metrics["notes"]:
+        console.print(note, style="yellow", soft_wrap=True, highlight=False)
     return 0
 
 
-def evaluate(result: Path, truth: Path) -> dict[str, float]:
-    """Errors by the names of the scorer, for the frames that a result has."""
-    found, true = _load(result), _load(truth)
-    expected = true["joints3d"]
-    index = {int(frame): row for row, frame in enumerate(true["frames"])}
-    rows = [index.get(int(frame), -1) for frame in found["frames"]]
-    if min(rows) < 0:
-        raise InputError(
-            f"{truth}: lacks {rows.count(-1)} of the {len(rows)} frames of {result}; expected all "
-            "of them"
-        )
-    fps = float(found.get("fps", _UNKNOWN_FPS))
-    joints = found["joints3d"].astype(float)
-    errors = joint_errors(torch.tensor(joints), torch.tensor(expected[rows].astype(float)), fps)
-    return _named(errors)
+def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
+    """All that the result and the truth have in common, by the names of the scorer.
 
-
-def error_table(metrics: dict[str, float]) -> Table:
-    """The metrics for a terminal."""
-    table = Table("error", "value", "unit")
-    for key, title, unit in _ROWS:
-        table.add_row(title, f"{metrics[key]:.1f}", unit)
-    return table
-
-
-def find_truth(path: Path) -> Path:
-    """The truth file of a folder, or the file itself.
+    Beside the numbers: which truth it was, remarks, and errors of each landmark.
 
     Raises:
-        InputError: there is none.
+        InputError: a file is missing or holds something else, or nothing can be compared.
     """
-    if path.is_file():
-        return path
-    for name in _TRUTH_NAMES:
-        if (path / name).is_file():
-            return path / name
-    raise InputError(f"--truth {path}: no such file; expected an npz or a folder with truth.npz")
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    values = read_archive(path, ("joints3d", "frames", "fps"), "an npz with joints3d")
-    joints = values.get("joints3d")
-    if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3) or not len(joints):
-        found = "missing" if joints is None else f"of shape {joints.shape}"
-        raise InputError(f"{path}: joints3d is {found}, expected (F, 16, 3) in metres")
-    frames, fps = values.setdefault("frames", np.arange(len(joints))), values.get("fps")
-    if frames.shape != joints.shape[:1] or frames.dtype.kind not in "iu":
+    found = read_found(folder / "motion.npz")
+    scores = joint_scores(found, truth)
+    notes = list(truth.sequence.warnings)
+    if (folder / "surface.npz").is_file():
+        found_scores, remarks = surface_scores(open_surface(folder / "surface.npz"), truth, every)
+        scores |= found_scores
+        notes += remarks
+    scores |= mask_scores(folder / "masks", truth, every)
+    if not scores:
         raise InputError(
-            f"{path}: frames is {frames.dtype} {frames.shape}, expected {len(joints)} frame numbers"
+            f"{truth.sequence.folder}: has no truth that {folder} could be compared with; "
+            f"{'; '.join(notes) or 'expected joints, surfaces or silhouettes'}"
         )
-    if fps is not None and (fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < fps < 1e5):
-        raise InputError(f"{path}: fps is {fps}, expected a positive number")
-    if joints.dtype.kind not in "fiu" or not np.isfinite(joints).all():
-        raise InputError(f"{path}: joints3d holds {joints.dtype} that are not all finite numbers")
-    return values
+    sequence = truth.sequence
+    about = {"dataset": sequence.dataset, "sequence": sequence.name, "action": sequence.action}
+    return {**scores, **about, "notes": notes, "per_joint_mm": joint_tables(found, truth)}
 
 
-def _named(errors: JointErrors) -> dict[str, float]:
-    values = {
-        "frames_scored": errors.frames,
-        "mpjpe_mm": errors.mpjpe,
-        "mpjpe_root_mm": errors.mpjpe_root,
-        "mpjpe_transl_mm": errors.mpjpe_translation,
-        "pa_mpjpe_mm": errors.mpjpe_similarity,
-        "pck3d_150": errors.pck,
-        "auc3d": errors.auc,
-        "accel_err_mm_per_frame2": errors.acceleration_error,
-        "jitter_jerk_m_s3": errors.jerk,
-        "jitter_jerk_gt_m_s3": errors.jerk_truth,
-    }
-    return {name: float(value) for name, value in values.items()}
+def evaluate(result: Path, truth: Path) -> dict[str, float]:
+    """Errors of the joints of a file, by the names of the scorer, for the frames it has."""
+    return joint_scores(read_found(result), read_truth(find_truth(truth)))
+
+
+def error_table(metrics: Mapping[str, Any]) -> Table:
+    """The metrics for a terminal, as many as there are."""
+    table = Table("error", "value", "unit")
+    for key, title, unit in _ROWS:
+        if key in metrics:
+            digits = 0 if not unit else 1
+            table.add_row(title, f"{metrics[key]:.{digits}f}", unit)
+    return table

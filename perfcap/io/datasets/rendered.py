@@ -140,7 +140,7 @@ def _on_template(path: Path, vertices: NDArray[np.float64]) -> SurfaceTruth:
     order = np.zeros(count, np.int64)
     order[places.astype(np.int64)] = np.arange(len(places))
     loose = [i for i, title in enumerate(template["part_names"]) if str(title) in _LOOSE]
-    return SurfaceTruth(vertices, faces, order, np.isin(part, loose))
+    return SurfaceTruth(vertices, faces, order, len(places), np.isin(part, loose))
 
 
 RENDERED = Dataset(

@@ -43,12 +43,14 @@ class SurfaceTruth:
         vertices: (F, V, 3), metres, world.
         faces: (T, 3).
         order: vertex of the actor's file that shows each of them, (V,).
+        shown: vertices of the actor's file, which splits them where textures have seams.
         loose: which of them are loose cloth, (V,).
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     order: NDArray[np.int64]
+    shown: int
     loose: NDArray[np.bool_]
 
 

@@ -1,0 +1,157 @@
+"""The two sides of an evaluation: the joints of a result, and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
+from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
+from perfcap.metrics import Alignment
+
+_UNKNOWN_FPS = 30.0
+_TRUTH_NAMES = ("truth.npz", "gt.npz")
+_OWN_LAYOUT = ("gt.npz", "camera.json")  # what tells a folder of the rendered sequences
+FILE_PROTOCOL = Protocol(LANDMARKS, tuple(Alignment), {}, "all frames and landmarks")
+
+
+@dataclass(frozen=True, eq=False)
+class FoundJoints:
+    """The joints of a result.
+
+    Attributes:
+        path: of the file.
+        joints: (F, 16, 3), metres, world.
+        frames: numbers in the video, (F,).
+        rate: frames a second.
+    """
+
+    path: Path
+    joints: Tensor
+    frames: NDArray[np.int64]
+    rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a result is compared with.
+
+    Attributes:
+        sequence: cameras, joints, silhouettes, surfaces.
+        protocol: what of it counts.
+        strict: whether every frame of a result needs truth.
+    """
+
+    sequence: DatasetSequence
+    protocol: Protocol
+    strict: bool
+
+
+def read_truth(path: Path, dataset: str | None = None, sequence: str | None = None) -> Truth:
+    """The truth of a file or folder, or of a sequence of a data set in a folder.
+
+    A folder of a rendered sequence has cameras, silhouettes and surfaces beside the joints.
+
+    Raises:
+        InputError: there is none, or it cannot be used.
+    """
+    if dataset is not None:
+        reader = find_dataset(dataset)
+        if sequence is None:
+            names = reader.sequences(path)
+            raise InputError(
+                f"--sequence: {path} holds {len(names)} of {reader.title}; name one, such as "
+                f"{names[0]!r}"
+            )
+        return Truth(reader.read(path, sequence), reader.protocol, strict=False)
+    if sequence is not None:
+        raise InputError(f"--sequence {sequence!s:.60}: of which --dataset?")
+    if path.is_dir() and all((path / name).is_file() for name in _OWN_LAYOUT):
+        reader = find_dataset("rendered")
+        whole = path.resolve()  # the name of "." is needed
+        return Truth(reader.read(whole.parent, whole.name), reader.protocol, strict=True)
+    return Truth(_of_file(find_truth(path)), FILE_PROTOCOL, strict=True)
+
+
+def read_found(path: Path) -> FoundJoints:
+    """The joints of a ``motion.npz``, or of any file with such arrays.
+
+    Raises:
+        InputError: it is missing or holds something else.
+    """
+    values = _load(path)
+    joints = torch.tensor(values["joints3d"].astype(float))
+    rate = float(values.get("fps", np.array(_UNKNOWN_FPS)).reshape(()))
+    return FoundJoints(path, joints, values["frames"].astype(np.int64), rate)
+
+
+def find_truth(path: Path) -> Path:
+    """The truth file of a folder, or the file itself.
+
+    Raises:
+        InputError: there is none.
+    """
+    if path.is_file():
+        return path
+    for name in _TRUTH_NAMES:
+        if (path / name).is_file():
+            return path / name
+    raise InputError(f"--truth {path}: no such file; expected an npz or a folder with truth.npz")
+
+
+def match_frames(found: NDArray[np.int64], truth: Truth, where: str) -> tuple[list[int], list[int]]:
+    """Rows of a result and rows of the truth that show the same frames, in the result's order.
+
+    Raises:
+        InputError: there are none, or the truth is strict and lacks some.
+    """
+    counted = truth.sequence.counted(truth.protocol).tolist()
+    numbers = enumerate(truth.sequence.frames.tolist())
+    index = {frame: row for row, frame in numbers if counted[row]}
+    rows = [index.get(int(frame), -1) for frame in found]
+    lacking = rows.count(-1)
+    if (truth.strict and lacking) or lacking == len(rows):
+        raise InputError(
+            f"{truth.sequence.folder}: lacks {lacking} of the {len(rows)} frames of {where}; "
+            f"expected {'all' if truth.strict else 'some'} of them"
+        )
+    kept = [row for row, other in enumerate(rows) if other >= 0]
+    return kept, [rows[row] for row in kept]
+
+
+def _of_file(path: Path) -> DatasetSequence:
+    values = _load(path)
+    return DatasetSequence(
+        dataset="file",
+        name=path.stem,
+        folder=path,
+        frames=torch.from_numpy(values["frames"].astype(np.int64)),
+        rate=_UNKNOWN_FPS,
+        joints3d=torch.tensor(values["joints3d"].astype(float)),
+    )
+
+
+def _load(path: Path) -> dict[str, NDArray[Any]]:
+    values = read_archive(path, ("joints3d", "frames", "fps"), "an npz with joints3d")
+    joints = values.get("joints3d")
+    if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3) or not len(joints):
+        found = "missing" if joints is None else f"of shape {joints.shape}"
+        raise InputError(f"{path}: joints3d is {found}, expected (F, 16, 3) in metres")
+    frames, fps = values.setdefault("frames", np.arange(len(joints))), values.get("fps")
+    if frames.shape != joints.shape[:1] or frames.dtype.kind not in "iu":
+        raise InputError(
+            f"{path}: frames is {frames.dtype} {frames.shape}, expected {len(joints)} frame numbers"
+        )
+    if fps is not None and (fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < fps < 1e5):
+        raise InputError(f"{path}: fps is {fps}, expected a positive number")
+    if joints.dtype.kind not in "fiu" or not np.isfinite(joints).all():
+        raise InputError(f"{path}: joints3d holds {joints.dtype} that are not all finite numbers")
+    return values

@@ -1,0 +1,34 @@
+"""Silhouettes from image files, one a frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.io.files import MEBIBYTE, require_file
+
+_LIMIT = 64 * MEBIBYTE
+_WHAT = "an image of a silhouette"
+_HALF = 127
+
+
+def read_silhouette(path: Path, person: int | None = None) -> NDArray[np.bool_]:
+    """Where an image shows somebody, (H, W).
+
+    Args:
+        path: an image; of several channels their mean counts.
+        person: value of the person in a map of labels; without it, what is brighter than half.
+
+    Raises:
+        InputError: it is missing, too large, or no image.
+    """
+    require_file(path, _LIMIT, _WHAT)
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"{path}: is no image that can be read; expected {_WHAT}")
+    found: NDArray[np.bool_] = image > _HALF if person is None else image == person
+    return found

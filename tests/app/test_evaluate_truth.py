@@ -1,0 +1,165 @@
+"""``perfcap evaluate`` against whole recordings: surfaces, silhouettes, data sets."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from runs import Command
+
+from perfcap.io.surface_file import save_surface
+
+SHARED = Path(__file__).parents[2] / ".." / "shared"
+SEQUENCE = SHARED / "data" / "rendered" / "dev_tight"
+FRAMES = [60]
+needs_recordings = pytest.mark.skipif(
+    not (SEQUENCE / "gt.npz").exists(), reason="no rendered sequences beside the checkout"
+)
+
+
+def save_motion(folder: Path, joints: np.ndarray, frames: Any = None, fps: float = 30.0) -> None:
+    folder.mkdir(exist_ok=True)
+    frames = np.arange(len(joints)) if frames is None else np.array(frames)
+    np.savez(folder / "motion.npz", joints3d=joints, frames=frames, fps=fps)
+
+
+def metrics_of(folder: Path) -> dict[str, Any]:
+    values = json.loads((folder / "metrics.json").read_text())
+    assert isinstance(values, dict)
+    return values
+
+
+@pytest.fixture
+def score() -> Any:
+    before = list(sys.path)
+    spec = importlib.util.spec_from_file_location("score", SHARED / "tools" / "score.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)  # it puts its folder on the path
+    finally:
+        sys.path[:] = before
+    return module
+
+
+@needs_recordings
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the scorer leaves files open
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_whole_result_equals_the_scorer(tmp_path: Path, perfcap: Command, score: Any) -> None:
+    """Joints, surface, outline and masks of a frame, each disturbed in its own way."""
+    with np.load(SEQUENCE / "gt.npz", allow_pickle=False) as file:
+        joints, vertices = file["joints3d"][FRAMES].astype(float), file["vertices"][FRAMES]
+    with np.load(SEQUENCE / "template.npz", allow_pickle=False) as file:
+        places, faces = file["glb_vertex_map"], file["faces"]
+    joints = joints + 0.03 * np.random.default_rng(0).normal(size=joints.shape)
+    bent = vertices + 0.03 * np.sin(9 * vertices[..., [1, 2, 0]])
+    masks = [cv2.imread(str(SEQUENCE / "masks" / f"{f:04d}.png"), 0) > 127 for f in FRAMES]
+    moved = np.roll(np.stack(masks), 12, axis=2)
+    result = tmp_path / "result"
+    save_motion(result, joints, FRAMES)
+    shown = {int(v): i for i, v in enumerate(places)}
+    corners = np.vectorize(shown.get)(faces)
+    save_surface(result / "surface.npz", [bent[:, places]], corners, np.array(FRAMES), 30.0)
+    (result / "masks").mkdir()
+    for frame, mask in zip(FRAMES, moved, strict=True):
+        cv2.imwrite(str(result / "masks" / f"{frame:06d}.png"), mask.astype(np.uint8))
+    assert perfcap(["evaluate", result, "--truth", SEQUENCE]).code == 0
+    found = metrics_of(result)
+    expected = score.evaluate(
+        str(SEQUENCE), joints=joints, verts=bent.astype(float), masks=moved, frames=FRAMES
+    )
+    for name in ("mpjpe_mm", "pa_mpjpe_mm", "vertex_abs_mm", "segmentation_iou"):
+        assert found[name] == pytest.approx(expected[name], rel=1e-5), name
+    # pixel centres are half a pixel off each other, and samples are drawn
+    assert found["silhouette_iou"] == pytest.approx(expected["silhouette_iou"], abs=0.3)
+    assert found["surface_transl_mm"] == pytest.approx(expected["surface_transl_mm"], rel=0.02)
+    assert found["reproj_px"] == pytest.approx(expected["reproj_px"], rel=0.01)
+    assert found["sequence"] == "dev_tight" and not found["notes"]
+    assert 0 < found["segmentation_boundary_f"] < found["segmentation_iou"]
+    assert set(found["per_joint_mm"]["root"]) >= {"head_top", "l_toe"}
+    assert found["per_joint_mm"]["absolute"]["neck"] == pytest.approx(
+        1000 * np.linalg.norm(joints[:, 1] - score_truth()[:, 1], axis=-1).mean(), rel=1e-6
+    )
+
+
+def score_truth() -> np.ndarray:
+    with np.load(SEQUENCE / "gt.npz", allow_pickle=False) as file:
+        return np.asarray(file["joints3d"][FRAMES].astype(float))
+
+
+@needs_recordings
+def test_another_template_is_no_surface_of_this_one(tmp_path: Path, perfcap: Command) -> None:
+    save_motion(tmp_path / "r", score_truth(), FRAMES)
+    triangle = np.zeros((1, 3, 3), np.float32)
+    save_surface(
+        tmp_path / "r" / "surface.npz", [triangle], np.array([[0, 1, 2]]), np.array(FRAMES), 30.0
+    )
+    outcome = perfcap(["evaluate", tmp_path / "r", "--truth", SEQUENCE])
+    assert outcome.code == 0 and "surfaces were not compared" in outcome.out
+    found = metrics_of(tmp_path / "r")
+    assert "vertex_abs_mm" not in found and found["silhouette_iou"] == 0
+
+
+@needs_recordings
+def test_a_data_set_by_name(tmp_path: Path, perfcap: Command) -> None:
+    data = SHARED / "data"
+    save_motion(tmp_path / "r", np.random.default_rng(0).normal(size=(60, 16, 3)))
+    out = tmp_path / "numbers.json"
+    arguments = ["evaluate", tmp_path / "r", "--truth", data, "--dataset", "pose2sim"]
+    outcome = perfcap([*arguments, "--sequence", "pose2sim_balancing", "--out", out])
+    assert outcome.code == 0 and "good to some centimetres" in outcome.out
+    values = json.loads(out.read_text())
+    assert values["dataset"] == "pose2sim" and values["frames_scored"] == 60
+    assert not (tmp_path / "r" / "metrics.json").exists()
+    line = perfcap(arguments).refused()
+    assert "--sequence" in line and "pose2sim_balancing" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--dataset", "coco"], "expected one of monoperfcap"),
+        (["--sequence", "x"], "of which --dataset"),
+        (["--dataset", "3dpw", "--sequence", "x"], "has no sequenceFiles"),
+        (["--every", "0"], "--every is 0"),
+    ],
+)
+def test_refuses(tmp_path: Path, perfcap: Command, arguments: list[str], message: str) -> None:
+    save_motion(tmp_path / "r", np.zeros((3, 16, 3)))
+    np.savez(tmp_path / "truth.npz", joints3d=np.zeros((3, 16, 3)))
+    line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path, *arguments]).refused()
+    assert message in line
+
+
+def test_feet_that_slide_and_sink(tmp_path: Path, perfcap: Command) -> None:
+    """A person who stands still in truth, and is found to slide 1 cm a frame, 2 cm too low."""
+    rng = np.random.default_rng(0)
+    pose = rng.normal(size=(16, 3))
+    pose[1], pose[[8, 12]] = [0, 1.5, 0], [[0.1, 1, 0], [-0.1, 1, 0]]
+    pose[[10, 11, 14, 15], 1] = [0.1, 0, 0.1, 0]
+    truth = np.repeat(pose[None], 10, 0)
+    found = truth + np.arange(10)[:, None, None] * [0.01, 0, 0] - [0, 0.02, 0]
+    np.savez(tmp_path / "truth.npz", joints3d=truth)
+    save_motion(tmp_path / "r", found)
+    assert perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).code == 0
+    values = metrics_of(tmp_path / "r")
+    assert values["foot_skate_mm"] == pytest.approx(10)
+    assert values["penetration_mm"] == pytest.approx(20)
+    assert values["bone_length_std_mm"] == pytest.approx(0, abs=1e-9)
+    assert values["mpjpe_root_mm"] == pytest.approx(0, abs=1e-9)
+
+
+def test_one_frame_has_no_acceleration(tmp_path: Path, perfcap: Command) -> None:
+    """What is not known is left out, so that the file is JSON."""
+    pose = np.random.default_rng(0).normal(size=(1, 16, 3))
+    np.savez(tmp_path / "truth.npz", joints3d=pose)
+    save_motion(tmp_path / "r", pose)
+    assert perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).code == 0
+    text = (tmp_path / "r" / "metrics.json").read_text()
+    assert "NaN" not in text and "accel_err_mm_per_frame2" not in json.loads(text)
