@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import tyro
 
@@ -67,6 +67,8 @@ class Capture:
     """Where to compute: auto, cpu, cuda, ..."""
     overlay: bool = True
     """Write overlay.mp4 and textured.mp4."""
+    report: bool = False
+    """Write report.html, which plays the result in a browser, from disk."""
     resume: bool = False
     """Do nothing if the folder already holds the complete result of this very call."""
 
@@ -167,6 +169,42 @@ class Export:
         from perfcap.app.export import ExportRequest, run_export
 
         return run_export(ExportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write report.html: the result as one page that plays in a browser, without a network."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    videos: tuple[Path, ...] = ()
+    """The input videos, where they are no longer where the capture found them."""
+    cameras: Path | None = None
+    """The calibration, likewise."""
+    truth: Path | None = None
+    """True joints, for curves of errors: an npz with joints3d, or a folder that holds one."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.report import ReportRequest, run_report
+
+        return run_report(ReportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the report of a result in a browser; written first where it is missing or old."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.report import run_view
+
+        return run_view(self.folder)
 
 
 @dataclass(frozen=True)
@@ -397,6 +435,8 @@ Command = (
     | Annotated[Capture, tyro.conf.subcommand("capture")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Render, tyro.conf.subcommand("render")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
@@ -404,10 +444,18 @@ Command = (
 )
 
 
+class Runnable(Protocol):
+    """A command with its options."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        ...
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
     logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
-    command: Demo | Capture | Evaluate | Render | Export | ActorTools | Doctor | Train = tyro.cli(
+    command: Runnable = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,

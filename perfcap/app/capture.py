@@ -22,6 +22,7 @@ from perfcap.actor.actor import Actor
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs, lift_inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, Detecting, find_model, model_files, parse_boxes
+from perfcap.app.report import ReportRequest, write_report
 from perfcap.detect.lifter import OnnxLifter
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
@@ -61,6 +62,7 @@ class CaptureRequest:
     detections_in: str = "calibration"
     device: str = "auto"
     overlay: bool = True
+    report: bool = False
     resume: bool = False
 
 
@@ -70,6 +72,13 @@ def run_capture(request: CaptureRequest) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
+    code = _capture(request)
+    if request.report:
+        write_report(ReportRequest(request.out, request.videos, request.cameras))
+    return code
+
+
+def _capture(request: CaptureRequest) -> int:
     started = time.perf_counter()
     folder = make_folder(request.out)
     source = find_actor(request.actor)
@@ -198,7 +207,7 @@ def environment(inputs: Inputs) -> dict[str, Any]:
 def describe(request: CaptureRequest) -> dict[str, Any]:
     """The request as plain values."""
     values = {k: getattr(request, k) for k in request.__dataclass_fields__}
-    del values["resume"]
+    del values["resume"], values["report"]
     return {
         k: [str(p) for p in v] if isinstance(v, tuple) else str(v) if isinstance(v, Path) else v
         for k, v in values.items()

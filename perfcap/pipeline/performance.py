@@ -235,6 +235,7 @@ class Performance:
                 }
                 for w in self.windows
             ],
+            "energy": self._frame_energy(),
             "stages": {s.name: {"wall_s": s.wall, "cpu_s": s.cpu} for s in self.stages},
             "bone_scales": None
             if scales is None
@@ -246,6 +247,17 @@ class Performance:
                 else {"refinement": self.refinement.report(first_frame)}
             ),
         }
+
+    def _frame_energy(self) -> dict[str, list[float]]:
+        """Each energy of every frame, the mean over the windows that the frame is in."""
+        count = np.zeros(self.frames)
+        sums: dict[str, np.ndarray] = {}
+        for report in self.windows:
+            inside = slice(report.window.start, report.window.stop)
+            count[inside] += 1
+            for name, values in report.frame_terms.items():
+                sums.setdefault(name, np.zeros(self.frames))[inside] += values
+        return {n: [float(f"{x:.4g}") for x in v / count] for n, v in sums.items()}
 
 
 def make_folder(folder: str | Path) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -23,13 +23,14 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class WindowReport:
-    """How the solve of one window went."""
+    """How the solve of one window went; ``frame_terms`` are each energy's shares of its frames."""
 
     window: Window
     status: Status
     steps: int
     energy: float
     terms: dict[str, float]
+    frame_terms: dict[str, list[float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def _solve_group(
     start = Motion(initial.translation[index], initial.rotation[index], initial.angles[index])
     method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
     solution = solve(objective, start, method, angle_bounds(actor))
+    shares = _frame_terms(objective, solution.state)
     reports = [
         WindowReport(
             window,
@@ -114,11 +116,22 @@ def _solve_group(
             int(solution.steps[i]),
             float(solution.energy[i]),
             {name: float(term[i]) for name, term in solution.terms.items()},
+            {name: share[i].tolist() for name, share in shares.items()},
         )
         for i, window in enumerate(group)
     ]
     motion: Motion = solution.state
     return motion, reports
+
+
+def _frame_terms(objective: Objective, motion: Motion) -> dict[str, Tensor]:
+    """Each energy of each frame, (N, W) by name; their sum over frames is the energy."""
+    with torch.no_grad():
+        return {
+            name: energy.weight
+            * energy.kernel.value(energy.residual(motion).squared_norm()).sum(-1)
+            for name, energy in objective.items()
+        }
 
 
 def select(motion: Motion, element: int) -> Motion:

@@ -1,0 +1,174 @@
+"""``report.html``: a result as one page that plays from disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from perfcap.errors import InputError
+from perfcap.io.atomic import writing
+from perfcap.io.result import Result, read_result
+from perfcap.pipeline.scene import Scene
+from perfcap.report import sections
+from perfcap.report.curves import Measured, charts
+from perfcap.report.marks import marks
+from perfcap.report.markup import Markup
+from perfcap.report.model import Model, build_model, scene_arrays
+from perfcap.report.packing import encode, pack
+from perfcap.report.page import assemble
+from perfcap.report.sources import Places, find_sources
+from perfcap.report.views import Views, build_views
+
+PAGE = "report.html"
+LONGEST = 3000  # frames in a page
+
+# called with what is being done, how much of it is, and how much there is
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a report shows.
+
+    Attributes:
+        start: number of the first frame in the video; the capture's first where None.
+        stop: number after the last frame; the capture's last where None.
+        places: where inputs lie now.
+        truth: true joints by number of the frame, (16, 3) m each, or None.
+    """
+
+    start: int | None = None
+    stop: int | None = None
+    places: Places = field(default_factory=Places)
+    truth: dict[int, NDArray[np.float64]] | None = None
+
+
+def make_report(
+    folder: str | Path, wanted: Wanted | None = None, progress: Progress | None = None
+) -> Path:
+    """Write ``report.html`` into the folder of a capture; returns its path.
+
+    What is missing (the video, the surface, cameras) is left out, and the page says so.
+
+    Raises:
+        InputError: no folder of a finished capture, damaged files, inputs that were given and
+            cannot be used, or a place that cannot be written.
+    """
+    wanted = wanted or Wanted()
+    tell = progress or (lambda name, done, total: None)
+    result = read_result(folder)
+    rows, notes = _rows(result, wanted)
+    truth = _truth(result, rows, wanted)
+    sources = find_sources(result, rows, wanted.places)
+    model = build_model(result, rows)
+    views = build_views(result, rows, sources, tell)
+    page = _page(
+        result,
+        rows,
+        model,
+        views,
+        Measured(sources, truth),
+        [*notes, *model.notes, *sources.notes, *views.notes],
+    )
+    path = result.folder / PAGE
+    with writing(path) as file:
+        file.write(page.encode("utf-8"))
+    return path
+
+
+def _rows(result: Result, wanted: Wanted) -> tuple[slice, list[str]]:
+    """The wanted frames of a result, and what to say where these are not all."""
+    numbers = result.frame_numbers
+    first, last = int(numbers[0]), int(numbers[-1])
+    start = first if wanted.start is None else wanted.start
+    stop = last + 1 if wanted.stop is None else wanted.stop
+    inside = np.flatnonzero((numbers >= start) & (numbers < stop))
+    if not len(inside):
+        raise InputError(
+            f"--frames {start}:{stop}: {result.folder} holds frames {first} to {last}; expected a "
+            "part of them"
+        )
+    begin, end = int(inside[0]), int(inside[-1]) + 1
+    if end - begin <= LONGEST:
+        return slice(begin, end), []
+    note = (
+        f"Only the first {LONGEST} of {end - begin} frames are shown; perfcap report --frames A:B "
+        "shows others."
+    )
+    return slice(begin, begin + LONGEST), [note]
+
+
+def _truth(result: Result, rows: slice, wanted: Wanted) -> NDArray[np.float64] | None:
+    if wanted.truth is None:
+        return None
+    numbers = [int(number) for number in result.frame_numbers[rows]]
+    missing = [number for number in numbers if number not in wanted.truth]
+    if missing:
+        raise InputError(
+            f"--truth: lacks {len(missing)} of the {len(numbers)} frames of {result.folder}, the "
+            f"first is {missing[0]}; expected all of them"
+        )
+    return np.stack([wanted.truth[number] for number in numbers])
+
+
+def _page(
+    result: Result, rows: slice, model: Model, views: Views, measured: Measured, notes: list[str]
+) -> str:
+    numbers = result.frame_numbers[rows]
+    found = marks(result.report, int(numbers[0]), int(numbers[-1]) + 1)
+    arrays = pack({**model.arrays, **views.arrays})
+    blobs = {"model": arrays.text, **{name: encode(data) for name, data in views.videos.items()}}
+    scene = Scene.around(torch.from_numpy(result.joints), result.shown, shown=rows)
+    data: dict[str, Any] = {
+        "name": result.folder.resolve().name,
+        "first": int(numbers[0]),
+        "frames": len(numbers),
+        "rate": result.rate,
+        "scene": scene_arrays(scene),
+        "arrays": arrays.entries,
+        "views": views.plain,
+        "charts": [chart.plain() for chart in charts(result, rows, measured)],
+        "marks": [mark.plain() for mark in found],
+    }
+    if model.surface is not None and model.box is not None:
+        surface = pack({"coded": model.surface})
+        blobs["surface"] = surface.text
+        data["surface"] = {
+            "arrays": surface.entries,
+            "origin": model.box.origin.tolist(),
+            "step": model.box.step,
+        }
+    if model.texture is not None:
+        blobs["texture"] = encode(model.texture[0])
+        data["texture"] = {"type": model.texture[1]}
+    return assemble(data["name"], _sections(result, rows, found, notes), data, blobs)
+
+
+def _sections(result: Result, rows: slice, found: list[Any], notes: list[str]) -> dict[str, Markup]:
+    nothing = Markup("")
+    return {
+        "summary": sections.summary(result, rows),
+        "status": sections.status(result),
+        "warnings": sections.warnings(result, found, notes),
+        "metrics": sections.metrics_table(_metrics(result.folder)) or nothing,
+        "stages": sections.stages(result.report),
+        "windows": sections.window_table(result.report) or nothing,
+        "configuration": sections.configuration(result),
+        "files": sections.files(result.folder),
+    }
+
+
+def _metrics(folder: Path) -> dict[str, Any]:
+    """What ``perfcap evaluate`` wrote, if it did."""
+    try:
+        value = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,184 @@
+"""What a capture was made from, as far as it is still where the capture found it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.calibration import (
+    CameraRig,
+    PixelMap,
+    match_image,
+    read_cameras,
+    read_pixel_map,
+)
+from perfcap.io.clip import Clip
+from perfcap.io.detections import read_detections
+from perfcap.io.result import Result
+
+DETECTIONS = "detections.npz"  # in a result's folder, where a capture ran a detector
+_RATE = 0.01  # share by which frame rates may differ and mean the same
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where inputs lie now, if not where ``run.json`` says; what is given must be readable.
+
+    Attributes:
+        videos: one a view, in the order of the capture.
+        cameras: the calibration.
+    """
+
+    videos: tuple[Path, ...] = ()
+    cameras: Path | None = None
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Inputs of a capture's frames; None where they cannot be found.
+
+    Attributes:
+        names: of the views.
+        clip: the frames.
+        cameras: C views, fixed or (F, C), in pixels of the clip.
+        detections: (F, C, 16) in pixels of the clip.
+        notes: what is missing, and why.
+    """
+
+    names: tuple[str, ...]
+    clip: Clip | None = None
+    cameras: Camera | None = None
+    detections: Detections | None = None
+    notes: tuple[str, ...] = ()
+
+
+def find_sources(result: Result, rows: slice, places: Places | None = None) -> Sources:
+    """Open what a capture was made from.
+
+    Args:
+        result: the capture; its report names the files.
+        rows: the frames that are wanted.
+        places: where files lie now.
+
+    Raises:
+        InputError: a file that ``places`` names cannot be used.
+    """
+    places = places or Places()
+    request = _mapping(result.report.get("request"))
+    names = tuple(_texts(result.report.get("views")))
+    finder = _Finder(result, rows, request, names)
+    clip = finder.clip(places.videos)
+    rig, cameras, pixel_map = finder.cameras(places.cameras, clip)
+    detections = finder.detections(rig, pixel_map)
+    if cameras is None and clip is not None and len(names) != clip.views:
+        names = clip.names
+    return Sources(names, clip, cameras, detections, tuple(finder.notes))
+
+
+class _Finder:
+    """Looks for one input after the other and notes what it does not find."""
+
+    def __init__(
+        self, result: Result, rows: slice, request: Mapping[str, Any], names: tuple[str, ...]
+    ) -> None:
+        self.folder = result.folder
+        self.rate = result.rate
+        self.request = request
+        self.names = names
+        numbers = result.frame_numbers[rows]
+        self.frames = slice(int(numbers[0]), int(numbers[-1]) + 1)
+        self.notes: list[str] = []
+
+    def clip(self, given: Sequence[Path]) -> Clip | None:
+        """The videos, of which there must be one a view."""
+        paths = list(given) or [self._find(text) for text in _texts(self.request.get("videos"))]
+        if not paths:
+            self.notes.append("The capture does not say which videos it was made from.")
+            return None
+        try:
+            clip = Clip.open(paths, fps=self.rate, frames=self.frames)
+            if abs(clip.fps / self.rate - 1) > _RATE or clip.views != len(self.names or paths):
+                raise InputError(
+                    f"{paths[0]}: {clip.views} videos of {clip.fps:.3g} frames a second, the "
+                    f"capture has {len(self.names)} views of {self.rate:.3g}; give its own"
+                )
+        except InputError as error:
+            if given:
+                raise
+            self.notes.append(f"The input video is not shown: {error}.")
+            return None
+        return clip
+
+    def cameras(
+        self, given: Path | None, clip: Clip | None
+    ) -> tuple[CameraRig | None, Camera | None, PixelMap | None]:
+        """The calibration of the views, in its own pixels and in those of the clip."""
+        text = self.request.get("cameras")
+        path = given or (self._find(text) if isinstance(text, str) else None)
+        if path is None:
+            self.notes.append("The capture does not say which cameras it was made with.")
+            return None, None, None
+        try:
+            rig = self._rig(path, clip)
+            sizes = rig.cameras.size if clip is None else clip.sizes
+            pixel_map = match_image(rig, sizes, self._maps() if clip is not None else None)
+            return rig, pixel_map.cameras(rig.cameras, sizes), pixel_map
+        except InputError as error:
+            if given:
+                raise
+            self.notes.append(f"Nothing is projected into the video: {error}.")
+            return None, None, None
+
+    def detections(self, rig: CameraRig | None, pixel_map: PixelMap | None) -> Detections | None:
+        """The joints that were detected, in pixels of the clip."""
+        if rig is None or pixel_map is None:
+            return None
+        paths = [self._find(text) for text in _texts(self.request.get("detections"))]
+        paths = paths or [self.folder / DETECTIONS]
+        try:
+            found, _ = read_detections(paths, views=rig.names, pixel_offset=rig.pixel_offset)
+            found = found.frames(self.frames)
+            if found.frame_count != self.frames.stop - self.frames.start:
+                raise InputError(f"{paths[0]}: holds other frames than the capture")
+        except InputError as error:
+            self.notes.append(f"Detected joints are not shown: {error}.")
+            return None
+        if self.request.get("detections_in") == "video":
+            return found
+        return replace(found, joints2d=pixel_map.to_video(found.joints2d))
+
+    def _rig(self, path: Path, clip: Clip | None) -> CameraRig:
+        rig = read_cameras(path, None if clip is None else clip.sizes)
+        if len(rig.names) > 1 or len(self.names) > 1:
+            missing = [name for name in self.names if name not in rig.names]
+            if missing or not self.names:
+                listing = ", ".join(rig.names)
+                raise InputError(f"{path}: has the views {listing}, the capture others")
+            rig = rig.select([rig.names.index(name) for name in self.names])
+        cameras = rig.cameras
+        if cameras.moving and cameras.intrinsics.shape[0] < self.frames.stop:
+            raise InputError(f"{path}: has {cameras.intrinsics.shape[0]} frames, less than needed")
+        return replace(rig, cameras=cameras.frames(self.frames))
+
+    def _maps(self) -> Any:
+        text = self.request.get("video_map")
+        return read_pixel_map(self._find(text)) if isinstance(text, str) else None
+
+    def _find(self, text: str) -> Path:
+        """A file by the name the capture knew it under, from here or from the result's folder."""
+        path = Path(text)
+        beside = self.folder / path
+        return beside if not path.exists() and beside.exists() else path
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _texts(value: Any) -> list[str]:
+    return [each for each in value if isinstance(each, str)] if isinstance(value, list) else []
