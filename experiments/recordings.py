@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,13 +18,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
 from perfcap.io.actor import load_actor, models_folder
 from perfcap.io.calibration import CameraRig, read_cameras
+from perfcap.io.datasets import DatasetSequence, find_dataset
 from perfcap.io.detections import read_detections
-
-# the 16 landmarks among the 25 joints of the balancing trial's reference
-_REFERENCE = (
-    "Head", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
-    "RHip", "RKnee", "RAnkle", "RBigToe", "LHip", "LKnee", "LAnkle", "LBigToe",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,6 +34,7 @@ class Recording:
         detections: (F, C, 16).
         rate: frames a second.
         truth: landmarks in the world, (F, 16, 3) m, NaN where unknown.
+        sequence: the rest of the truth, as its data set has it.
     """
 
     name: str
@@ -49,6 +44,7 @@ class Recording:
     detections: Detections
     rate: float
     truth: Tensor
+    sequence: DatasetSequence | None = None
 
     @property
     def cameras(self) -> Camera:
@@ -58,28 +54,29 @@ class Recording:
 
 def rendered(data: Path, name: str) -> Recording:
     """A rendered sequence in one view, with simulated 2D and 3D detections."""
-    folder = data_folder(data, "rendered", name)
-    return _read(name, folder, folder, "camera.json")
+    sequence = find_dataset("rendered").read(data_folder(data, "rendered"), name)
+    return _read(name, sequence.folder, sequence)
 
 
 def rendered_views(data: Path, name: str, person: int = 1) -> Recording:
     """A person of a rendered sequence in several views, with simulated 2D detections."""
-    folder = data_folder(data, "rendered_multi", name)
-    return _read(name, folder, folder / f"person{person}", "cameras.json")
+    folder = data_folder(data, "rendered_multi")
+    sequence = find_dataset("rendered").read(folder, f"{name}/{person}")
+    return _read(name, folder / name, sequence)
 
 
 def balancing(data: Path, actor: str = "sam") -> Recording:
     """A real man balancing, in four views; the truth is triangulated, good to some centimetres."""
-    folder = data_folder(data, "pose2sim_balancing")
-    rig = read_cameras(folder / "calibration" / "Calib_scene.toml")
-    paths = sorted((folder / "pose2d_associated").glob("*_json"))
+    sequence = find_dataset("pose2sim").read(data_folder(data), "pose2sim_balancing")
+    rig, truth = _known(sequence)
+    paths = sorted((sequence.folder / "pose2d_associated").glob("*_json"))
     detections, _ = read_detections(paths, views=rig.names)
-    with np.load(folder / "pose3d" / "reference3d_scene_calib.npz", allow_pickle=False) as file:
-        order = [list(file["names"]).index(name) for name in _REFERENCE]
-        truth = torch.tensor(file["joints3d_m"][:, order].astype(float))
     frames = min(len(truth), detections.frame_count)
-    detections = detections.frames(slice(0, frames))
-    return Recording("balancing", folder, load_actor(actor), rig, detections, 60.0, truth[:frames])
+    detections, truth = detections.frames(slice(0, frames)), truth[:frames]
+    person = load_actor(actor)
+    return Recording(
+        "balancing", sequence.folder, person, rig, detections, sequence.rate, truth, sequence
+    )
 
 
 def lift(recording: Recording) -> Tensor:
@@ -102,16 +99,18 @@ def exact_detections(recording: Recording) -> Detections:
     )
 
 
-def _read(name: str, folder: Path, person: Path, cameras: str) -> Recording:
-    rig = read_cameras(folder / cameras)
+def _read(name: str, folder: Path, sequence: DatasetSequence) -> Recording:
+    rig, truth = _known(sequence)
     detections, _ = read_detections(
-        person / "detections.npz", views=rig.names, pixel_offset=rig.pixel_offset
+        sequence.folder / "detections.npz", views=rig.names, pixel_offset=rig.pixel_offset
     )
-    with np.load(person / "gt.npz", allow_pickle=False) as file:
-        truth = torch.tensor(file["joints3d"].astype(float))
-    actor = load_actor(person / "template.glb")
-    rate = rig.fps or float(json.loads((folder / cameras).read_text())["fps"])
-    return Recording(name, folder, actor, rig, detections, rate, truth)
+    actor = load_actor(sequence.folder / "template.glb")
+    return Recording(name, folder, actor, rig, detections, sequence.rate, truth, sequence)
+
+
+def _known(sequence: DatasetSequence) -> tuple[CameraRig, Tensor]:
+    assert sequence.rig is not None and sequence.joints3d is not None
+    return sequence.rig, sequence.joints3d
 
 
 def demo() -> Recording:

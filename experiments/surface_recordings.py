@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from recordings import Recording
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap, match_image, read_pixel_map
 from perfcap.io.clip import Clip
+from perfcap.io.datasets.silhouettes import read_silhouette
 from perfcap.metrics import SurfaceError, mask_overlap, surface_error
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.surface import SurfaceFrames
@@ -61,15 +61,9 @@ class SurfaceTruth:
     @classmethod
     def read(cls, recording: Recording) -> SurfaceTruth:
         """The truth of a rendered sequence."""
-        with np.load(recording.folder / "template.npz", allow_pickle=False) as file:
-            faces, part = file["faces"].astype(np.int64), file["part"]
-            loose = [i for i, n in enumerate(file["part_names"]) if n in ("skirt", "coat")]
-            places = file["glb_vertex_map"]
-        order = np.zeros(len(part), np.int64)
-        order[places] = np.arange(len(places))
-        with np.load(recording.folder / "gt.npz", allow_pickle=False) as file:
-            vertices = file["vertices"].astype(float)
-        return cls(vertices, faces, order, np.isin(part, loose), _side(recording))
+        assert recording.sequence is not None and recording.sequence.surface is not None
+        known = recording.sequence.surface()
+        return cls(known.vertices, known.faces, known.order, known.loose, _side(recording))
 
     def error(self, vertices: NDArray[np.float64], frame: int, seed: int = 0) -> SurfaceError:
         """Of a frame's vertices in the order of the GLB, (V, 3) m."""
@@ -114,9 +108,8 @@ def draw(camera: Camera, vertices: torch.Tensor, faces: torch.Tensor) -> Mask:
 
 def true_mask(recording: Recording, frame: int) -> Mask:
     """Silhouette of a frame of a rendered sequence, (H, W)."""
-    image = cv2.imread(str(recording.folder / "masks" / f"{frame:04d}.png"), cv2.IMREAD_GRAYSCALE)
-    mask: Mask = image > 127
-    return mask
+    assert recording.sequence is not None
+    return read_silhouette(recording.sequence.masks[frame])
 
 
 def silhouette_overlap(
