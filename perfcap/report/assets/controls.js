@@ -82,10 +82,17 @@ export function setUpKeys(player, letters) {
     "[": () => changeSpeed(player, -1),
     "]": () => changeSpeed(player, 1),
   };
+  // what was clicked last does not keep the keyboard: space still plays
+  document.addEventListener("mousedown", (event) => {
+    if (event.target.closest("button") !== null) event.preventDefault();
+  });
+  document.addEventListener("change", ({ target }) => {
+    if (target.type === "radio" && !target.matches(":focus-visible")) target.blur();
+  });
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
     const inForm = event.target.closest(FORMS) !== null;
-    const typing = event.target.closest("select, textarea, input:not([type=radio])") !== null;
+    const typing = event.target.closest("select, textarea, input") !== null;
     if (event.key === " " && !inForm) player.toggle();
     else if (event.key === " " && event.target.id === "scrub") player.toggle();
     else if (event.key === "ArrowLeft" && !typing) step(player, event.shiftKey ? -10 : -1);

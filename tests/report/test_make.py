@@ -1,0 +1,206 @@
+"""A result becomes one page; what is missing is left out and named."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from reported import FRAMES, START, VIEWS
+
+from perfcap.errors import InputError
+from perfcap.io.result import read_result
+from perfcap.pipeline.performance import Performance
+from perfcap.report import PAGE, Places, Wanted, make_report
+from perfcap.report.packing import Pack, unpack
+from perfcap.report.quantize import restore
+
+
+def read(page: Path) -> tuple[str, dict[str, Any], dict[str, str]]:
+    """The page, its data, and its blobs."""
+    html = page.read_text(encoding="utf-8")
+    data = re.search(r'id="data">(.*?)</script>', html, re.DOTALL)
+    assert data is not None
+    blobs = dict(re.findall(r'id="blob-([\w-]+)">([^<]*)<', html))
+    return html, json.loads(data[1]), blobs
+
+
+def text(html: str) -> str:
+    """What a person reads."""
+    return re.sub(r"<[^>]+>", " ", re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL))
+
+
+def change(folder: Path, alter: Callable[[dict[str, Any]], object]) -> None:
+    path = folder / "run.json"
+    run = json.loads(path.read_text())
+    alter(run)
+    path.write_text(json.dumps(run))
+
+
+def test_everything_is_in_the_page(made: Path, take_performance: Performance) -> None:
+    path = make_report(made)
+    assert path == made / PAGE
+    html, data, blobs = read(path)
+    assert sorted(blobs) == ["model", "surface", "video-0", "video-1"]
+    assert (data["frames"], data["first"], data["rate"]) == (FRAMES, START, 30)
+    assert [view["name"] for view in data["views"]] == list(VIEWS)
+    assert all(v["mask"] and v["outline"] and v["video"] for v in data["views"])
+    titles = [chart["title"] for chart in data["charts"]]
+    assert "Distance to the detections" in titles and "Acceleration" in titles
+    assert "Not in this report" not in html
+    assert 'a "result" &lt;b&gt; ö' in html.replace("&quot;", '"')
+
+    arrays = unpack(Pack(blobs["model"], data["arrays"]))
+    joints = take_performance.joints().numpy()
+    np.testing.assert_allclose(arrays["joints"], joints, atol=1e-6)
+    pixels = take_performance.cameras.project(take_performance.joints()).numpy()
+    np.testing.assert_allclose(arrays["joints2d-1"], pixels[:, 1] + 0.5, atol=1e-3)
+    np.testing.assert_allclose(arrays["detected-1"], pixels[:, 1] + 0.5, atol=1e-3)
+
+
+def test_the_surface_is_a_twentieth_of_a_millimetre_off(made: Path) -> None:
+    _, data, blobs = read(make_report(made))
+    coded = unpack(Pack(blobs["surface"], data["surface"]["arrays"]))["coded"]
+    found = data["surface"]["origin"] + data["surface"]["step"] * restore(coded).astype(float)
+    arrays = unpack(Pack(blobs["model"], data["arrays"]))
+    surface = read_result(made).surface
+    assert surface is not None
+    apart = np.abs(found[:, arrays["welded"]] - surface.vertices)
+    assert apart.max() < 0.51e-4
+
+
+def test_videos_have_a_frame_for_each_of_the_capture(made: Path) -> None:
+    _, _, blobs = read(make_report(made))
+    with av.open(io.BytesIO(base64.b64decode(blobs["video-1"]))) as container:
+        stream = container.streams.video[0]
+        times = [frame.time for frame in container.decode(stream)]
+        assert stream.codec_context.name == "h264" and stream.profile.endswith("Baseline")
+    np.testing.assert_allclose(times, np.arange(FRAMES) / 30, atol=1e-6)
+
+
+def test_the_same_result_makes_the_same_page(made: Path) -> None:
+    assert make_report(made).read_bytes() == make_report(made).read_bytes()
+
+
+def test_a_part_of_the_frames(made: Path) -> None:
+    _, data, blobs = read(make_report(made, Wanted(start=START + 2, stop=START + 7)))
+    assert (data["frames"], data["first"]) == (5, START + 2)
+    arrays = unpack(Pack(blobs["model"], data["arrays"]))
+    assert len(arrays["joints"]) == len(arrays["mask-rings-0"]) == 5
+    assert all(len(line["values"]) == 5 for chart in data["charts"] for line in chart["lines"])
+    with pytest.raises(InputError, match="holds frames 3 to 14"):
+        make_report(made, Wanted(start=90))
+
+
+def test_curves_of_errors_against_a_truth(made: Path, take_performance: Performance) -> None:
+    joints = take_performance.joints().numpy()
+    truth = {START + row: frame + np.array([0.01, 0, 0]) for row, frame in enumerate(joints)}
+    _, data, _ = read(make_report(made, Wanted(truth=truth)))
+    chart = next(chart for chart in data["charts"] if chart["title"] == "Joint error")
+    lines = {line["name"]: line["values"] for line in chart["lines"]}
+    assert lines["absolute"] == pytest.approx([10] * FRAMES)
+    assert lines["roots aligned"] == pytest.approx([0] * FRAMES, abs=1e-6)
+    del truth[START + 1]
+    with pytest.raises(InputError, match="lacks 1 of the 12 frames"):
+        make_report(made, Wanted(truth=truth))
+
+
+def test_without_its_inputs_the_page_says_so(folder: Path) -> None:
+    change(folder, lambda run: run["request"].update(videos=["gone.mp4", "gone too.mp4"]))
+    html, data, blobs = read(make_report(folder))
+    assert "video-0" not in blobs and [v["name"] for v in data["views"]] == list(VIEWS)
+    assert data["views"][0]["outline"] and "gone.mp4" in text(html)
+    change(folder, lambda run: run["request"].update(cameras="gone.json"))
+    html, data, _ = read(make_report(folder))
+    assert data["views"] == [] and "gone.json" in text(html)
+    assert "Distance to the detections" not in [chart["title"] for chart in data["charts"]]
+
+
+def test_inputs_that_have_moved_can_be_named(made: Path, folder: Path, tmp_path: Path) -> None:
+    moved = Path(shutil.copytree(made.parent / "inputs", tmp_path / "moved here"))
+    change(folder, lambda run: run["request"].update(videos=["a", "b"], cameras="c"))
+    places = Places((moved / "one.mp4", moved / "two.mp4"), moved / "cameras.json")
+    _, data, blobs = read(make_report(folder, Wanted(places=places)))
+    assert "video-1" in blobs and data["views"][1]["outline"]
+    with pytest.raises(InputError, match="views"):
+        make_report(folder, Wanted(places=Places(places.videos[:1])))
+    with pytest.raises(InputError, match=r"nothing\.json"):
+        make_report(folder, Wanted(places=Places(cameras=moved / "nothing.json")))
+
+
+def test_the_overlay_stands_in_for_a_lost_input(made: Path, folder: Path) -> None:
+    change(folder, lambda run: run["request"].update(videos=["gone.mp4", "b"]))
+    shutil.copy(made.parent / "inputs" / "one.mp4", folder / "overlay.mp4")
+    html, data, blobs = read(make_report(folder))
+    assert [view["name"] for view in data["views"]] == ["overlay.mp4"]
+    assert "video-0" in blobs and "instead of the input" in text(html)
+
+
+def test_a_motion_without_a_surface_or_masks(folder: Path) -> None:
+    (folder / "surface.npz").unlink()
+    shutil.rmtree(folder / "masks")
+    change(folder, lambda run: run.pop("surface"))
+    _, data, blobs = read(make_report(folder))
+    assert "surface" not in data and "surface" not in blobs
+    assert data["views"][0]["outline"] and "mask" not in data["views"][0]
+
+
+def test_a_result_of_an_older_version(folder: Path) -> None:
+    """A run.json that says next to nothing."""
+
+    def forget(run: dict[str, Any]) -> None:
+        kept = {"surface": run["surface"], "complete": True}
+        run.clear()
+        run.update(kept)
+
+    change(folder, forget)
+    (folder / "config.yaml").unlink()
+    html, data, _ = read(make_report(folder))
+    assert data["views"] == [] and [c["title"] for c in data["charts"]] == ["Acceleration"]
+    assert "does not say which videos" in text(html)
+
+
+def test_a_report_that_makes_no_sense_is_not_believed(folder: Path) -> None:
+    nonsense: dict[str, Any] = {
+        "warnings": ["<img src=x onerror=alert(1)>", 3],
+        "windows": [{"frames": ["a", None]}, 3, {"frames": [3, 9], "terms": {"x": "y"}}],
+        "stages": {"<b>": {"wall_s": "long"}, "other": []},
+        "energy": {"<i>": [1.0] * FRAMES, "short": [1.0], "mixed": [None, "x"] * 6},
+        "refinement": {"pose": [], "mask_confidence": "high", "scene_cuts": [5, "x", -1, 6]},
+        "not_captured": [[4, 6], [1], "x"],
+        "packages": [],
+        "views": "left",
+        "peak_memory_mib": None,
+    }
+    change(folder, lambda run: run.update(nonsense))
+    html, data, _ = read(make_report(folder))
+    assert "<img" not in html and "&lt;img" in html
+    assert [mark["text"] for mark in data["marks"]] == ["not captured", "scene cut"]
+    energy = next(chart for chart in data["charts"] if chart["title"] == "Energy")
+    assert [line["name"] for line in energy["lines"]] == ["<i>", "mixed"]
+
+
+@pytest.mark.parametrize("name", ["run.json", "motion.npz", "capture.glb", "surface.npz"])
+def test_half_a_result_is_refused_in_one_line(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    with pytest.raises(InputError) as error:
+        make_report(folder)
+    assert name in str(error.value) and "\n" not in str(error.value)
+    assert not (folder / PAGE).exists()
+
+
+def test_long_clips_leave_the_surface_out(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("perfcap.report.model.SURFACE_LIMIT", 1000)
+    html, data, _ = read(make_report(made))
+    assert "surface" not in data and "--frames A:B" in text(html)
+    monkeypatch.setattr("perfcap.report.make.LONGEST", 5)
+    html, data, _ = read(make_report(made))
+    assert data["frames"] == 5 and "first 5 of 12 frames" in text(html)
