@@ -47,5 +47,5 @@ def test_the_lifter_lifts_the_demo_clip() -> None:
     alone = (torch.cat(frames)[:, 0].diff(dim=0) - root_aligned(truth)[:20].diff(dim=0)).norm(
         dim=-1
     )
-    assert steps[:19].mean() < 0.5 * alone.mean()  # what came before and after calms it
+    assert steps[:19].mean() < 0.7 * alone.mean()  # what came before and after calms it
     assert 0.03 < spread.mean() < 0.2
