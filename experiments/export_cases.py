@@ -51,7 +51,7 @@ class Case:
 
     name: str
     actor: str | Path | Actor
-    frames: int = 60
+    frames: int = 24
     rate: float = 30.0
     surface: bool = True
     turn: tuple[float, float] = (0.0, 0.0)
@@ -82,7 +82,7 @@ def cases(data: Path, folder: Path) -> Iterator[Case]:
     assert weights is not None
     template, own = build(makehuman, skeleton, weights), folder / "makehuman.glb"
     save_animation(own, template, np.tile(np.eye(4), (1, len(template.bone_names), 1, 1)), 30.0)
-    yield Case("MakeHuman default", own, frames=24, own=own)
+    yield Case("MakeHuman default", own, own=own)
     template = replace(marked_template(), texture=None, name="no/texture \\ or ü")
     yield Case("tubes without a texture", Actor(template), rate=24.0)
 

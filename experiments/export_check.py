@@ -38,7 +38,7 @@ from perfcap.pipeline.scene import upright
 
 SAMPLES = 20
 FORMATS = ("glb", "bvh", "usd", "usdz", "trc", "c3d", "npz", "csv")
-COLUMNS = ("validator", "three", "blender", "bvhio", "bvhio deg", "usd skin", "usd deg",
+COLUMNS = ("validator", "three", "blender", "bones", "bvhio", "bvhio deg", "usd skin", "usd deg",
            "usd errors", "usd surface", "opensim", "c3d", "own rig")  # fmt: skip
 
 
@@ -71,8 +71,7 @@ def run(config: Experiment) -> Report:
                 files += len(list(out.glob("*.glb")))
     notes = (
         f"{len(rows)} results, {files} GLB files. Largest distances in mm over up to {SAMPLES} "
-        "frames; validator: errors + warnings. own rig: BVH played on the user's own file in "
-        "Blender, its skin against the capture's.",
+        "frames; validator: errors + warnings; own rig: BVH played on the user's file in Blender.",
     )
     return Report((Table("exports, read elsewhere", ("result", *COLUMNS), tuple(rows), 5),), notes)
 
@@ -139,8 +138,11 @@ def _surfaces(
         seen = programs.sample_three(path, recording.rate, shown)
         found["three"] = apart(seen, expected[kept])
     if programs.blender:
-        seen = programs.sample_blender(path, recording.rate, shown)["vertices"]
-        found["blender"] = apart(seen, expected[kept])
+        seen = programs.sample_blender(path, recording.rate, shown)
+        found["blender"] = apart(seen["vertices"], expected[kept])
+        order = [seen["bone_names"].tolist().index(n) for n in recording.template.bone_names]
+        places = recording.posed_bones[[frames[number] for number in kept]][..., :3, 3]
+        found["bones"] = apart(seen["bone_places"][:, order], places)
     return found
 
 

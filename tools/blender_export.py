@@ -1,7 +1,7 @@
 """FBX, Alembic or a .blend of an exported capture, by Blender.
 
-No free library writes FBX or Alembic as well as Blender does. Run it in Blender, version 4.2 or
-later, or with a Python that has the package `bpy`::
+No free library writes FBX or Alembic as well as Blender does. Run it in Blender (tested with 5.0)
+or with a Python that has the package `bpy`::
 
     blender -b -P tools/blender_export.py -- dance/export/dance.glb dance.fbx
     blender -b -P tools/blender_export.py -- dance/export/dance.glb dance.abc

@@ -88,21 +88,29 @@ def bone_places(armature: Thing) -> np.ndarray:
 
 
 def drive(rig: Thing, source: Thing) -> None:
-    """Give the bones of a rig the motion that bones of the same names have, both in the world."""
-    moved = dict(zip((plain(b.name) for b in source.pose.bones), bone_motion(source), strict=True))
+    """Give the bones of a rig the turns that bones of the same names have, and roots their places.
+
+    That is what retargeting does with a rig of the same proportions: turns are from the rest pose
+    in the axes of the world, and places of all other bones follow.
+    """
+    names = [plain(bone.name) for bone in source.pose.bones]
+    turns = dict(zip(names, bone_motion(source)[:, :3, :3], strict=True))
+    places = dict(zip(names, bone_places(source), strict=True))
     world = np.array(rig.matrix_world)
-    inverse = np.linalg.inv(world)
+    inverse, turned = np.linalg.inv(world), world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
     posed: dict[str, np.ndarray] = {}
     for bone in rig.pose.bones:  # parents come first
         rest = np.array(bone.bone.matrix_local)
-        above = np.eye(4)
+        before = rest
         if bone.parent is not None:
             parent_rest = np.array(bone.parent.bone.matrix_local)
-            above = posed[bone.parent.name] @ np.linalg.inv(parent_rest)
-        wanted = above @ rest
-        if plain(bone.name) in moved:
-            wanted = inverse @ moved[plain(bone.name)] @ world @ rest
-        bone.matrix_basis = mathutils.Matrix(np.linalg.inv(above @ rest) @ wanted)
+            before = posed[bone.parent.name] @ np.linalg.inv(parent_rest) @ rest
+        wanted, name = before.copy(), plain(bone.name)
+        if name in turns:
+            wanted[:3, :3] = turned.T @ turns[name] @ turned @ rest[:3, :3]
+        if name in places and bone.parent is None:
+            wanted[:3, 3] = inverse[:3, :3] @ places[name] + inverse[:3, 3]
+        bone.matrix_basis = mathutils.Matrix(np.linalg.inv(before) @ wanted)
         posed[bone.name] = wanted
     bpy.context.view_layer.update()
 
@@ -119,7 +127,7 @@ def render(path: Path, points: np.ndarray, bones: Thing | None) -> None:
     if bones is not None:
         _sticks(bones)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    away = max(1.6 * size[2], 2.1 * float(np.hypot(size[0], size[1])))  # what the lens takes in
+    away = float(max(1.6 * size[2], 2.1 * np.hypot(size[0], size[1])))  # what the lens takes in
     camera.location = middle + away * mathutils.Vector((0.35, -0.92, 0.18))
     camera.rotation_euler = (middle - camera.location).to_track_quat("-Z", "Y").to_euler()
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))

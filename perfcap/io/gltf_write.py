@@ -209,7 +209,10 @@ def _skin(buffer: Buffer, template: Template) -> Object:
         "inverseBindMatrices": buffer.add(inverse.mT, "f4"),  # column-major
         "joints": list(range(len(template.bone_names))),
     }
-    return skin | {"skeleton": roots[0]} if len(roots) == 1 else skin
+    # Blender takes bind matrices to be relative to what holds the skeleton, where one is named; a
+    # holder that scales would put its root elsewhere.
+    named = len(roots) == 1 and template.space is None
+    return skin | {"skeleton": roots[0]} if named else skin
 
 
 def _material(buffer: Buffer, template: Template) -> Object:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from foreign_rigs import RIGS
 from scipy.spatial.transform import Rotation
 from takes import make_take, person
 
@@ -155,6 +156,17 @@ def test_glb_plays_the_same_motion(recording: Recording, tmp_path: Path) -> None
     assert len(document.tree["meshes"][0]["primitives"][0]["targets"]) == 7
     plain = write("glb", tmp_path / "plain", recording, surface=False) / f"{NAME}.glb"
     assert "targets" not in open_document(plain).tree["meshes"][0]["primitives"][0]
+
+
+def test_bones_in_centimetres_name_no_skeleton(tmp_path: Path) -> None:
+    """Blender takes bind matrices to be relative to what holds a named one, without its scale."""
+    skins = []
+    for number, (kind, rig) in enumerate(RIGS.items()):
+        rig.write(tmp_path / f"{number}.glb")
+        skin = open_document(tmp_path / f"{number}.glb").tree["skins"][0]
+        skins.append((kind, "skeleton" in skin))
+    assert dict(skins)["Mixamo, centimetres, armature"] is False
+    assert dict(skins)["Unreal, 150 bones"] is True
 
 
 def test_surfaces_of_long_clips_come_in_pieces(
