@@ -35,6 +35,8 @@ _ROWS = (
     ("penetration_mm", "feet below the floor", "mm"),
     ("surface_transl_mm", "surface, translation-aligned", "mm"),
     ("vertex_transl_mm", "vertices, translation-aligned", "mm"),
+    ("surface_transl_garment_mm", "surface, loose cloth alone", "mm"),
+    ("vertex_transl_garment_mm", "vertices, loose cloth alone", "mm"),
     ("vertex_abs_mm", "vertices, absolute", "mm"),
     ("silhouette_iou", "outline of the surface, overlap", "%"),
     ("segmentation_iou", "masks, overlap", "%"),

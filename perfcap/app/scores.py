@@ -37,6 +37,7 @@ from perfcap.render import rasterize
 Scores = dict[str, float]
 Pairs = list[tuple[int, int]]  # rows of a result and of the truth
 
+_WHATS, _PARTS = ("vertex", "surface"), ("", "_garment")
 _FEET = [LANDMARKS.index(f"{side}_{joint}") for side in "rl" for joint in ("ankle", "toe")]
 _LIMBS = [
     (LANDMARKS.index(f"{side}_{a}"), LANDMARKS.index(f"{side}_{b}"))
@@ -120,13 +121,14 @@ def _vertex_scores(surface: SurfaceFile, true: SurfaceTruth, pairs: Pairs) -> Sc
     for row, other in pairs:
         vertices = surface.read(slice(row, row + 1))[0, true.order].astype(float)
         expected = true.vertices[other]
-        aligned = surface_error(vertices, expected, true.faces, rng)
+        parts = [None, true.loose] if true.loose.any() else [None]
+        aligned = [surface_error(vertices, expected, true.faces, rng, part) for part in parts]
         found, known = (torch.from_numpy(v)[None] for v in (vertices, expected))
         absolute = vertex_error(found, known, translated=False)
-        errors.append((aligned.vertex, aligned.surface, float(absolute)))
-    names = ("vertex_transl_mm", "surface_transl_mm", "vertex_abs_mm")
+        errors.append([float(absolute), *(v for e in aligned for v in (e.vertex, e.surface))])
+    names = ("vertex_abs_mm", *(f"{what}_transl{of}_mm" for of in _PARTS for what in _WHATS))
     means = np.mean(errors, 0).tolist()
-    return {**dict(zip(names, means, strict=True)), "mesh_frames": float(len(pairs))}
+    return {**dict(zip(names, means, strict=False)), "mesh_frames": float(len(pairs))}
 
 
 def _outline_scores(surface: SurfaceFile, truth: Truth, pairs: Pairs) -> Scores:

@@ -11,9 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import torch
 from runs import Command
+from synthetic import cameras as circle
 
 from perfcap.io.surface_file import save_surface
+from perfcap.render import rasterize
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
 SEQUENCE = SHARED / "data" / "rendered" / "dev_tight"
@@ -135,6 +138,92 @@ def test_refuses(tmp_path: Path, perfcap: Command, arguments: list[str], message
     np.savez(tmp_path / "truth.npz", joints3d=np.zeros((3, 16, 3)))
     line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path, *arguments]).refused()
     assert message in line
+
+
+def write_rendered(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """A rendered sequence of two frames: a pyramid of five vertices in front of a camera.
+
+    Returns:
+        Vertices (2, 5, 3), and the actor's vertex for each, in which the first is split.
+    """
+    (folder / "masks").mkdir(parents=True)
+    base = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    vertices = np.stack([base, base + np.array([0.2, 0, 0])])
+    places = np.array([0, 1, 2, 3, 4, 0])
+    camera = circle(1, size=200)
+    entry = {
+        "pixel_centre": 0,
+        "K": [camera.intrinsics[0].tolist()] * 2,
+        "R": [camera.rotation[0].tolist()] * 2,
+        "t": [camera.translation[0].tolist()] * 2,
+        **{"width": 200, "height": 200, "fps": 30},
+    }
+    (folder / "camera.json").write_text(json.dumps(entry))
+    joints = np.random.default_rng(0).normal(size=(2, 16, 3))
+    pixels = camera.project(torch.from_numpy(joints))[:, 0].numpy()
+    np.savez(folder / "gt.npz", joints3d=joints, joints2d=pixels, vertices=vertices)
+    names = np.array(["skin", "skirt"])
+    part = np.array([0, 0, 0, 0, 1])
+    np.savez(
+        folder / "template.npz", faces=faces, part=part, part_names=names, glb_vertex_map=places
+    )
+    for frame, corners in enumerate(torch.from_numpy(vertices)):
+        local = camera.to_camera(corners)
+        flat = camera.project_camera(local)[0]
+        drawn = rasterize(flat, local[0, :, 2], torch.from_numpy(faces), (200, 200)).mask.numpy()
+        cv2.imwrite(str(folder / "masks" / f"{frame:04d}.png"), 255 * drawn.astype(np.uint8))
+    return vertices, places
+
+
+def test_surfaces_outlines_and_masks(tmp_path: Path, perfcap: Command) -> None:
+    """The true surface 3 cm aside, its tip another 3 cm: known errors; true masks: no errors."""
+    vertices, places = write_rendered(tmp_path / "seq")
+    joints = np.load(tmp_path / "seq" / "gt.npz")["joints3d"]
+    result = tmp_path / "r"
+    save_motion(result, joints)
+    found = vertices[:, places] + [0.03, 0, 0]
+    found[:, 4, 0] += 0.03
+    triangles = np.array([[5, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    save_surface(result / "surface.npz", [found], triangles, np.arange(2), 30.0)
+    (result / "masks").mkdir()
+    for frame in range(2):
+        image = cv2.imread(str(tmp_path / "seq" / "masks" / f"{frame:04d}.png"), 0)
+        cv2.imwrite(str(result / "masks" / f"{frame:06d}.png"), image // 255)
+    assert perfcap(["evaluate", result, "--truth", tmp_path / "seq"]).code == 0
+    values = metrics_of(result)
+    assert values["mpjpe_mm"] == values["reproj_px"] == pytest.approx(0, abs=1e-9)
+    assert values["vertex_abs_mm"] == pytest.approx(36, rel=1e-5)
+    assert values["vertex_transl_mm"] == pytest.approx((4 * 6 + 24) / 5, rel=1e-5)
+    assert values["vertex_transl_garment_mm"] == pytest.approx(24, rel=1e-5)
+    assert values["segmentation_iou"] == values["segmentation_boundary_f"] == 100
+    assert 85 < values["silhouette_iou"] < 99
+    assert not values["notes"] and values["mesh_frames"] == 2
+    assert perfcap(["evaluate", result, "--truth", tmp_path / "seq", "--every", 2]).code == 0
+    assert metrics_of(result)["mesh_frames"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("surface.npz", b"", "surface.npz: is empty"),
+        ("surface.npz", b"half", "surface.npz"),
+        ("masks/000000.png", b"half", "000000.png: is no image"),
+        ("masks/000007.png", b"x", "lacks 1 of the 3 frames"),
+    ],
+)
+def test_results_that_are_half_written(
+    tmp_path: Path, perfcap: Command, name: str, content: bytes, message: str
+) -> None:
+    write_rendered(tmp_path / "seq")
+    save_motion(tmp_path / "r", np.load(tmp_path / "seq" / "gt.npz")["joints3d"])
+    (tmp_path / "r" / "masks").mkdir()
+    for frame in range(2):
+        source = tmp_path / "seq" / "masks" / f"{frame:04d}.png"
+        (tmp_path / "r" / "masks" / f"{frame:06d}.png").write_bytes(source.read_bytes())
+    (tmp_path / "r" / name).write_bytes(content)
+    line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path / "seq"]).refused()
+    assert message in line and not (tmp_path / "r" / "metrics.json").exists()
 
 
 def test_feet_that_slide_and_sink(tmp_path: Path, perfcap: Command) -> None:
