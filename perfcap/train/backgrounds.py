@@ -78,27 +78,61 @@ def procedural(size: int, rng: np.random.Generator) -> Picture:
 
 
 def surface(size: int, rng: np.random.Generator) -> Picture:
-    """One uneven, perhaps patterned colour, (size, size, 3)."""
-    low, high = natural_color(rng), natural_color(rng)
+    """One uneven, perhaps patterned surface, (size, size, 3)."""
     share = _noise(size, rng)
     kind = rng.random()
-    if kind < 0.2:  # boards, tiles, stripes
-        y, x = np.mgrid[:size, :size].astype(np.float32)
-        turn = rng.uniform(0, np.pi)
-        period = size * np.exp(rng.uniform(np.log(0.02), np.log(0.4)))
-        along = np.cos(turn) * x + np.sin(turn) * y
-        share = 0.7 * (np.sin(2 * np.pi * along / period) > rng.uniform(-0.9, 0.9)) + 0.3 * share
-        if rng.random() < 0.4:
-            across = np.cos(turn) * y - np.sin(turn) * x
-            share = np.abs(share - 0.6 * (np.sin(2 * np.pi * across / period) > 0))
-    elif kind < 0.4:  # a slope of light
+    if kind < 0.15:
+        share = _tiles(size, rng) * 0.7 + 0.3 * share
+    elif kind < 0.3:  # a slope of light
         y, x = np.mgrid[:size, :size].astype(np.float32) / size
         turn = rng.uniform(0, 2 * np.pi)
-        share = 0.75 * (0.5 + 0.5 * (np.cos(turn) * (2 * x - 1) + np.sin(turn) * (2 * y - 1)))
-        share = share + 0.25 * _noise(size, rng)
-    contrast = rng.uniform(0.1, 1.0)
-    color = low + contrast * share[..., None] * (high - low)
-    return color.clip(0, 255).astype(np.uint8)
+        share = 0.375 * (1 + np.cos(turn) * (2 * x - 1) + np.sin(turn) * (2 * y - 1)) + 0.25 * share
+    elif kind < 0.75:  # wood, fur, marble, leaves: noise that is bent by noise
+        share = _bent(share, rng)
+    # several colours along the way from dark to light
+    tones = np.stack([natural_color(rng) for _ in range(int(rng.integers(2, 6)))])
+    tones = tones.mean(0) + rng.uniform(0.2, 1.0) * (tones - tones.mean(0))
+    place = share.clip(0, 1) * 255
+    levels = np.linspace(0, 255, len(tones))
+    table = np.stack([np.interp(np.arange(256), levels, tone) for tone in tones.T], -1)
+    return np.asarray(table[place.astype(np.uint8)].clip(0, 255), np.uint8)
+
+
+def _tiles(size: int, rng: np.random.Generator) -> Floats:
+    """Boards, tiles or stripes, (size, size), 0 to 1."""
+    y, x = np.mgrid[:size, :size].astype(np.float32)
+    turn = rng.uniform(0, np.pi)
+    period = size * np.exp(rng.uniform(np.log(0.02), np.log(0.4)))
+    along = np.cos(turn) * x + np.sin(turn) * y
+    share = (np.sin(2 * np.pi * along / period) > rng.uniform(-0.9, 0.9)).astype(np.float32)
+    if rng.random() < 0.4:
+        across = np.cos(turn) * y - np.sin(turn) * x
+        share = np.abs(share - 0.8 * (np.sin(2 * np.pi * across / period) > 0))
+    return np.asarray(share, np.float32)
+
+
+def _bent(share: Floats, rng: np.random.Generator) -> Floats:
+    """A surface pulled about by smooth noise, stretched, perhaps folded and mirrored."""
+    size = len(share)
+    y, x = np.mgrid[:size, :size].astype(np.float32)
+    pull = size * rng.uniform(0.02, 0.35)
+    x, y = (axis + pull * (2 * _noise(size, rng, 4) - 1) for axis in (x, y))
+    stretch, turn = np.exp(rng.uniform(0, 1.8)), rng.uniform(0, np.pi)
+    along = np.cos(turn) * x + np.sin(turn) * y
+    across = (np.cos(turn) * y - np.sin(turn) * x) * stretch
+    bent = cv2.remap(
+        share,
+        np.asarray(along, np.float32),
+        np.asarray(across, np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REFLECT,
+    )
+    if rng.random() < 0.5:  # rings and stripes along its levels
+        bent = 0.5 + 0.5 * np.sin(bent * rng.uniform(4, 40))
+    if rng.random() < 0.3:
+        half = bent[:, : (size + 1) // 2]
+        bent = np.concatenate([half, half[:, ::-1]], 1)[:, :size]
+    return np.asarray(bent, np.float32)
 
 
 def natural_color(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -108,12 +142,12 @@ def natural_color(rng: np.random.Generator) -> NDArray[np.float64]:
     return mixed
 
 
-def _noise(size: int, rng: np.random.Generator) -> Floats:
+def _noise(size: int, rng: np.random.Generator, octaves: int = 8) -> Floats:
     """Sums of smooth noise of several sizes, (size, size), 0 to 1; few or many octaves."""
     total = np.zeros((size, size), np.float32)
     fall = rng.uniform(0.4, 1.0)
     strength = 1.0
-    for octave in range(1, int(rng.integers(3, 8))):
+    for octave in range(1, int(rng.integers(3, octaves + 1))):
         cells = 2**octave
         shape = (max(2, int(cells * rng.uniform(0.5, 1.5))), cells)
         grid = rng.normal(size=shape).astype(np.float32)
@@ -148,7 +182,14 @@ def add_shape(
     x, y = (int(v) for v in center)
     if kind < 0.35:
         axes = (max(1, int(radius)), max(1, int(radius * rng.uniform(0.2, 1))))
-        cv2.ellipse(target, (x, y), axes, rng.uniform(0, 180), 0, 360, paint, -1, cv2.LINE_AA)
+        turn = rng.uniform(0, 180)
+        cv2.ellipse(target, (x, y), axes, turn, 0, 360, paint, -1, cv2.LINE_AA)
+        if mask is None and radius > 4 and rng.random() < 0.6:  # round, or with rings
+            for share in (0.75, 0.5, 0.25):
+                inner = (max(1, int(share * axes[0])), max(1, int(share * axes[1])))
+                mixed = natural_color(rng) if rng.random() < 0.5 else 1.15 * np.array(color)
+                ring = tuple(float(v) for v in mixed.clip(0, 255))
+                cv2.ellipse(target, (x, y), inner, turn, 0, 360, ring, -1, cv2.LINE_AA)
     elif kind < 0.75:
         angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
         points = center + radius * rng.uniform(0.5, 1.4, (len(angle), 1)) * np.stack(

@@ -35,6 +35,7 @@ _CHAINS = [  # joints that are turned together at random, and what they hang on
     for chain in (("shoulder", "elbow", "wrist"), ("elbow", "wrist"), ("hip", "knee", "ankle"),
                   ("knee", "ankle"), ("ankle",))
 ]  # fmt: skip
+_ARM_CHAINS = np.array([JOINTS[chain[0]].endswith(("shoulder", "elbow")) for chain in _CHAINS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,8 @@ class Cast:
         if rng.random() < data.recombined:
             second = self._turns[other]
             turns[_UPPER] = turns[0] @ second[0].T @ second[_UPPER]
-        loosened = _random_turns(rng, np.full((len(_CHAINS), 3), data.loosened))
+        freedom = np.where(_ARM_CHAINS, data.swung, 1.0) * data.loosened
+        loosened = _random_turns(rng, np.repeat(freedom[:, None], 3, 1))
         for chain, turn in zip(_CHAINS, loosened, strict=True):
             turns[chain] = turn @ turns[chain]
         if rng.random() < 0.5:

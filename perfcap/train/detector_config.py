@@ -11,8 +11,8 @@ from perfcap.train.config import LoopConfig
 class DetectorConfig:
     """Size of a detector."""
 
-    size: int = 192  # pixels along each side of the crop it sees
-    widths: tuple[int, ...] = (24, 48, 96, 192)  # channels at a 4th, 8th, 16th, 32nd of them
+    size: int = 128  # pixels along each side of the crop it sees
+    widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
     blocks: tuple[int, ...] = (1, 2, 2)  # residual blocks of the last three
 
 
@@ -27,6 +27,7 @@ class SceneData:
     texture: int = 384  # pixels along a texture
     recombined: float = 0.3  # share of poses with arms and legs of different frames
     loosened: float = 9.0  # degrees, deviation that joints are turned by at random
+    swung: float = 2.5  # factor of it for arms
     tilted: float = 0.04  # share of poses turned over in any direction
     skirts: float = 0.22  # share of outfits with a skirt or coat
     actors: float = 0.2  # share of people who are actors with clothes of their own
@@ -42,15 +43,15 @@ class SceneData:
 class Augmentation:
     """What is done to a stored crop each time it is shown."""
 
-    zoom: tuple[float, float] = (0.8, 1.25)  # of the size a person is followed at
-    small: float = 0.08  # share that is shown much smaller, as in a search of the image
+    zoom: tuple[float, float] = (0.85, 1.2)  # of the size a person is followed at
+    small: float = 0.04  # share that is shown much smaller, as in a search of the image
     smallest: float = 0.4  # of the usual size
-    turn: float = 12.0  # degrees, deviation
+    turn: float = 9.0  # degrees, deviation
     shift: float = 0.08  # of the crop, deviation
-    blur: float = 0.3  # shares of crops
-    noise: float = 0.3
-    jpeg: float = 0.25
-    cut: float = 0.3  # crops that lose rectangles or discs
+    blur: float = 0.2  # shares of crops
+    noise: float = 0.2
+    jpeg: float = 0.15
+    cut: float = 0.15  # crops that lose rectangles or discs
     grey: float = 0.04
 
 
@@ -60,6 +61,7 @@ class DetectorLoss:
 
     deviation: float = 1.0  # of the target about a joint, in pixels of the heat map
     places: float = 3.0  # of location maps (m) against the cross entropy of heat maps (nats)
+    pose: float = 6.0  # of the pose guessed from the whole crop (m)
     nowhere: float = 0.2  # of joints outside of the crop, whose heat map is to be even
 
 
@@ -71,14 +73,14 @@ class TrainDetectorConfig:
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
     crops: int = 12000  # stored before training; each is shown again and again, never alike
     validation_crops: int = 512  # to score
-    sizes: tuple[tuple[float, int], ...] = ((0.0, 96), (0.14, 128), (0.9, 192))
+    sizes: tuple[tuple[float, int], ...] = ((0.0, 128),)
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=6400,
-            batch=32,
-            learning_rate=2e-3,
-            average=0.996,
+            steps=8000,
+            batch=16,
+            learning_rate=1.5e-3,
+            average=0.997,
             evaluate_every=300,
             save_every=100,
         )

@@ -55,8 +55,10 @@ class DetectorTask:
         side = side_at(self._config, progress)
         batch = self._ahead(number, size, side).to(self._device)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
-            logits, places = self.model(batch.crops)
-        return detection_loss(logits.float(), places.float(), batch, self._config.loss)
+            logits, places, pose = self.model.with_pose(batch.crops)
+        losses = detection_loss(logits.float(), places.float(), batch, self._config.loss)
+        whole = pose_loss(pose.float(), batch)
+        return losses | {"loss": losses["loss"] + self._config.loss.pose * whole, "pose": whole}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores on people who are not learned from; see ``score_detector``."""
@@ -99,6 +101,14 @@ def detection_loss(
     posed = inside * batch.posed[:, None]
     place = (posed * error).sum() / posed.sum().clamp(min=1)
     return {"loss": heat + weights.places * place, "heat": heat, "places": place}
+
+
+def pose_loss(pose: Tensor, batch: CropBatch) -> Tensor:
+    """Mean distance (m) along an axis of poses (N, 16, 3) guessed from whole crops."""
+    posed = batch.inside * batch.posed[:, None]
+    error = (pose - batch.joints3d).abs().mean(-1)
+    mean: Tensor = (posed * error).sum() / posed.sum().clamp(min=1)
+    return mean
 
 
 def heat_targets(batch: CropBatch, side: int, deviation: float) -> Tensor:

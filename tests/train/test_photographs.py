@@ -1,0 +1,84 @@
+"""Photographs with joints, good and bad."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.train.photographs import Photographs
+
+NAMES = [name for name in LANDMARKS if not name.endswith("toe")]
+LSPET = Path(__file__).parents[3] / "shared" / "data" / "lspet"
+
+
+def write(folder: Path, joints: Any = None, **other: Any) -> Path:
+    (folder / "images").mkdir(parents=True)
+    image = np.zeros((80, 60, 3), np.uint8)
+    rng = np.random.default_rng(0)
+    rows = np.concatenate([rng.uniform(20, 50, (14, 2)), np.ones((14, 1))], 1)
+    rows[3] = (-9, -9, 0)
+    for x, y, _ in rows:
+        cv2.circle(image, (int(x), int(y)), 1, (255, 255, 255), -1)
+    cv2.imwrite(str(folder / "images" / "one.png"), image)
+    entry = {"file": "one.png", "joints": rows.tolist() if joints is None else joints}
+    table = {"joint_names": NAMES, "images": [entry]} | other
+    (folder / "annotations.json").write_text(json.dumps(table))
+    return folder
+
+
+def test_people_fill_their_shots(tmp_path: Path) -> None:
+    photographs = Photographs(write(tmp_path / "p"), 96, 1.8)
+    shot = photographs[0]
+    assert len(photographs) == 1 and shot.image.shape == (96, 96, 3) and shot.present
+    known = np.isfinite(shot.joints2d).all(-1)
+    missing = {LANDMARKS[j] for j in np.flatnonzero(~known)}
+    assert missing == {"l_toe", "r_toe", NAMES[3]} and np.isnan(shot.joints3d).all()
+    for x, y in shot.joints2d[known]:
+        assert shot.image[round(float(y)), round(float(x))].mean() > 60
+    low, high = shot.joints2d[known].min(0), shot.joints2d[known].max(0)
+    np.testing.assert_allclose(0.5 * (low + high), 47.5, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joints": [[1, 2, 1]]}, r"one\.png have shape \(1, 3\); expected \(14, 3\)"),
+        ({"joints": [[float("nan"), 2, 1]] * 14}, r"not finite; mark them"),
+        ({"joint_names": ["nose"] * 14}, "lack shoulders or hips"),
+        ({"images": []}, "names no photograph"),
+        ({"images": 3}, "is malformed"),
+        ({"images": [{"file": "../../etc/passwd", "joints": []}]}, "a name inside images"),
+    ],
+)
+def test_bad_annotations(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    folder = write(tmp_path / "p", **change)
+    with pytest.raises(InputError, match=message):
+        Photographs(folder, 64, 1.8)
+
+
+def test_bad_pictures(tmp_path: Path) -> None:
+    folder = write(tmp_path / "nobody", joints=[[-5, -5, 0]] * 14)
+    with pytest.raises(InputError, match="has 0 annotated joints in the image"):
+        Photographs(folder, 64, 1.8)[0]
+    (folder / "images" / "one.png").write_bytes(b"x")
+    with pytest.raises(InputError, match="cannot be read as a photograph"):
+        Photographs(folder, 64, 1.8)[0]
+    (folder / "images" / "one.png").unlink()
+    with pytest.raises(InputError, match="no such file; the annotations name it"):
+        Photographs(folder, 64, 1.8)[0]
+    with pytest.raises(InputError, match="expected photographs with annotated joints"):
+        Photographs(tmp_path, 64, 1.8)
+
+
+@pytest.mark.skipif(not LSPET.is_dir(), reason="needs shared/data/lspet")
+def test_sports_people() -> None:
+    photographs = Photographs(LSPET, 128, 1.8)
+    assert len(photographs) == 1200
+    for number in range(0, 1200, 150):
+        shot = photographs[number]
+        assert np.isfinite(shot.joints2d).all(-1).sum() >= 10 and shot.image.std() > 5
