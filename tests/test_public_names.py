@@ -32,7 +32,7 @@ def test_help_is_free() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stderr.strip() == "[]"
-    for command in ("demo", "capture", "evaluate", "render", "actor", "doctor"):
+    for command in ("demo", "capture", "evaluate", "render", "export", "actor", "doctor"):
         assert command in done.stdout
 
 
