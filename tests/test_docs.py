@@ -1,0 +1,93 @@
+"""What the pages of docs/ say is so, as far as a machine can tell."""
+
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import torch
+import tyro
+
+import perfcap
+from perfcap.cli import Command
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+LARGEST = 60_000  # bytes of a picture of the method
+
+
+def text(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(DOCS).as_posix()
+
+
+def commands() -> list[str]:
+    """Every ``perfcap ...`` line of a shell block or of an indented one, once."""
+    shell = (block for page in PAGES for block in re.findall(r"```sh\n(.*?)```", text(page), re.S))
+    lines = {line for block in shell for line in block.split("\n")}
+    lines |= {
+        line for page in PAGES for line in re.findall(r"^ {4}(perfcap .*)$", text(page), re.M)
+    }
+    return sorted(line for line in lines if line.startswith("perfcap "))
+
+
+def blocks() -> list[object]:
+    """Python that a page says can be run."""
+    marked = re.compile(r"<!-- run -->\n```python\n(.*?)```", re.DOTALL)
+    return [
+        pytest.param(code, id=name_of(page))
+        for page in PAGES
+        for code in marked.findall(text(page))
+    ]
+
+
+@pytest.mark.parametrize("line", commands())
+def test_commands_parse(line: str) -> None:
+    tyro.cli(Command, prog="perfcap", args=shlex.split(line, comments=True)[1:])
+
+
+@pytest.mark.parametrize("code", blocks())
+def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.manual_seed(0)
+    exec(compile(code, "docs", "exec"), {})
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)", text(page)):
+        assert target.startswith("http") or (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_the_contents() -> None:
+    listed = {line for page in PAGES for line in text(page).split("\n") if line}
+    for page in PAGES:
+        name = page.relative_to(DOCS).with_suffix("").as_posix()
+        assert name == "index" or name in listed or page.stem in listed, name
+
+
+def test_public_names_are_listed() -> None:
+    listed = set(re.findall(r"`(\w+)`", text(DOCS / "api" / "index.md")))
+    assert {name for name in perfcap.__all__ if name != "__version__"} <= listed
+
+
+def test_public_folders_have_a_page() -> None:
+    for folder in sorted((ROOT / "perfcap").iterdir()):
+        if not (folder / "__init__.py").exists():
+            continue
+        if getattr(import_module(f"perfcap.{folder.name}"), "__all__", ()):
+            assert (DOCS / "api" / f"{folder.name}.md").exists(), folder.name
+
+
+def test_pictures_are_small() -> None:
+    pictures = sorted((DOCS / "images" / "method").iterdir())
+    assert len(pictures) == 7
+    assert max(picture.stat().st_size for picture in pictures) < LARGEST
+    shown = set(re.findall(r"images/method/([\w.]+)", text(DOCS / "method.md")))
+    assert shown == {picture.name for picture in pictures}
