@@ -412,9 +412,35 @@ class ActorFit:
         return run_fit(FitRequest(**vars(self)))
 
 
+@dataclass(frozen=True)
+class ActorFrames:
+    """Pick sharp, evenly spread stills with masks from a video that goes around a person."""
+
+    video: tyro.conf.Positional[Path]
+    """A video, or a folder of images."""
+    out: Path
+    """New folder for images/, masks/ and preview.jpg."""
+    count: int = 60
+    """Stills to pick."""
+    frames: str | None = None
+    """Part of the video, A:B (B exclusive)."""
+    masks: Literal["colmap", "plain", "none"] = "colmap"
+    """How masks are called: 000123.jpg.png (COLMAP), 000123.png (Meshroom, Metashape); or none."""
+    box: tuple[float, ...] = ()
+    """Where the person stays in the picture: LEFT TOP RIGHT BOTTOM, pixels; its middle if not
+    given."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_frames import FramesRequest, run_frames
+
+        return run_frames(FramesRequest(**vars(self)))
+
+
 ActorCommand = (
     Annotated[ActorBuild, tyro.conf.subcommand("build")]
     | Annotated[ActorFit, tyro.conf.subcommand("fit")]
+    | Annotated[ActorFrames, tyro.conf.subcommand("frames")]
     | Annotated[ActorInspect, tyro.conf.subcommand("inspect")]
 )
 

@@ -1,6 +1,7 @@
 """``perfcap actor fit``: views to an actor, its measurements and a picture; what is refused."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -9,14 +10,19 @@ import pytest
 from runs import Command
 from takes import TakeFiles
 
-from perfcap.app import actor_sheet
+from perfcap.app import actor_sheet, fit_views
 from perfcap.io import load_actor
+from perfcap.rigging import ViewFitSettings, fit_body
+
+QUICK = ViewFitSettings(heights=(50.0,), steps=(8, 2))
 
 
 @pytest.fixture(autouse=True)
-def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small pictures and few steps."""
     monkeypatch.setattr(actor_sheet, "_LARGE", 48)
     monkeypatch.setattr(actor_sheet, "_SMALL", 32)
+    monkeypatch.setattr(fit_views, "fit_body", partial(fit_body, settings=QUICK))
 
 
 def call(take: TakeFiles, out: Path, *more: object) -> list[object]:

@@ -1,0 +1,151 @@
+"""``perfcap actor frames``: stills and masks of a video around a person, for photogrammetry."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from perfcap.app.console import progress_bars
+from perfcap.app.inputs import parse_frames
+from perfcap.errors import InputError
+from perfcap.io.atomic import unwritable, writing
+from perfcap.io.clip import Clip
+from perfcap.segment.amid import MIDDLE, Area, person_amid
+from perfcap.segment.still_frames import Stills, blurred, choose_stills, look_over
+
+Image = NDArray[np.uint8]
+
+PREVIEW = "preview.jpg"
+_CHUNK = 8  # frames decoded at once
+_APART = 0.02  # of the picture: motion to the pictures that a mask is found with
+_QUALITY, _PREVIEW_QUALITY = 97, 85
+_SHOWN, _TALL = 12, 220  # pictures of the preview, and their height, px
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FramesRequest:
+    """What the command line asks for; see ``perfcap actor frames --help``."""
+
+    video: Path
+    out: Path
+    count: int = 60
+    frames: str | None = None
+    masks: str = "colmap"
+    box: tuple[float, ...] = ()
+
+
+def run_frames(request: FramesRequest) -> int:
+    """Write ``images/`` and ``masks/``; returns the exit code.
+
+    Raises:
+        InputError: bad input, in one line; nothing has been written then.
+    """
+    if not 3 <= request.count <= 1000:
+        raise InputError(f"--count: is {request.count}; expected 3 to 1000 stills")
+    if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
+        raise InputError(f"--out {request.out}: is not an empty folder; choose another")
+    clip = Clip.open(request.video, frames=parse_frames(request.frames))
+    box = _box(request.box, clip.sizes[0])
+    with progress_bars() as tell:
+        stills = look_over(_all(clip, lambda done: tell("look", done, len(clip))))
+        if float(stills.travel[-1]) < _APART:
+            raise InputError(
+                f"{request.video}: shows hardly any motion; expected a camera that goes around the "
+                "person, or a person on a turntable"
+            )
+        chosen, shown = choose_stills(stills, request.count), []
+        for done, frame in enumerate(chosen, 1):
+            mask = _save(request, clip, stills, frame, box)
+            if len(shown) * len(chosen) < done * _SHOWN:
+                shown.append(_outlined(clip.read_view(0, frame, frame + 1)[0], mask))
+            tell("write", done, len(chosen))
+    _save_picture(request.out / PREVIEW, np.concatenate(shown, 1), ".jpg", _PREVIEW_QUALITY)
+    for line in (*clip.warnings, *_doubts(request, stills, chosen)):
+        _LOG.warning("%s", line)
+    Console().print(
+        f"{len(chosen)} of {len(clip)} frames in {request.out}; look at {request.out / PREVIEW}",
+        soft_wrap=True,
+        markup=False,
+    )
+    return 0
+
+
+def _all(clip: Clip, tell: Callable[[int], None]) -> Iterator[Image]:
+    for start in range(0, len(clip), _CHUNK):
+        yield from clip.read_view(0, start, min(start + _CHUNK, len(clip)))
+        tell(start)
+
+
+def _box(numbers: tuple[float, ...], size: tuple[int, int]) -> Area:
+    """Where the person stays, in shares of the picture."""
+    if not numbers:
+        return MIDDLE
+    if len(numbers) != 4 or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
+        raise InputError("--box: expected LEFT TOP RIGHT BOTTOM in pixels, left < right")
+    height, width = size
+    left, top, right, bottom = numbers
+    return left / width, top / height, right / width, bottom / height
+
+
+def _save(
+    request: FramesRequest, clip: Clip, stills: Stills, frame: int, box: Area
+) -> NDArray[np.bool_] | None:
+    """Write one still, and its mask if wanted; returns the mask."""
+    picture = clip.read_view(0, frame, frame + 1)[0]
+    name = f"{clip.start + frame:06d}"
+    _save_picture(request.out / "images" / f"{name}.jpg", picture, ".jpg", _QUALITY)
+    if request.masks == "none":
+        return None
+    around = [clip.read_view(0, f, f + 1)[0] for f in neighbours(stills, frame)]
+    mask = person_amid(picture, around, box)
+    file = f"{name}.jpg.png" if request.masks == "colmap" else f"{name}.png"
+    _save_picture(request.out / "masks" / file, 255 * mask.astype(np.uint8), ".png")
+    return mask
+
+
+def neighbours(stills: Stills, frame: int) -> list[int]:
+    """The nearest frames before and after between which the picture has moved enough to tell."""
+    away = stills.travel - stills.travel[frame]
+    before, after = np.nonzero(away <= -_APART)[0], np.nonzero(away >= _APART)[0]
+    return [*before[-1:].tolist(), *after[:1].tolist()]
+
+
+def _save_picture(path: Path, picture: Image, kind: str, quality: int | None = None) -> None:
+    stored = picture[..., ::-1] if picture.ndim == 3 else picture
+    options = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    data = cv2.imencode(kind, stored, options)[1].tobytes()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(path.parent, error) from None
+    with writing(path) as file:
+        file.write(data)
+
+
+def _outlined(picture: Image, mask: NDArray[np.bool_] | None) -> Image:
+    scale = _TALL / picture.shape[0]
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    if mask is None:
+        return np.asarray(small, np.uint8)
+    there = cv2.resize(mask.astype(np.uint8), small.shape[1::-1], interpolation=cv2.INTER_AREA)
+    dimmed: Image = np.where(there[..., None] > 0, small, small // 4).astype(np.uint8)
+    return dimmed
+
+
+def _doubts(request: FramesRequest, stills: Stills, chosen: list[int]) -> Iterator[str]:
+    if len(chosen) < request.count:
+        yield f"only {len(chosen)} frames could be chosen; film more slowly"
+    dull = blurred(stills, chosen)
+    if dull:
+        yield (
+            f"{len(dull)} of the {len(chosen)} stills are blurred; film more slowly or in more light"
+        )

@@ -1,0 +1,60 @@
+"""``perfcap actor frames``: a video to stills and masks."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from runs import Command
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wall passes behind somebody in plain clothes."""
+    folder = tmp_path_factory.mktemp("film")
+    wall = np.random.default_rng(2).uniform(0, 255, (20, 90, 3)).astype(np.float32)
+    wall = cv2.resize(wall, (540, 120), interpolation=cv2.INTER_CUBIC).clip(0, 255)
+    for frame in range(30):
+        picture = wall[:, 4 * frame : 4 * frame + 90].copy()
+        picture[12:108, 34:56] = wall[:96, 400:422]
+        cv2.imwrite(str(folder / f"{frame:04d}.png"), picture)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("option", "suffix"), [("colmap", ".jpg.png"), ("plain", ".png"), ("none", None)]
+)
+def test_images_and_masks_are_named_as_tools_want_them(
+    film: Path, tmp_path: Path, perfcap: Command, option: str, suffix: str | None
+) -> None:
+    out = tmp_path / "stills"
+    done = perfcap(["actor", "frames", film, "--out", out, "--count", 6, "--masks", option])
+    assert done.code == 0 and "6 of 30 frames" in done.out, done
+    images = sorted(out.glob("images/*.jpg"))
+    assert len(images) == 6
+    assert cv2.imread(str(out / "preview.jpg")) is not None
+    if suffix is None:
+        assert not (out / "masks").exists()
+        return
+    for image in images:
+        mask = cv2.imread(str(out / "masks" / (image.stem + suffix)), cv2.IMREAD_UNCHANGED)
+        assert mask.shape == (120, 90) and set(np.unique(mask)) == {0, 255}
+        assert mask[40:80, 38:52].all()
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--count", "2"], "expected 3 to 1000"),
+        (["--frames", "99:120"], "holds no frame"),
+        (["--frames", "3:4"], "hardly any motion"),
+        (["--box", "1", "2", "3"], "LEFT TOP RIGHT BOTTOM"),
+    ],
+)
+def test_what_cannot_be_picked_is_told(
+    film: Path, tmp_path: Path, perfcap: Command, more: list[str], words: str
+) -> None:
+    line = perfcap(["actor", "frames", film, "--out", tmp_path / "out", *more]).refused()
+    assert words in line and not (tmp_path / "out").exists()
+    line = perfcap(["actor", "frames", film, "--out", film]).refused()
+    assert "not an empty folder" in line
