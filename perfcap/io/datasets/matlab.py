@@ -19,7 +19,8 @@ LIMIT = 1024 * MEBIBYTE
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _UNREADABLE = (
     *(OSError, ValueError, TypeError, LookupError, EOFError, MemoryError),
-    *(RuntimeError, NotImplementedError, AttributeError, struct.error, zlib.error),
+    *(RuntimeError, AttributeError, struct.error, zlib.error),
+    NameError,  # scipy, on types of array it does not know
 )
 
 
@@ -31,10 +32,11 @@ def read_mat(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[A
     """
     require_file(path, LIMIT, what)
     from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
 
     try:
         values = loadmat(path, variable_names=list(names))
-    except _UNREADABLE as error:
+    except (*_UNREADABLE, MatReadError) as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(
             f"{path}: is no readable MATLAB file up to version 7 ({reason}); expected {what}"

@@ -159,10 +159,10 @@ def _test_camera(folder: Path, name: str) -> CameraRig:
     lines = [line.split() for line in read_text(path, "a .calib file", MEBIBYTE).splitlines()]
     words = {line[0]: line[1:] for line in lines if line}
     try:
-        sensor = [float(value) for value in words["sensorSize"][:2]]
+        wide, high = (float(value) for value in words["sensorSize"][:2])
         focal, aspect = float(words["focalLength"][0]), float(words.get("pixelAspect", ["1"])[0])
-        centre = [float(value) for value in words.get("centerOffset", ["0", "0"])[:2]]
-        scale = (width / sensor[0], height / sensor[1])
+        right, down = (float(value) for value in words.get("centerOffset", ["0", "0"])[:2])
+        scale = (width / wide, height / high)
     except (KeyError, ValueError, IndexError, ZeroDivisionError) as error:
         raise InputError(
             f"{path}: lacks sensorSize, focalLength or centerOffset ({error}); expected the "
@@ -172,8 +172,8 @@ def _test_camera(folder: Path, name: str) -> CameraRig:
         str(path),
         name,
         intrinsics=[
-            [focal * scale[0], 0, width / 2 + centre[0] * scale[0]],
-            [0, focal * scale[1] * aspect, height / 2 + centre[1] * scale[1]],
+            [focal * scale[0], 0, width / 2 + right * scale[0]],
+            [0, focal * scale[1] * aspect, height / 2 + down * scale[1]],
             [0, 0, 1],
         ],
         rotation=np.eye(3),

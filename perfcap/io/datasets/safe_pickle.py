@@ -13,6 +13,7 @@ import io
 import pickletools
 import re
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -277,5 +278,5 @@ def _reporting(path: Path, what: str) -> Iterator[None]:
             f"{path}: holds {reason}; expected {what}: a pickle of plain numbers, texts, lists, "
             "dictionaries and arrays is all that is read, since pickles can run programs"
         ) from error
-    except (zipfile.BadZipFile, NotImplementedError, SyntaxError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, SyntaxError) as error:
         raise InputError(f"{path}: is damaged ({error!s:.80}); expected {what}") from error

@@ -94,6 +94,9 @@ def test_training_files_that_cannot_be_used(training: Path) -> None:
     (folder / "annot.mat").write_bytes(b"MATLAB 5.0 MAT-file, and then nonsense" * 20)
     with pytest.raises(InputError, match="no readable MATLAB file"):
         DATASET.read(training, "S1/Seq1")
+    (folder / "annot.mat").write_bytes(bytes(400))
+    with pytest.raises(InputError, match="no readable MATLAB file"):
+        DATASET.read(training, "S1/Seq1")
 
 
 def write_test(folder: Path) -> np.ndarray:
@@ -128,6 +131,20 @@ def test_test_set(tmp_path: Path) -> None:
     known = sequence.joints3d.isfinite().all(-1)[:, None]
     assert sequence.pixels is not None
     torch.testing.assert_close(projected[known], sequence.pixels[known])
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("sensorSize\t10 10", "sensorSize\t0 0"), ("centerOffset\t0 0", "centerOffset\t0")],
+)
+def test_cameras_of_the_test_set_that_cannot_be_used(
+    tmp_path: Path, before: str, after: str
+) -> None:
+    write_test(tmp_path)
+    (path,) = tmp_path.rglob("*.calib")
+    path.write_text(path.read_text().replace(before, after))
+    with pytest.raises(InputError, match="lacks sensorSize, focalLength or centerOffset"):
+        DATASET.read(tmp_path, "TS1")
 
 
 def test_links_out_of_the_file_are_refused(tmp_path: Path) -> None:

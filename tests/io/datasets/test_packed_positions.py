@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,25 @@ def test_positions_of_something_else(tmp_path: Path, positions: object, message:
     with pytest.raises(InputError) as error:
         HUMAN36M.read(tmp_path, "S9/Walking")
     assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_damaged_archives(human36m: Path) -> None:
+    """Bytes turned over anywhere: values or one line."""
+    path = human36m / "data_3d_h36m.npz"
+    whole = path.read_bytes()
+    dice = random.Random(0)
+    refused = 0
+    for _ in range(60):
+        data = bytearray(whole)
+        for _ in range(4):
+            data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+        path.write_bytes(bytes(data))
+        try:
+            HUMAN36M.read(human36m, "S9/Directions 1")
+        except InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 30
 
 
 @pytest.mark.parametrize("name", ["S9/Sitting", "S9", "", "../S9", "S9/../S11"])
