@@ -45,11 +45,13 @@ class Page:
     """One page of a browser.
 
     Attributes:
+        process: the browser's; its session is that of all its processes.
         console: errors and warnings that the page or the browser wrote, and thrown ones.
         requests: addresses that were asked for, beside the page itself and what lies in it.
     """
 
-    def __init__(self, socket: ClientConnection) -> None:
+    def __init__(self, socket: ClientConnection, process: int) -> None:
+        self.process = process
         self._socket = socket
         self._number = 0
         self._address = ""
@@ -185,10 +187,11 @@ def browser(profile: Path) -> Iterator[Page]:
         [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     try:
         with connect(_page_address(profile, process), max_size=None, open_timeout=_PATIENCE) as to:
-            yield Page(to)
+            yield Page(to, process.pid)
     finally:
         process.terminate()
         try:

@@ -223,6 +223,5 @@ def test_every_control_has_a_name(page: Page) -> None:
 def test_pictures_are_drawn(page: Page) -> None:
     page.press("k")
     page.press("j")
-    page.evaluate("new Promise((done) => setTimeout(done, 500))")
-    assert page.evaluate(DRAWN.format("scene-marks")) > 3
-    assert page.evaluate(DRAWN.format("video-marks")) > 3
+    page.wait(f"{DRAWN.format('scene-marks')} > 3")
+    page.wait(f"{DRAWN.format('video-marks')} > 3")

@@ -1,0 +1,106 @@
+"""``perfcap report``, ``view`` and ``capture --report``: from a folder of results to a page."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import webbrowser
+from pathlib import Path
+
+import pytest
+from runs import Command
+from takes import TakeFiles
+
+PAGE = "report.html"
+
+
+@pytest.fixture
+def folder(captured: Path, tmp_path: Path) -> Path:
+    """A copy of the one captured folder, with a blank in its name."""
+    return Path(shutil.copytree(captured, tmp_path / "my result"))
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Addresses that a browser would have shown."""
+    shown: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: shown.append(address) or True)
+    return shown
+
+
+def titles(page: Path) -> list[str]:
+    data = re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert data is not None
+    return [chart["title"] for chart in json.loads(data[1])["charts"]]
+
+
+def test_a_capture_writes_its_report(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    out = tmp_path / "out"
+    outcome = perfcap(take.command(out, "--report", "--no-overlay"))
+    assert outcome.code == 0 and not outcome.err
+    found = titles(out / PAGE)
+    assert {"Energy", "Distance to the detections", "Acceleration"} <= set(found)
+    assert "report" not in json.loads((out / "run.json").read_text())["request"]
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+
+
+def test_energies_of_frames_add_up_to_those_of_windows(captured: Path) -> None:
+    run = json.loads((captured / "run.json").read_text())
+    (window,) = run["windows"]
+    for name, values in run["energy"].items():
+        assert len(values) == 24
+        assert sum(values) == pytest.approx(window["terms"][name], rel=1e-3, abs=1e-6)
+
+
+def test_a_report_with_a_truth(folder: Path, take: TakeFiles, perfcap: Command) -> None:
+    outcome = perfcap(["report", folder, "--truth", take.truth, "--frames", "2:20"])
+    assert outcome.code == 0 and PAGE in outcome.out.replace("\n", "")
+    assert titles(folder / PAGE)[0] == "Joint error"
+
+
+def test_view_makes_the_page_once(folder: Path, opened: list[str], perfcap: Command) -> None:
+    page = folder / PAGE
+    assert perfcap(["view", folder]).code == 0
+    assert opened == [page.resolve().as_uri()] and "my%20result" in opened[0]
+    page.write_text("kept")
+    assert perfcap(["view", folder]).code == 0
+    assert page.read_text() == "kept"
+    os.utime(folder / "run.json", (page.stat().st_mtime + 5,) * 2)  # captured again
+    assert perfcap(["view", folder]).code == 0
+    assert page.read_text() != "kept" and len(opened) == 3
+
+
+def test_view_without_a_browser_says_where_the_page_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, perfcap: Command
+) -> None:
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+    (folder / PAGE).touch()
+    outcome = perfcap(["view", folder])
+    assert outcome.code == 0 and PAGE in outcome.out.replace("\n", "")
+
+
+def test_bad_input_is_refused_in_one_line(
+    folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    (tmp_path / "empty").mkdir()
+    for call, words in (
+        (["report", tmp_path / "nothing"], "no such folder"),
+        (["view", tmp_path / "empty"], "has no run.json"),
+        (["report", folder, "--frames", "x"], "--frames x"),
+        (["report", folder, "--frames", "90:99"], "holds frames 0 to 23"),
+        (["report", folder, "--videos", take.video, take.video], "views"),
+        (["report", folder, "--videos", tmp_path / "no.mp4"], "no.mp4"),
+        (["report", folder, "--cameras", tmp_path / "no.json"], "no.json"),
+        (["report", folder, "--truth", tmp_path / "empty"], "truth.npz"),
+        (["report", folder, "--truth", take.detections], "joints3d"),
+    ):
+        assert words in perfcap(call).refused(), call
+    assert not (folder / PAGE).exists()
+
+
+def test_a_place_that_cannot_be_written(folder: Path, perfcap: Command) -> None:
+    (folder / PAGE).mkdir()
+    assert "cannot be written" in perfcap(["report", folder]).refused()
+    assert not [path for path in folder.iterdir() if path.name.endswith(".tmp")]
