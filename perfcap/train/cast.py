@@ -164,7 +164,9 @@ class Cast:
         lean = np.full(3, 90.0) if rng.random() < data.tilted else np.array([5.0, 0.0, 5.0])
         head, whole = _random_turns(rng, np.stack([_HEAD_LOOSENED, lean]))
         turns[_HEAD] = head @ turns[_HEAD]
-        around = torch.tensor([0.0, float(rng.uniform(0, 2 * np.pi)), 0.0])
+        away = rng.uniform(-np.pi, np.pi) * (0.5 if rng.random() < data.facing else 1.0)
+        heading = float(torch.atan2(turns[0, 0, 2], turns[0, 2, 2]))
+        around = torch.tensor([0.0, float(away) - heading, 0.0])
         facing: Tensor = whole @ rotvec_to_matrix(around) @ turns
         return facing
 

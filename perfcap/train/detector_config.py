@@ -28,6 +28,7 @@ class SceneData:
     recombined: float = 0.3  # share of poses with arms and legs of different frames
     loosened: float = 9.0  # degrees, deviation that joints are turned by at random
     swung: float = 2.5  # factor of it for arms
+    facing: float = 0.4  # share made to face the camera's side; others face anywhere
     tilted: float = 0.04  # share of poses turned over in any direction
     skirts: float = 0.22  # share of outfits with a skirt or coat
     actors: float = 0.2  # share of people who are actors with clothes of their own

@@ -137,6 +137,18 @@ def test_sides_stay_sides(library: MotionLibrary) -> None:
         assert left @ hips > 0
 
 
+def test_people_may_be_made_to_face_the_camera(library: MotionLibrary) -> None:
+    """Cameras stand on +z: whoever faces them has the left hand on their right."""
+    data = SceneData(texture=32, loosened=0.0, tilted=0.0, skirts=0.0, facing=1.0)
+    cast = Cast(load_body_model(), (), library, data)
+    rng = np.random.default_rng(1)
+    person = cast.person(rng)
+    hips = [LANDMARKS.index("l_hip"), LANDMARKS.index("r_hip")]
+    for _ in range(12):
+        left, right = cast.pose(person, rng).landmarks[hips]
+        assert left[0] > right[0] - 0.03
+
+
 def test_the_library_may_lie_anywhere(tmp_path: Path) -> None:
     library = MotionLibrary.read(write_library(tmp_path / "motion", people=1, frames=5))
     turns = library.recordings[0].turns
