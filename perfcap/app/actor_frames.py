@@ -62,7 +62,8 @@ def run_frames(request: FramesRequest) -> int:
                 f"{request.video}: shows hardly any motion; expected a camera that goes around the "
                 "person, or a person on a turntable"
             )
-        chosen, shown = choose_stills(stills, request.count), []
+        chosen = choose_stills(stills, request.count)
+        shown: list[Image] = []
         for done, frame in enumerate(chosen, 1):
             mask = _save(request, clip, stills, frame, box)
             if len(shown) * len(chosen) < done * _SHOWN:
@@ -147,5 +148,6 @@ def _doubts(request: FramesRequest, stills: Stills, chosen: list[int]) -> Iterat
     dull = blurred(stills, chosen)
     if dull:
         yield (
-            f"{len(dull)} of the {len(chosen)} stills are blurred; film more slowly or in more light"
+            f"{len(dull)} of the {len(chosen)} stills are blurred; film more slowly, or in more "
+            "light"
         )

@@ -3,6 +3,7 @@
 from perfcap.io.actor import find_actor, load_actor, models_folder
 from perfcap.io.actor_folder import save_actor
 from perfcap.io.actor_import import import_actor
+from perfcap.io.body_model import load_body_model
 from perfcap.io.bvh import BvhMotion, load_bvh, save_bvh
 from perfcap.io.calibration import CameraRig, PixelMap, read_cameras, read_pixel_map
 from perfcap.io.clip import Clip
@@ -25,6 +26,7 @@ __all__ = [
     "find_actor",
     "import_actor",
     "load_actor",
+    "load_body_model",
     "load_bvh",
     "load_template",
     "models_folder",

@@ -21,6 +21,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS, human_rig
 from perfcap.actor.rig import Rig, with_limits
 from perfcap.actor.template import Template
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.actor_mapping import read_toml
 from perfcap.io.atomic import unwritable, writing
@@ -92,7 +93,7 @@ def save_actor(
         generic,
         shape_space,
         {name: template.bone_names[bone] for name, bone in _joint_bones(template).items()},
-        {n: (template.bone_names[b], _triple(p)) for n, (b, p) in template.landmarks.items()},
+        {n: (template.bone_names[b], _triple(p)) for n, (b, p) in _landmarks(template).items()},
         _own_limits(actor),
     )
     try:
@@ -108,6 +109,16 @@ def save_actor(
 def _joint_bones(template: Template) -> Mapping[str, int]:
     named = {name: bone for bone, name in enumerate(template.bone_names) if name in JOINTS}
     return template.joint_bones or named
+
+
+def _landmarks(template: Template) -> Mapping[str, tuple[int, Any]]:
+    """Points of the template, and bones of that name, whose parents carry them."""
+    bones = {
+        name: (max(int(template.bone_parents[bone]), 0), template.bone_rest[bone, :3, 3])
+        for bone, name in enumerate(template.bone_names)
+        if name in LANDMARKS and name not in JOINTS
+    }
+    return {**bones, **template.landmarks}
 
 
 def _own_limits(actor: Actor) -> dict[str, tuple[float, float]]:

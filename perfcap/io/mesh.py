@@ -16,6 +16,7 @@ from perfcap.io.gltf_part import joined, joined_uv, read_unskinned
 from perfcap.io.gltf_scene import read_tree
 from perfcap.io.gltf_texture import one_texture
 from perfcap.io.obj import read_obj
+from perfcap.io.vertex_colors import colors_to_texture
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf")
 LIMIT = 1024 * MEBIBYTE
@@ -25,7 +26,8 @@ _MAX_VERTICES = 4_000_000
 def read_mesh(path: str | Path) -> BareMesh:
     """Read a mesh in its own units and axes; vertices keep the order of the file.
 
-    Vertices of an STL, which repeats them for every triangle, are merged where they are equal.
+    Colours of a PLY's vertices become a texture. Vertices of an STL, which repeats them for every
+    triangle, are merged where they are equal.
 
     Raises:
         InputError: missing, empty, damaged or oversized file, another format, no triangles, or a
@@ -80,4 +82,8 @@ def _read_with_trimesh(path: Path, kind: str) -> BareMesh:
     if kind == ".stl":
         topology = surface_topology(vertices, faces)
         vertices, faces = vertices[topology.representative], topology.place[faces]
+        return BareMesh(vertices, faces, name=path.stem)
+    if getattr(mesh.visual, "kind", None) == "vertex":
+        colors = np.asarray(mesh.visual.vertex_colors)[:, :3]
+        return BareMesh(vertices, faces, *colors_to_texture(colors), path.stem)
     return BareMesh(vertices, faces, name=path.stem)

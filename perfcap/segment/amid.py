@@ -119,7 +119,7 @@ def _otherwise(
     None where the surroundings stand still together with the middle.
     """
     one, two = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (picture, other))
-    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(one, two, None)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(one, two, None)
     slope = np.hypot(*(cv2.Sobel(one, cv2.CV_32F, *a, ksize=3) / 8 for a in ((1, 0), (0, 1))))
     textured = cv2.dilate((slope > settings.texture).astype(np.uint8), np.ones((5, 5))) > 0
     outside = (labels == BACKGROUND) & textured
@@ -135,7 +135,8 @@ def _otherwise(
     half = 0.5 * float(np.quantile(difference[inside], 0.9)) if inside.any() else 0.0
     told = np.clip(difference / max(half, settings.certain * usual), 0, 2) - 1
     # where nothing is seen to move, flow is what lies around
-    return np.where(textured, told, _PLAIN * told).astype(np.float32)
+    believed: Plane = np.where(textured, told, _PLAIN * told).astype(np.float32)
+    return believed
 
 
 def _surroundings(flow: Plane, outside: Mask) -> Plane:

@@ -65,7 +65,7 @@ def choose_stills(stills: Stills, count: int) -> list[int]:
         off = np.abs(place - stretch - 0.5)
         inside = np.nonzero(off <= _CENTRAL / 2)[0]
         if not len(inside):  # the camera passed it within a frame
-            inside = off.argmin(keepdims=True)
+            inside = np.array([off.argmin()])
         chosen.append(int(inside[stills.sharpness[inside].argmax()]))
     return sorted(set(chosen))
 
@@ -105,4 +105,4 @@ def _displacement(one: Image, other: Image) -> float:
     if int(ok.sum()) < _LEAST:
         return _LOST if len(corners) >= _LEAST else 0.0
     length = np.linalg.norm((moved - corners)[ok].reshape(-1, 2), axis=1)
-    return float(np.median(length)) / max(one.shape)
+    return float(np.median(length) / max(one.shape))

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from foreign_rigs import MIXAMO, RIGS, Rig
-from takes import sway
+from takes import marked_template, sway
 from test_actor_import import load_from
 from test_gltf import one_pixel_png
 
@@ -46,6 +47,15 @@ def test_nothing_is_lost(rig: Rig, tmp_path: Path) -> None:
     manifest = read_manifest(tmp_path / "two/manifest.toml")
     assert (manifest.licence, manifest.provenance) == ("CC0-1.0", 'a "test"\\')
     assert not find_actor(tmp_path / "two").generic
+
+
+def test_ends_that_are_bones_come_back(tmp_path: Path) -> None:
+    actor = Actor(marked_template().rounded())
+    save_actor(actor, tmp_path)
+    read = load_actor(tmp_path)
+    assert set(read.template.landmarks) == {"head_top", "l_toe", "r_toe"}
+    motion = sway(actor, 3)
+    assert torch.allclose(read.joints(motion), actor.joints(motion), atol=1e-6)
 
 
 def test_limits_of_an_actor_are_kept(tmp_path: Path) -> None:

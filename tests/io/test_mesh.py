@@ -3,6 +3,7 @@
 import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -96,6 +97,20 @@ def test_scans_are_read(tmp_path: Path, kind: str) -> None:
     if kind == "ply":
         np.testing.assert_allclose(mesh.vertices, box.vertices)
         np.testing.assert_array_equal(mesh.faces, box.faces)
+
+
+def test_colours_of_vertices_become_a_texture(tmp_path: Path) -> None:
+    colors = np.array([[250, 40, 30], [20, 20, 120], [230, 220, 210], [128, 90, 110]], np.uint8)
+    faces = [[0, 1, 2], [0, 2, 3]]
+    places = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    solid = trimesh.Trimesh(places, faces, vertex_colors=colors, process=False)
+    solid.export(tmp_path / "a.ply")
+    mesh = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(mesh.vertices, places)
+    assert mesh.uv is not None and mesh.texture is not None
+    image = cv2.imdecode(np.frombuffer(mesh.texture, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    column, row = np.floor(mesh.uv * 256).astype(int).T
+    assert np.abs(image[row, column].astype(int) - colors).max() < 25  # off the nearest plane
 
 
 def test_a_skinned_file_is_also_a_mesh(tmp_path: Path) -> None:
