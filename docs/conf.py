@@ -7,6 +7,7 @@ beside them.
 """
 
 import dataclasses
+import inspect
 import json
 import re
 from pathlib import Path
@@ -54,6 +55,7 @@ _SHOWN = (
 _CODE = re.compile(r"(``.+?``|`[^`]+`_?)")
 _MARKUP = re.compile(r"(?<!\\)([*|]|(?<=\w)_(?=\W|$))")
 _RETURNED = re.compile(r"^( {4})(\w+): ")
+_FIELD = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 
 
 def escape_shapes(lines: list[str]) -> None:
@@ -80,12 +82,22 @@ def list_returns(lines: list[str]) -> None:
             lines[i] = _RETURNED.sub(r"\1- **\2**, ", lines[i]) if i in names else "  " + lines[i]
 
 
+def describe_fields(documented: type, lines: list[str]) -> list[str]:
+    """Fields of a dataclass as what it is made of; settings have a comment each instead."""
+    if "Attributes:" in lines:
+        return ["Args:" if line == "Attributes:" else line for line in lines]
+    notes = _FIELD.findall(inspect.getsource(documented))
+    if not notes or "Args:" in lines:
+        return lines
+    return [*lines, "", "Args:", *(f"    {name}: {note}" for name, note in notes), ""]
+
+
 def read_docstring(
     app: Sphinx, what: str, name: str, documented: object, options: object, lines: list[str]
 ) -> None:
     """Prepare a docstring for napoleon, in place."""
-    if dataclasses.is_dataclass(documented):  # its fields are what it is made of
-        lines[:] = ["Args:" if line == "Attributes:" else line for line in lines]
+    if dataclasses.is_dataclass(documented) and what == "class":
+        lines[:] = describe_fields(documented, lines)
     escape_shapes(lines)
     list_returns(lines)
 
