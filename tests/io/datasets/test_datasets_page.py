@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-import shlex
 import types
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 
 from perfcap.app.evaluate import _ROWS
-from perfcap.cli import Command
 from perfcap.io.datasets import DATASETS, Dataset
 from perfcap.io.datasets.smpl_joints import read_smpl_joints
 
@@ -30,12 +27,6 @@ def test_every_data_set_has_a_section(dataset: Dataset) -> None:
 def test_every_number_is_explained() -> None:
     for key, _, _ in _ROWS:
         assert f"`{key}`" in PAGE or f"`_{key.removeprefix('segmentation_')}`" in PAGE, key
-
-
-def test_commands_parse() -> None:
-    text = "".join(re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL))
-    for line in text.strip().splitlines():
-        tyro.cli(Command, prog="perfcap", args=shlex.split(line)[1:])
 
 
 def test_body_models_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
