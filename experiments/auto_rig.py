@@ -9,18 +9,20 @@ Expect a mean vertex error below 12 mm (tight) and 25 mm (skirt), joints within 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import report
 import torch
 from anny_people import People
+from body_fit import true_measurements
 from numpy.typing import NDArray
 from report import DATA, Report, Table
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bare_mesh import BareMesh
+from perfcap.actor.measurements import Measurements
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.io.body_model import load_body_model
@@ -85,7 +87,7 @@ def run(config: Experiment) -> Report:
                 ("template", "mean", "worst", "which"),
                 tuple(joints),
             ),
-            _bodies(config, model),
+            *_bodies(config, model),
         )
     )
 
@@ -131,11 +133,11 @@ def _joint_error(template: Template, truth: dict[str, Floats], upright: object) 
     return float(error.mean()), float(error.max()), names[int(error.argmax())]
 
 
-def _bodies(config: Experiment, model: object) -> Table:
+def _bodies(config: Experiment, model: object) -> tuple[Table, Table]:
     from perfcap.actor.body_model import BodyModel
 
     assert isinstance(model, BodyModel)
-    people, means, worst, seconds = People(config.seed), [], [], []
+    people, means, worst, seconds, missed = People(config.seed), [], [], [], []
     for number in range(config.people):
         person = people.draw()
         start = time.perf_counter()
@@ -145,10 +147,18 @@ def _bodies(config: Experiment, model: object) -> Table:
         mean, largest, _ = _joint_error(template, person.joints, fit.upright)
         means.append(mean)
         worst.append(largest)
+        assert fit.measurements is not None
+        true = astuple(true_measurements(person))
+        missed.append(100 * np.abs(np.subtract(astuple(fit.measurements), true)))
     row = (config.people, np.mean(means), np.max(means), np.max(worst), np.mean(seconds))
     columns = ("bodies", "mean", "worst body", "worst joint", "seconds")
     values = (row[0], *(float(value) for value in row[1:]))
-    return Table("Joints found in random bodies, arms at 25 to 85 degrees, mm", columns, (values,))
+    joints = Table(
+        "Joints found in random bodies, arms at 25 to 85 degrees, mm", columns, (values,)
+    )
+    names = tuple(field.name for field in fields(Measurements))
+    errors = (config.people, *(float(value) for value in np.mean(missed, 0)))
+    return joints, Table("their measurements, mean error, cm", ("bodies", *names), (errors,))
 
 
 if __name__ == "__main__":

@@ -10,8 +10,10 @@ from typing import Any
 from rich.console import Console
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.measurements import Measurements
 from perfcap.app.actor_inspect import run_inspect
 from perfcap.app.actor_make import GENDERS, body_of, is_bare, require_no_source, rigged_mesh
+from perfcap.app.measures import save_measures
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
@@ -59,24 +61,26 @@ def run_build(request: BuildRequest) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
-    actor, licence, provenance = _made(request)
+    actor, licence, provenance, measurements = _made(request)
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
     Appearance.of(actor.template)  # whether the texture can be decoded, before anything is written
     save_actor(actor, request.out, licence=request.licence or licence, provenance=provenance)
+    if measurements is not None:
+        save_measures(request.out, measurements, None, provenance)
     code = run_inspect(str(request.out), None, request.out)
     Console().print(f"capture with --actor {request.out}", soft_wrap=True, markup=False)
     return code
 
 
-def _made(request: BuildRequest) -> tuple[Actor, str, str]:
-    """The actor, its licence and where it comes from."""
+def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:
+    """The actor, its licence, where it comes from, and what the body in it measures if known."""
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
     if request.body:
         require_no_source(request.source)
-        actor, licence = body_of(request.person, request.body_model, request.name)
-        return actor, licence, f"body model {request.body_model}"
+        actor, licence, measured = body_of(request.person, request.body_model, request.name)
+        return actor, licence, f"body model {request.body_model}", measured
     if request.source is None:
         raise InputError("no file is given; expected a character or a mesh, or --body")
     if request.source.suffix.lower() not in FORMATS:
@@ -86,9 +90,9 @@ def _made(request: BuildRequest) -> tuple[Actor, str, str]:
         )
     if is_bare(request.source):
         height = request.person.height
-        actor = rigged_mesh(request.source, request.body_model, height, request.overrides)
-        return actor, UNKNOWN, f"rigged automatically from {request.source.name}"
-    return _from_rigged(request, request.source)
+        actor, inside = rigged_mesh(request.source, request.body_model, height, request.overrides)
+        return actor, UNKNOWN, f"rigged automatically from {request.source.name}", inside
+    return (*_from_rigged(request, request.source), None)
 
 
 def _from_rigged(request: BuildRequest, source: Path) -> tuple[Actor, str, str]:

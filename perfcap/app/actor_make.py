@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.measurements import Measurements
+from perfcap.app.measures import print_measures
 from perfcap.errors import InputError
 from perfcap.io.body_model import load_body_model
 from perfcap.io.gltf_document import open_document
@@ -26,8 +27,10 @@ def is_bare(source: Path) -> bool:
     return not open_document(source).items("skins")
 
 
-def rigged_mesh(source: Path, body: str, height: float | None, overrides: Path | None) -> Actor:
-    """A mesh with a skeleton and weights of its own.
+def rigged_mesh(
+    source: Path, body: str, height: float | None, overrides: Path | None
+) -> tuple[Actor, Measurements | None]:
+    """A mesh with a skeleton and weights of its own, and what the body in it measures.
 
     Raises:
         InputError: it cannot be read, or is not of one person in a T- or A-pose.
@@ -38,16 +41,16 @@ def rigged_mesh(source: Path, body: str, height: float | None, overrides: Path |
         Person(height=height)  # refuses what no person is
     template, report = auto_rig(mesh, load_body_model(body), height, rules)
     _print_rig(report)
-    return Actor(template.rounded())
+    return Actor(template.rounded()), report.measurements
 
 
-def body_of(person: Person, body: str, name: str | None) -> tuple[Actor, str]:
-    """A body with what is known of a person, and its licence."""
+def body_of(person: Person, body: str, name: str | None) -> tuple[Actor, str, Measurements]:
+    """A body with what is known of a person, its licence, and what it measures."""
     model = load_body_model(body)
     built = build_body(model, person)
-    _print_measures(built.measurements, built.weight)
+    print_measures(built.measurements, weight=built.weight)
     template = replace(built.template, name=name or model.rig.name).rounded()
-    return Actor(template), model.rig.licence
+    return Actor(template), model.rig.licence, built.measurements
 
 
 def require_no_source(source: Path | None) -> None:
@@ -71,10 +74,8 @@ def _print_rig(report: RigReport) -> None:
         f"{heat.parts} connected parts, {heat.carried} of them carried by what they lie on; "
         f"{100 * heat.seen:.0f} % of the surface sees a bone"
     )
+    if report.measurements is not None:
+        console.print("the body in it, under its clothes:")
+        print_measures(report.measurements)
     for warning in report.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True, markup=False)
-
-
-def _print_measures(measures: Measurements, weight: float) -> None:
-    parts = [f"{field.name} {getattr(measures, field.name):.3f} m" for field in fields(measures)]
-    Console(highlight=False).print(", ".join([*parts, f"weight {weight:.1f} kg"]), soft_wrap=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.measurements import Measurements, measure
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
@@ -41,12 +42,15 @@ class RigReport:
         fit: of the body model; None where joints were given.
         heat: of the weights.
         warnings: what to look at.
+        measurements: of the body in the mesh, under its clothes, in the model's rest pose;
+            None where joints were given.
     """
 
     upright: Upright | None
     fit: SurfaceFit | None
     heat: HeatReport
     warnings: tuple[str, ...] = ()
+    measurements: Measurements | None = None
 
 
 def auto_rig(
@@ -85,7 +89,10 @@ def auto_rig(
     template, heat = rig_with_joints(
         BareMesh(standing, faces, mesh.uv, mesh.texture, mesh.name), fit.joints, overrides
     )
-    report = RigReport(upright, fit, heat, tuple(_warnings(upright, fit, heat)))
+    assert fit.motion.shape is not None
+    inside = measure(model.template(fit.motion.shape))
+    found = tuple(_warnings(upright, fit, heat))
+    report = RigReport(upright, fit, heat, found, inside)
     for warning in report.warnings:
         logger.warning("%s: %s", mesh.name, warning)
     return template, report

@@ -1,5 +1,6 @@
 """``perfcap actor build`` without a rig: bodies of measures, and what is refused."""
 
+import json
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ def test_a_body_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
     call = ["actor", "build", "--body", "--weight", "66", "--gender", "female", "--name", "eve"]
     done = perfcap([*call, "--out", out])
     assert done.code == 0 and "weight 6" in done.out and "CC0-1.0" in done.out
+    assert 1.5 < json.loads((out / "measurements.json").read_text())["height"]["metres"] < 1.9
     assert cv2.imread(str(out / "contact_sheet.jpg")) is not None
     actor = load_actor(out)
     assert actor.template.name == "eve" and actor.template.texture is not None
