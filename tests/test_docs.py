@@ -33,7 +33,7 @@ def commands() -> list[str]:
     lines |= {
         line for page in PAGES for line in re.findall(r"^ {4}(perfcap .*)$", text(page), re.M)
     }
-    return sorted(line for line in lines if line.startswith("perfcap "))
+    return sorted(line for line in lines if line.startswith("perfcap ") and " ... " not in line)
 
 
 def blocks() -> list[object]:
