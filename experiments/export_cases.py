@@ -61,7 +61,7 @@ class Case:
 def cases(data: Path, folder: Path) -> Iterator[Case]:
     """All of them; files of actors are made in ``folder``."""
     yield Case("sam, motion only", "sam", surface=False)
-    yield Case("sam", "sam", own=find_actor("sam").path)
+    yield Case("sam, own file", "sam", own=find_actor("sam").path)
     yield Case("sam, 300 frames", "sam", frames=300)
     yield Case("sam, 900 frames, motion only", "sam", frames=900, surface=False)
     yield Case("sam, one frame", "sam", frames=1)

@@ -40,11 +40,18 @@ def timing(path: Path) -> tuple[int, float]:
 def open_capture(path: Path) -> None:
     """Import into an empty scene that has the rate and length of the clip."""
     frames, rate = timing(path)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    # the rate comes first: Blender places keys by time
-    scene.render.fps, scene.render.fps_base = round(rate), round(rate) / rate
-    bpy.ops.import_scene.gltf(filepath=str(path.resolve()), disable_bone_shape=True)
+    ratio = round(rate) / rate
+    # Blender places keys by time. Its rate is fps / fps_base, but the importer of some versions
+    # takes the product, which shows where the last key lands.
+    for base in (ratio, 1 / ratio):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        scene = bpy.context.scene
+        scene.render.fps, scene.render.fps_base = round(rate), base
+        bpy.ops.import_scene.gltf(filepath=str(path.resolve()), disable_bone_shape=True)
+        last = max((action.frame_range[1] for action in bpy.data.actions), default=frames - 1)
+        if abs(last - (frames - 1)) < 0.01:
+            break
+    scene.render.fps_base = ratio
     scene.frame_start, scene.frame_end = 0, frames - 1
     scene.frame_set(0)
 

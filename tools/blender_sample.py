@@ -29,8 +29,10 @@ Thing = Any
 
 def open_file(path: Path, fps: float, unit: float) -> list[Thing]:
     """Import a file; returns what it brought. The frame rate must be set first."""
-    scene = bpy.context.scene
-    scene.render.fps, scene.render.fps_base = round(fps), round(fps) / fps
+    render = bpy.context.scene.render
+    # Blender 5.0 takes fps times fps_base for the rate when it reads glTF, elsewhere their ratio
+    ratio = round(fps) / fps
+    render.fps, render.fps_base = round(fps), 1 / ratio if path.suffix == ".glb" else ratio
     before = set(bpy.data.objects)
     name, kind = str(path), path.suffix.lower()
     if kind == ".glb":
@@ -49,6 +51,7 @@ def open_file(path: Path, fps: float, unit: float) -> list[Thing]:
         bpy.ops.wm.ply_import(filepath=name, forward_axis="NEGATIVE_Z", up_axis="Y")
     else:
         raise SystemExit(f"{path}: is of no kind that is read here")
+    render.fps_base = ratio
     return [item for item in bpy.data.objects if item not in before]
 
 
