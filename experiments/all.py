@@ -35,7 +35,7 @@ SMALL: dict[str, tuple[str, ...]] = {
 LONG = (
     "actor_import", "bias_through_solver", "body_fit", "boundary_trust", "deformation_speed",
     "detector_noise", "export_check", "lifter_motion", "lifter_real", "long_clip", "long_surface",
-    "mask_corruption", "paired_or_soft", "real_silhouettes", "segmentation_ablation",
+    "mask_corruption", "paired_or_soft", "real_silhouettes", "report_speed", "segmentation_ablation",
     "silhouette_speed", "stage_ablation", "surface_speed",
 )  # fmt: skip
 
