@@ -6,6 +6,7 @@ import { Toggle, setUpKeys, setUpTransport } from "./controls.js";
 import { readData, takeArrays, takeBytes } from "./data.js";
 import { Footage } from "./footage.js";
 import { Player } from "./player.js";
+import { openGraphics } from "./renderer.js";
 import { Scene } from "./scene.js";
 import { setUpTheme } from "./theme.js";
 import { Views } from "./views.js";
@@ -13,20 +14,21 @@ import { Views } from "./views.js";
 const byId = (id) => document.getElementById(id);
 
 /** The 3D view; null, with a word on the page, where the browser has none. */
-function makeScene(body, arrays, data) {
-  try {
-    return new Scene(byId("scene"), byId("scene-marks"), body, arrays, data);
-  } catch (error) {
-    byId("scene-message").textContent = `${error.message} Everything else on this page works.`;
+function makeScene(graphics, body, arrays, data) {
+  if (graphics === null) {
+    byId("scene-message").textContent = "This browser shows no WebGL 2. Everything else on this page works.";
     return null;
   }
+  return new Scene(byId("scene"), byId("scene-marks"), graphics, body, arrays, data);
 }
 
 async function addTexture(scene, data) {
   if (!data.texture) return;
-  const image = new Blob([takeBytes("texture")], { type: data.texture.type });
-  scene.renderer.setTexture(await createImageBitmap(image, { colorSpaceConversion: "none" }));
-  scene.invalidate();
+  const picture = new Image();
+  picture.src = URL.createObjectURL(new Blob([takeBytes("texture")], { type: data.texture.type }));
+  await picture.decode();
+  URL.revokeObjectURL(picture.src);
+  scene.renderer.setTexture(picture);
 }
 
 /** Buttons of the 3D view; gives what keys do. */
@@ -138,14 +140,15 @@ function publish(player, body) {
 
 async function main() {
   const data = readData();
+  const graphics = openGraphics(byId("scene"));
   const arrays = await takeArrays("model", data.arrays);
   const player = new Player(data.frames, data.rate);
   const body = new Body(arrays);
-  const scene = makeScene(body, arrays, data);
   if (data.surface) {
     const surface = await takeArrays("surface", data.surface.arrays);
     body.addSurface(surface, data.surface.origin, data.surface.step);
   }
+  const scene = makeScene(graphics, body, arrays, data);
   const views = makeViews(arrays, data, player);
   const parts = [scene, views].filter((part) => part !== null);
   player.addEventListener("frame", () => parts.forEach((part) => part.setFrame(player.frame)));
@@ -160,10 +163,12 @@ async function main() {
   setUpTheme(byId("theme"), byId("theme-name"), () => parts.forEach((part) => part.invalidate()));
   if (scene) {
     await addTexture(scene, data);
-    scene.draw(0);
     byId("scene-message").hidden = true;
+    scene.start();
   }
   publish(player, body);
+  // a picture was asked for: it is drawn in the next frame, and shown before the one after
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
   document.documentElement.dataset.state = "ready";
   document.documentElement.dataset.ready = performance.now().toFixed(0);
 }

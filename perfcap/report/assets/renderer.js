@@ -1,22 +1,27 @@
 // Draws the person on a ground with WebGL 2: shadow map, mesh, wireframe, ground.
 
 import { lookAt, multiply, normalize, orthographic } from "./matrix.js";
-import { DEPTH, GROUND, SKIN, WIRE, buildPrograms } from "./shaders.js";
+import { DEPTH, GROUND, SKIN, WIRE, finishProgram, startProgram } from "./shaders.js";
 
 const SHADOW_SIDE = 1024; // texels
 const REACH = 5; // m of ground around the person
 const SUN = normalize([-0.55, 1.0, 0.75]); // above, ahead, from the person's right
 
+/** WebGL and programs on their way, to be asked for early; null where the browser has none. */
+export function openGraphics(canvas) {
+  const gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+  return gl === null ? null : { gl, programs: [SKIN, DEPTH, WIRE, GROUND].map((source) => startProgram(gl, source)) };
+}
+
 export class Renderer {
   /** `stage` moves the world so that y is up, the ground at 0, and the person faces z. */
-  constructor(canvas, body, stage) {
-    const gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
-    if (gl === null) throw new Error("This browser shows no WebGL 2.");
+  constructor(canvas, graphics, body, stage) {
+    const { gl, programs } = graphics;
     this.canvas = canvas;
     this.gl = gl;
     this.body = body;
     this.stage = stage;
-    [this.skin, this.depth, this.wire, this.ground] = buildPrograms(gl, [SKIN, DEPTH, WIRE, GROUND]);
+    [this.skin, this.depth, this.wire, this.ground] = programs.map((program) => finishProgram(gl, program));
     this.spread = new Float32Array(6 * body.welded.length);
     this.makeMesh();
     this.makeGround();
@@ -84,11 +89,11 @@ export class Renderer {
     return image;
   }
 
-  /** Use a decoded image as the texture; its first row is at v = 0, as glTF has it. */
-  setTexture(bitmap) {
+  /** Use a loaded image as the texture; its first row is at v = 0, as glTF has it. */
+  setTexture(picture) {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.image);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
     gl.generateMipmap(gl.TEXTURE_2D);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
     for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {

@@ -7,14 +7,14 @@ import { Renderer } from "./renderer.js";
 import { framing, stageJoints, stageMatrix } from "./stage.js";
 
 export class Scene {
-  constructor(canvas, above, body, arrays, data) {
+  constructor(canvas, above, graphics, body, arrays, data) {
     this.canvas = canvas;
     this.above = above;
     this.body = body;
     this.joints = arrays.joints;
     this.stage = stageMatrix(data.scene, arrays.joints);
     this.framing = framing(arrays.joints, this.stage, data.rate);
-    this.renderer = new Renderer(canvas, body, this.stage);
+    this.renderer = new Renderer(canvas, graphics, body, this.stage);
     this.orbit = new Orbit(canvas, this.framing.half, () => this.invalidate());
     this.orbit.onTouch = () => this.setCamera(null);
     this.onCamera = () => {};
@@ -25,7 +25,14 @@ export class Scene {
     this.middle = [...this.framing.path[0]];
     this.request = 0;
     this.last = 0;
+    this.started = false;
     new ResizeObserver(() => this.invalidate()).observe(canvas);
+  }
+
+  /** Everything is set up: draw from now on. */
+  start() {
+    this.started = true;
+    this.invalidate();
   }
 
   /** Draw soon. */
@@ -34,6 +41,7 @@ export class Scene {
     this.last = performance.now();
     this.request = requestAnimationFrame((now) => {
       this.request = 0;
+      if (!this.started) return; // one picture of everything, not one of every part that is set up
       this.draw(1e-3 * Math.min(100, Math.max(8, now - this.last)));
     });
   }

@@ -1,4 +1,5 @@
-// Shader programs. All light is linear; the last step encodes sRGB.
+// Shader programs. All light is linear: textures are decoded from sRGB, the last step encodes it.
+// (Textures of an sRGB format would do the first in hardware, but are slow to fill without one.)
 
 const HEAD = `#version 300 es
 precision highp float;
@@ -6,6 +7,9 @@ precision highp sampler2DShadow;
 `;
 
 const TONE = `
+vec3 decode(vec3 c) {
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
+}
 vec3 encode(vec3 c) {
   c = clamp(c, 0.0, 1.0);
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
@@ -65,7 +69,7 @@ void main() {
   vec3 toEye = normalize(eye - place);
   vec3 n = normalize(facing);
   if (!gl_FrontFacing) n = -n;
-  vec3 albedo = textured ? texture(image, texel).rgb : vec3(0.56, 0.55, 0.53);
+  vec3 albedo = textured ? decode(texture(image, texel).rgb) : vec3(0.56, 0.55, 0.53);
   float direct = max(dot(n, sun), 0.0) * sunlit(lit, 0.0035, 1.4);
   float up = 0.5 + 0.5 * n.y;
   vec3 light = vec3(1.30, 1.22, 1.10) * direct
@@ -128,13 +132,8 @@ void main() {
 }`,
 };
 
-/** Start to compile and link several programs, which browsers do side by side. */
-export function buildPrograms(gl, sources) {
-  const programs = sources.map((source) => startProgram(gl, source));
-  return programs.map((program) => finishProgram(gl, program));
-}
-
-function startProgram(gl, source) {
+/** Start to compile and link a program; browsers do it in the background until it is asked for. */
+export function startProgram(gl, source) {
   const program = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, source.vertex], [gl.FRAGMENT_SHADER, source.fragment]]) {
     const shader = gl.createShader(kind);
@@ -146,8 +145,8 @@ function startProgram(gl, source) {
   return program;
 }
 
-/** A program with its uniforms by name. */
-function finishProgram(gl, program) {
+/** A started program with its uniforms by name. */
+export function finishProgram(gl, program) {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
     const logs = gl.getAttachedShaders(program).map((shader) => gl.getShaderInfoLog(shader));
     throw new Error([gl.getProgramInfoLog(program), ...logs].join("\n"));
