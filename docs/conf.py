@@ -44,7 +44,6 @@ python_maximum_signature_line_length = 88
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
-_LATER = ("formats", "report", "datasets")
 # links that are right where the files lie, and the pages that show these files
 _SHOWN = (
     (r"(?:\.\./)?experiments/README\.md", "numbers.md"),
@@ -127,11 +126,8 @@ def read_include(app: Sphinx, path: Path, parent: str, content: list[str]) -> No
 
 
 def read_page(app: Sphinx, name: str, content: list[str]) -> None:
-    """Prepare a page; the contents may name pages that are not written yet. In place."""
+    """Prepare a page, in place."""
     relink(content)
-    if name == app.config.root_doc:
-        gone = [page for page in _LATER if not (app.srcdir / f"{page}.md").exists()]
-        content[0] = "\n".join(line for line in content[0].split("\n") if line not in gone)
 
 
 class NotebookParser(MystParser):
