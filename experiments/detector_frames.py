@@ -126,14 +126,16 @@ def _followed(detector: OnnxDetector, sequence: Sequence) -> Found:
 
 def _errors(points: Tensor, confidence: Tensor, sequence: Sequence) -> Found:
     other = sequence.joints[:, list(LANDMARKS16.mirrored())]
-    errors = (_distance(points, truth, sequence) for truth in (sequence.joints, other))
-    return Found(*errors, confidence)
+    errors, swapped = (_distance(points, truth, sequence) for truth in (sequence.joints, other))
+    return Found(errors, swapped, confidence)
 
 
 def _distance(points: Tensor, truth: Tensor, sequence: Sequence) -> Tensor:
     """In torsos, (F, 16)."""
     shoulder, hip = (sequence.joints[:, joint] for joint in _TORSO)
-    return (points - truth).norm(dim=-1) / (shoulder - hip).norm(dim=-1, keepdim=True)
+    torso = (shoulder - hip).norm(dim=-1, keepdim=True)
+    share: Tensor = (points - truth).norm(dim=-1) / torso
+    return share
 
 
 def _shares(found: Found, sequence: Sequence) -> tuple[float, ...]:

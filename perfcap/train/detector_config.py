@@ -78,7 +78,7 @@ class TrainDetectorConfig:
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=11000,
+            steps=11900,
             batch=16,
             learning_rate=1.5e-3,
             average=0.997,

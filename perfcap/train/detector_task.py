@@ -93,11 +93,9 @@ def detection_loss(
     inside = batch.inside.to(divergence)
     weight = batch.known * (inside + weights.nowhere * (1 - inside))
     heat = (weight * divergence).sum() / weight.sum().clamp(min=1)
-    # read around the joint, and where the heat map says it is: right even where that is wrong
-    error = torch.zeros_like(divergence)
-    for share in (flat, log.detach().exp()):
-        read = (places.flatten(3) * share[:, None]).sum(-1).transpose(1, 2)  # N J 3
-        error = error + 0.5 * (read - batch.joints3d).abs().mean(-1)
+    # around the joint, and where the heat map says it is; pixel by pixel, since one is read
+    apart = (places.flatten(3) - batch.joints3d.transpose(1, 2)[..., None]).abs().mean(1)  # N J p
+    error = (0.5 * (flat + log.detach().exp()) * apart).sum(-1)
     posed = inside * batch.posed[:, None]
     place = (posed * error).sum() / posed.sum().clamp(min=1)
     return {"loss": heat + weights.places * place, "heat": heat, "places": place}
