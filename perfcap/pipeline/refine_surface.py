@@ -41,12 +41,14 @@ class DeformedSurface:
         graph: of its template.
         motion: (F,).
         layers: deformations (F, M), each of the surface that the ones before it make.
+        share: of every deformation that counts, (F,); all of it when None.
     """
 
     actor: Actor
     graph: DeformationGraph
     motion: Motion
     layers: tuple[Deformation, ...] = ()
+    share: Tensor | None = None
 
     @property
     def frames(self) -> int:
@@ -57,7 +59,7 @@ class DeformedSurface:
         with torch.no_grad():
             vertices = self.actor.surface(self.motion[span])
             for layer in self.layers:
-                vertices = self.graph(vertices, layer[span].to(vertices))
+                vertices = self.graph(vertices, self._part(layer, span).to(vertices))
             return vertices
 
     def deformed(self, layer: Deformation) -> DeformedSurface:
@@ -66,17 +68,15 @@ class DeformedSurface:
 
     def faded(self, share: Tensor) -> DeformedSurface:
         """This surface with a share (F,) of every deformation."""
-        if bool((share == 1).all()):
-            return self  # which spares a copy
-        each = share[:, None, None]
-        parts = (
-            Deformation(
-                each.to(layer.rotation) * layer.rotation,
-                each.to(layer.rotation) * layer.translation,
-            )
-            for layer in self.layers
-        )
-        return replace(self, layers=tuple(parts))
+        return replace(self, share=None if bool((share == 1).all()) else share)
+
+    def _part(self, layer: Deformation, span: slice) -> Deformation:
+        """A layer of some frames, as far as it counts: clips are long, and copies of them large."""
+        part = layer[span]
+        if self.share is None:
+            return part
+        each = self.share[span, None, None].to(part.rotation)
+        return Deformation(each * part.rotation, each * part.translation)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,8 @@ def refine_surface(
 
         layer, outcome = _solved(solver, workers, tell)
         outcomes.append(outcome)
-        surface = surface.deformed(_smoothed(surface, layer, outcome.kept, width))
+        _smooth(surface, layer, outcome.kept, width)
+        surface = surface.deformed(layer)
 
     def overlaps(surface: DeformedSurface) -> NDArray[np.float64]:
         return clip_overlaps(surface, sight, evidence, workers)
@@ -253,10 +254,10 @@ def _apart(deformation: Deformation) -> Deformation:
     return Deformation(deformation.rotation.unsqueeze(1), deformation.translation.unsqueeze(1))
 
 
-def _smoothed(
-    surface: DeformedSurface, raw: Deformation, kept: NDArray[np.bool_], width: int
-) -> Deformation:
-    """The deformation averaged over those kept in a centred window of frames (MPC-31).
+def _smooth(
+    surface: DeformedSurface, layer: Deformation, kept: NDArray[np.bool_], width: int
+) -> None:
+    """Average a layer over the frames kept in a centred window (MPC-31), in place.
 
     Averaged as seen from the bone that carries each node: a fold that rides on a swinging leg
     stands still there, and a mean in world axes would pull it back to where the leg was.
@@ -264,12 +265,10 @@ def _smoothed(
     """
     actor = surface.actor
     joints = actor.skin.rows()[2][surface.graph.node_vertex]  # the heaviest of each node
-    turns = actor.joint_transforms(surface.motion)[0].to(raw.rotation)  # F J 3 3
-    weights, taps = torch.from_numpy(kept).to(raw.rotation), binomial(width)
-    rotation, translation = torch.empty_like(raw.rotation), torch.empty_like(raw.translation)
+    turns = actor.joint_transforms(surface.motion)[0].to(layer.rotation)  # F J 3 3
+    weights, taps = torch.from_numpy(kept).to(layer.rotation), binomial(width)
     for joint in set(joints.tolist()):
         nodes, turn = joints == joint, turns[:, joint]
-        for source, target in ((raw.rotation, rotation), (raw.translation, translation)):
-            local = source[:, nodes] @ turn  # rows: turn' v
-            target[:, nodes] = smooth_vectors(local, taps, weights) @ turn.mT
-    return Deformation(rotation, translation)
+        for values in (layer.rotation, layer.translation):
+            local = values[:, nodes] @ turn  # rows: turn' v
+            values[:, nodes] = smooth_vectors(local, taps, weights) @ turn.mT
