@@ -1,0 +1,161 @@
+"""``perfcap actor``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class ActorInspect:
+    """Print what an actor is and what is wrong with it; draw a contact sheet."""
+
+    actor: tyro.conf.Positional[str]
+    """Name of a shipped actor, a skinned .glb/.gltf, or a folder with actor.glb."""
+    mapping: Path | None = None
+    """TOML that names the bones of joints, for rigs that are not recognised."""
+    out: Path | None = None
+    """Folder for contact_sheet.jpg."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_inspect import run_inspect
+
+        return run_inspect(self.actor, self.mapping, self.out)
+
+
+@dataclass(frozen=True)
+class ActorBuild:
+    """Make an actor folder of a rigged character, a bare mesh, or a person's measures."""
+
+    out: Path
+    """Folder for actor.glb, manifest.toml and contact_sheet.jpg."""
+    source: tyro.conf.Positional[Path | None] = None
+    """A skinned .glb or .gltf with any bones, or a mesh of a person in a T- or A-pose without any
+    (.obj, .ply, .stl, .glb), in any units, with any axis up."""
+    mapping: Path | None = None
+    """TOML that names the bones of joints, for rigs that are not recognised."""
+    name: str | None = None
+    """What to call the actor; the name of the file."""
+    licence: str | None = None
+    """Under which licence it may be used; what the file says."""
+    overrides: Path | None = None
+    """TOML of regions of a bare mesh that only some bones may move, such as a skirt."""
+    body: bool = False
+    """Make a body of the measures below instead of a file."""
+    body_model: str = "ada"
+    """Name or file of the body model."""
+    height: float | None = None
+    """Of the person, metres; for a bare mesh, with shoes and hair."""
+    weight: float | None = None
+    """Kilograms, for --body."""
+    chest: float | None = None
+    """Girth, metres, for --body, like the two below."""
+    waist: float | None = None
+    """Girth, metres."""
+    hip: float | None = None
+    """Girth, metres."""
+    inseam: float | None = None
+    """From the crotch to the floor, metres, for --body."""
+    gender: Literal["female", "male"] | None = None
+    """For --body."""
+    age: float | None = None
+    """Years, for --body."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_build import build_request, run_build
+
+        return run_build(build_request(vars(self)))
+
+
+@dataclass(frozen=True)
+class ActorFit:
+    """Make an actor with the body of a person seen by one or several calibrated cameras."""
+
+    videos: tyro.conf.Positional[tuple[Path, ...]]
+    """A video or a folder of images; one for each view."""
+    cameras: Path
+    """Calibration, as for capture."""
+    out: Path
+    """Folder for actor.glb, manifest.toml, measurements.json, contact_sheet.jpg and fit.jpg."""
+    detections: tuple[Path, ...] = ()
+    """Joints, as for capture; one for each view."""
+    detector: str | None = None
+    """Find the joints in the videos instead: a folder with manifest.toml and an ONNX network."""
+    box: tuple[float, ...] = ()
+    """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view."""
+    lifter: str | None = None
+    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
+    masks: tuple[Path, ...] = ()
+    """Silhouettes of the person: a folder of images for each view, one image a frame of the video,
+    0 is background; segmented if not given."""
+    silhouettes: bool = True
+    """Fit to silhouettes as well as joints; switch it off for loose clothes."""
+    height: float | None = None
+    """Of the person, metres; one camera needs it."""
+    frames: str | None = None
+    """Part of the clip to choose frames from, A:B (B exclusive)."""
+    count: int = 12
+    """Frames to fit to, spread over the clip."""
+    name: str | None = None
+    """What to call the actor; the name of the folder."""
+    body_model: str = "ada"
+    """Name or file of the body model."""
+    video_map: Path | None = None
+    """JSON of affine maps from video to calibration pixels, where the two differ."""
+    detections_in: Literal["calibration", "video"] = "calibration"
+    """Which pixels detections are in, where the two differ."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_fit import FitRequest, run_fit
+
+        return run_fit(FitRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class ActorFrames:
+    """Pick sharp, evenly spread stills with masks from a video that goes around a person."""
+
+    video: tyro.conf.Positional[Path]
+    """A video, or a folder of images."""
+    out: Path
+    """New folder for images/, masks/ and preview.jpg."""
+    count: int = 60
+    """Stills to pick."""
+    frames: str | None = None
+    """Part of the video, A:B (B exclusive)."""
+    masks: Literal["colmap", "plain", "none"] = "colmap"
+    """How masks are called: 000123.jpg.png (COLMAP), 000123.png (Meshroom, Metashape); or none."""
+    box: tuple[float, ...] = ()
+    """Where the person stays in the picture: LEFT TOP RIGHT BOTTOM, pixels; its middle if not
+    given."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.actor_frames import FramesRequest, run_frames
+
+        return run_frames(FramesRequest(**vars(self)))
+
+
+ActorCommand = (
+    Annotated[ActorBuild, tyro.conf.subcommand("build")]
+    | Annotated[ActorFit, tyro.conf.subcommand("fit")]
+    | Annotated[ActorFrames, tyro.conf.subcommand("frames")]
+    | Annotated[ActorInspect, tyro.conf.subcommand("inspect")]
+)
+
+
+@dataclass(frozen=True)
+class ActorTools:
+    """Make or examine an actor."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[ActorCommand]]
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        return self.command.run()

@@ -1,0 +1,137 @@
+"""What is done with a capture: ``perfcap evaluate``, ``render``, ``export``, ``report``, ``view``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Errors of a result against its truth, as a table and metrics.json."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    truth: Path
+    """An npz with joints3d [F,16,3] in metres, a folder that holds truth.npz or gt.npz, or the
+    folder of a data set."""
+    dataset: str | None = None
+    """Which data set that is: monoperfcap, human36m, mpi_inf_3dhp, humaneva, 3dpw, emdb, panoptic,
+    rendered or pose2sim."""
+    sequence: str | None = None
+    """Which of its sequences."""
+    out: Path | None = None
+    """Where the numbers go, as JSON; metrics.json in the folder if not given."""
+    every: int = 1
+    """Compare surfaces and silhouettes of one in so many frames."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.evaluate import EvaluateRequest, run_evaluate
+
+        return run_evaluate(EvaluateRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Render:
+    """Draw a finished capture from any camera, as a video."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture; nothing else is needed."""
+    out: Path
+    """The video, .mp4."""
+    orbit: float | None = None
+    """Degrees that the camera goes around the person; 360 if no camera is given."""
+    camera: Path | None = None
+    """See it from the camera of a calibration file, fixed or moving, instead."""
+    view: str | None = None
+    """Which view of that file; the first if not given."""
+    size: tuple[int, int] | None = None
+    """Width and height in pixels; 720 720, or the camera's."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+    freeze: int | None = None
+    """Show this frame only, while the camera moves."""
+    seconds: float | None = None
+    """How long a frozen frame is shown; 4."""
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the world points up; auto: the one along which the person stands."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.render import RenderRequest, run_render
+
+        return run_render(RenderRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a finished capture as files of other programs; docs/formats.md says which for which."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    to: tuple[Literal["glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv"], ...]
+    """One or several formats; usd, usdz and c3d need an extra of perfcap."""
+    out: Path | None = None
+    """Folder for the files; FOLDER/export if not given."""
+    name: str | None = None
+    """What to call the files; the name of the folder if not given."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+    up: Literal["y", "z"] | None = None
+    """Which axis points up in the files; z in c3d, else y, if not given. glb is always y up."""
+    unit: Literal["m", "cm", "mm"] | None = None
+    """Of length; cm in bvh, mm in trc and c3d, else m, if not given. glb is always in metres."""
+    world_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the capture's world points up; auto: the one along which the person stands."""
+    surface: bool = True
+    """Write the captured surface into glb and usd, where there is one, beside the skinned mesh."""
+    markers: Literal["landmarks", "bones"] = "landmarks"
+    """Markers of trc and c3d: the 16 landmarks, or the origins of the actor's bones."""
+    order: Literal["auto", "ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX"] = "auto"
+    """Of the axes in bvh; auto: for each joint the one whose angles move the least."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.export import ExportRequest, run_export
+
+        return run_export(ExportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write report.html: the result as one page that plays in a browser, without a network."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+    videos: tuple[Path, ...] = ()
+    """The input videos, where they are no longer where the capture found them."""
+    cameras: Path | None = None
+    """The calibration, likewise."""
+    truth: Path | None = None
+    """True joints, for curves of errors: an npz with joints3d, or a folder that holds one."""
+    frames: str | None = None
+    """Part of the capture, A:B (B exclusive), counted as in its video."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.report import ReportRequest, run_report
+
+        return run_report(ReportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the report of a result in a browser; written first where it is missing or old."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a capture."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.report import run_view
+
+        return run_view(self.folder)
