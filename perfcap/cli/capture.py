@@ -1,4 +1,4 @@
-"""``perfcap demo``, ``capture`` and ``doctor``."""
+"""Captures, and what comes before: demo, capture, doctor."""
 
 from __future__ import annotations
 

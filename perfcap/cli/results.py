@@ -1,4 +1,4 @@
-"""What is done with a capture: ``perfcap evaluate``, ``render``, ``export``, ``report``, ``view``."""
+"""What is done with a capture: evaluate, render, export, report, view."""
 
 from __future__ import annotations
 
