@@ -11,6 +11,8 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.measurements import Measurements
 from perfcap.app.measures import print_measures
 from perfcap.errors import InputError
+from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_import import require_sound
 from perfcap.io.body_model import load_body_model
 from perfcap.io.gltf_document import open_document
 from perfcap.io.mesh import FORMATS, read_mesh
@@ -41,6 +43,7 @@ def rigged_mesh(
         Person(height=height)  # refuses what no person is
     template, report = auto_rig(mesh, load_body_model(body), height, rules)
     _print_rig(report)
+    require_sound(source, examine_actor(template))
     return Actor(template.rounded()), report.measurements
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bare_mesh import BareMesh
@@ -30,6 +32,7 @@ logger = logging.getLogger(__name__)
 MOST_VERTICES = 2_000_000
 # Landmarks that end bones, and the joint each rides on: bones without weights.
 _ENDS = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+_ALIKE, _BESIDE = 0.2, 0.25  # of the extent: how like and how far apart two people are
 _FAR = 0.25  # share of the mesh far from the fitted body above which it is no such person
 
 
@@ -164,7 +167,29 @@ def _checked(mesh: BareMesh) -> tuple[Floats, Integers]:
         )
     if not np.isfinite(vertices).all():
         raise InputError(f"mesh {mesh.name!r} has vertices that are not finite; repair it")
+    if _are_several(vertices, faces.astype(np.int64)):
+        raise InputError(
+            f"mesh {mesh.name!r} holds two parts of the same size side by side; expected one "
+            "person a file, delete the others"
+        )
     return vertices, faces.astype(np.int64)
+
+
+def _are_several(vertices: Floats, faces: Integers) -> bool:
+    """Whether the two largest connected parts are alike in size and lie apart."""
+    place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    edges = np.concatenate((place[:, :2], place[:, 1:]))
+    count = int(place.max()) + 1
+    graph = coo_array((np.ones(len(edges)), edges.T), (count, count))
+    part = connected_components(graph, directed=False)[1][place[:, 0]]
+    sizes = np.bincount(part)
+    if len(sizes) < 2:
+        return False
+    one, other = (vertices[faces[part == p]].reshape(-1, 3) for p in np.argsort(-sizes)[:2])
+    extents = np.sort([np.ptp(points, axis=0) for points in (one, other)], axis=1)
+    alike = bool((np.abs(extents[0] - extents[1]) < _ALIKE * extents.max(0)).all())
+    apart = float(np.linalg.norm(np.median(one, axis=0) - np.median(other, axis=0)))
+    return alike and apart > _BESIDE * float(extents.max()) and len(other) > 0.6 * len(one)
 
 
 def _warnings(upright: Upright, fit: SurfaceFit, heat: HeatReport) -> list[str]:

@@ -91,6 +91,13 @@ def test_what_is_no_person_is_refused(model: BodyModel) -> None:
         auto_rig(mesh, model, settings=replace(QUICK, first=1, rounds=2))
     with pytest.raises(InputError, match="no faces"):
         auto_rig(BareMesh(np.zeros((4, 3)), np.empty((0, 3), np.int64)), model)
+    body, faces = model.surface.mean.numpy(), model.rig.faces
+    pair = (
+        np.concatenate((body, body + np.array([1.5, 0, 0]))),
+        np.concatenate((faces, faces + len(body))),
+    )
+    with pytest.raises(InputError, match="side by side"):
+        auto_rig(BareMesh(*pair), model)
 
 
 def test_given_joints_are_kept(fitter: BodyFitter) -> None:
