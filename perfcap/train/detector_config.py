@@ -72,18 +72,18 @@ class TrainDetectorConfig:
 
     held_out: tuple[str, ...] = ("05", "06")  # people whose motion is not shown
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
-    crops: int = 12000  # stored before training; each is shown again and again, never alike
+    crops: int = 30000  # stored before training; each is shown again and again, never alike
     validation_crops: int = 512  # to score
     sizes: tuple[tuple[float, int], ...] = ((0.0, 128),)
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=11900,
+            steps=60000,
             batch=16,
             learning_rate=1.5e-3,
             average=0.997,
-            evaluate_every=300,
-            save_every=100,
+            evaluate_every=2000,
+            save_every=500,
         )
     )
     detector: DetectorConfig = field(default_factory=DetectorConfig)
