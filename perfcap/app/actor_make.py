@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.measurements import Measurements
 from perfcap.app.measures import print_measures
 from perfcap.errors import InputError
@@ -43,7 +44,8 @@ def rigged_mesh(
         Person(height=height)  # refuses what no person is
     template, report = auto_rig(mesh, load_body_model(body), height, rules)
     _print_rig(report)
-    require_sound(source, examine_actor(template))
+    joints = {name: template.bone(name) for name in JOINTS}
+    require_sound(source, examine_actor(replace(template, joint_bones=joints)))
     return Actor(template.rounded()), report.measurements
 
 
