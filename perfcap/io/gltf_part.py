@@ -22,6 +22,7 @@ Integers = NDArray[np.int64]
 _TRIANGLES = 4
 _MAX_VERTICES = 4_000_000
 _NO_WEIGHT = 1e-6
+_MOST_BARE, _FEW_BARE = 0.05, 50  # share and number of vertices; more are a forgotten part
 _ROUGH_SUM = 0.01  # what weights of 8 bits are off by
 
 
@@ -236,10 +237,11 @@ def _normalized(part: Part, notes: list[Finding]) -> Part:
     nodes = part.nodes.copy()
     if bare.any():
         pieces = _bare_pieces(part, bare)
-        severity = Severity.ERROR if pieces else Severity.WARNING
+        wrong = bool(pieces) or int(bare.sum()) > max(_FEW_BARE, _MOST_BARE * len(bare))
+        severity = Severity.ERROR if wrong else Severity.WARNING
         whole = f", among them {pieces} whole pieces" if pieces else ""
         what = f"{int(bare.sum())} vertices without weights{whole}"
-        remedy = "paint them" if pieces else "they follow their neighbours"
+        remedy = "paint them" if wrong else "they follow their neighbours"
         notes.append(Finding(severity, part.name, what, remedy))
         weights[bare, 0] = 1.0
     if bare.any() and not bare.all():
@@ -258,7 +260,8 @@ def _bare_pieces(part: Part, bare: NDArray[np.bool_]) -> int:
 
 
 def _floats(document: Document, index: object, kind: str, count: int | None = None) -> Floats:
-    values = _attribute(document, index, kind, count).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # damaged numbers; what is not finite is refused below
+        values = _attribute(document, index, kind, count).astype(np.float64)
     if not np.isfinite(values).all():
         raise document.error(f"accessor {index} holds NaN or infinity; export it again")
     return values

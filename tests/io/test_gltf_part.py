@@ -11,9 +11,11 @@ from test_gltf import Builder, armature_file, one_pixel_png
 
 from perfcap.errors import InputError
 from perfcap.io.actor_import import require_sound
-from perfcap.io.doctor.finding import Severity
+from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_part import Part, _normalized
 from perfcap.io.gltf_read import Character, read_character
+from perfcap.io.gltf_texture import Material
 
 
 def character(builder: Builder, folder: Path) -> Character:
@@ -89,6 +91,28 @@ def test_a_bare_piece_is_an_error_and_a_bare_vertex_is_not(tmp_path: Path) -> No
     assert "whole pieces" in found.findings[0].what
     with pytest.raises(InputError, match="without weights"):
         require_sound(tmp_path / "a.gltf", found.findings)
+
+
+@pytest.mark.parametrize(("bare", "severity"), [(40, Severity.WARNING), (90, Severity.ERROR)])
+def test_a_large_bare_region_of_a_piece_is_a_forgotten_part(bare: int, severity: Severity) -> None:
+    rows, columns = np.divmod(np.arange(400), 20)
+    vertices = np.stack((rows, columns, 0 * rows), 1).astype(float)
+    corner = np.arange(400).reshape(20, 20)[:-1, :-1].ravel()
+    faces = np.concatenate(
+        [
+            np.stack((corner, corner + 1, corner + 20), 1),
+            np.stack((corner + 1, corner + 21, corner + 20), 1),
+        ]
+    )
+    weights = np.ones((400, 1))
+    weights[:bare] = 0
+    nodes = (np.arange(400) // 200)[:, None]
+    notes: list[Finding] = []
+    part = Part("coat", vertices, faces, nodes, weights, None, Material(None, (1.0, 1.0, 1.0)))
+    found = _normalized(part, notes)
+    assert [note.severity for note in notes] == [severity]
+    assert f"{bare} vertices without weights" in notes[0].what
+    np.testing.assert_array_equal(found.weights, 1)
 
 
 def test_a_primitive_without_weights_is_an_error(tmp_path: Path) -> None:
