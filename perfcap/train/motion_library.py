@@ -109,17 +109,27 @@ class MotionLibrary:
         Raises:
             InputError: one of them has none.
         """
-        unknown = sorted(set(subjects) - set(self.subjects))
-        if unknown or not subjects:
-            raise InputError(
-                f"subjects: {', '.join(unknown) or 'none'} have no clips; expected some of "
-                f"{', '.join(self.subjects)}"
-            )
+        if not subjects:
+            raise InputError(f"subjects: none; expected some of {', '.join(self.subjects)}")
+        self._require(subjects)
         return self._where(lambda recording: recording.subject in subjects)
 
     def without(self, subjects: Sequence[str]) -> MotionLibrary:
-        """The clips of everybody else."""
+        """The clips of everybody else.
+
+        Raises:
+            InputError: one of them has none: held out by a wrong name, people would be learned from.
+        """
+        self._require(subjects)
         return self._where(lambda recording: recording.subject not in subjects)
+
+    def _require(self, subjects: Sequence[str]) -> None:
+        unknown = sorted(set(subjects) - set(self.subjects))
+        if unknown:
+            raise InputError(
+                f"subjects: {', '.join(unknown)} have no clips; expected some of "
+                f"{', '.join(self.subjects)}"
+            )
 
     def _where(self, wanted: Callable[[Recording], bool]) -> MotionLibrary:
         return MotionLibrary(tuple(r for r in self.recordings if wanted(r)))
