@@ -118,7 +118,7 @@ class MotionLibrary:
         """The clips of everybody else.
 
         Raises:
-            InputError: one of them has none: held out by a wrong name, people would be learned from.
+            InputError: one of them has none; by a wrong name, people would not be held out.
         """
         self._require(subjects)
         return self._where(lambda recording: recording.subject not in subjects)
