@@ -60,7 +60,7 @@ def run(config: Experiment) -> Report:
         action = _ACTIONS[clip.name.split("_")[0]]
         for kind in _SHOWN:
             for table, joints in ((before, guess.joints), (after, refined.joints)):
-                errors = 1000 * distances(joints, clip.truth, kind)
+                errors = distances(joints, clip.truth, kind)
                 table[kind].setdefault(action, []).append(errors)
     return Report((*_by_action(before, after), _by_joint(before, after)), (
         "One view, simulated 2D and 3D detections, the person's own bones. Detections are lifted "
@@ -70,7 +70,7 @@ def run(config: Experiment) -> Report:
 
 
 def distances(joints: Tensor, truth: Tensor, kind: Alignment) -> Tensor:
-    """Of joints after an alignment, (F, J) m."""
+    """Of joints after an alignment, (F, J) mm."""
     valid = torch.ones(truth.shape[:-1], dtype=torch.bool)
     return aligned_distances(joints, truth, valid, kind)
 
