@@ -37,7 +37,7 @@ def _settings() -> Mapping[str, Callable[[PoseConfig], PoseConfig]]:
         "no 2D kernel": part("reprojection", scale=None),
         "no 3D kernel": part("position", scale=None),
         "no 3D gate": part("position", gate=math.inf),
-        "no windows overlap": lambda base: replace(base, overlap=2),
+        "windows overlap by 2": lambda base: replace(base, overlap=2),
         "no pose prior": part("prior", weight=_NEGLIGIBLE),
         "published weights": lambda base: MONOPERFCAP_POSE,
     }
