@@ -29,6 +29,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.pipeline import PoseConfig, PoseRefiner
 from perfcap.render import ProjectedMesh, Texture, look_at, render
 from perfcap.train.backgrounds import Backgrounds
+from perfcap.train.body_parts import UNKNOWN
 from perfcap.train.crop_batches import CropBatch
 from perfcap.train.detector import Detector
 from perfcap.train.detector_config import DetectorConfig, DetectorLoss
@@ -207,7 +208,8 @@ def _heat_loss(network: Detector, images: Tensor, pixels: Tensor) -> Tensor:
     inside = ((pixels > -0.5) & (pixels < size - 0.5)).all(-1)
     known, none = torch.ones_like(inside), torch.zeros(len(images), dtype=torch.bool)
     nothing = pixels.new_zeros(*pixels.shape[:-1], 3)
-    batch = CropBatch(images.float(), pixels, nothing, inside, known, none)
+    parts = torch.full((len(images), size // 4, size // 4), UNKNOWN, dtype=torch.uint8)
+    batch = CropBatch(images.float(), pixels, nothing, inside, known, none, parts)
     logits, places = network(batch.crops)
     heat: Tensor = detection_loss(logits, places, batch, DetectorLoss())["heat"]
     return heat

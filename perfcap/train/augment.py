@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.detect.viewing_ray import toward
+from perfcap.train.body_parts import mirrored_parts, part_map_size
 from perfcap.train.detector_config import Augmentation
 from perfcap.train.scenes import Shot
 
@@ -19,6 +20,7 @@ Floats = NDArray[np.float32]
 
 _MIRRORED = list(LANDMARKS16.mirrored())
 FOLLOWED = 1.25 * 1.16  # boxes around the joints in the crop that a person is followed with
+_OTHER_SIDE = mirrored_parts()
 _LUMA = np.array([0.299, 0.587, 0.114])
 
 
@@ -33,6 +35,7 @@ class View:
         inside: joints that lie in the image, (16,); none without a person.
         known: joints of which it is known whether and where they are inside, (16,).
         posed: whether 3D positions are known.
+        parts: of the body at each pixel of the maps, (size/4, size/4), indices in ``PARTS``.
     """
 
     image: Picture
@@ -41,6 +44,7 @@ class View:
     inside: NDArray[np.bool_]
     known: NDArray[np.bool_]
     posed: bool
+    parts: Picture
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,10 @@ def cut(shot: Shot, framing: Framing, size: int, margin: float) -> View:
         size: of the part, pixels.
         margin: width of the shot, in boxes around the joints.
     """
-    image, joints, poses = shot.image, shot.joints2d, shot.joints3d
+    image, joints, poses, parts = shot.image, shot.joints2d, shot.joints3d, shot.parts
     side = len(image)
     if framing.mirror:
-        image = image[:, ::-1]
+        image, parts = image[:, ::-1], _OTHER_SIDE[parts[:, ::-1]]
         joints = np.stack([side - 1 - joints[_MIRRORED, 0], joints[_MIRRORED, 1]], -1)
         poses = poses[_MIRRORED] * np.array([-1, 1, 1], np.float32)
     width = side * FOLLOWED / margin / framing.zoom
@@ -99,12 +103,24 @@ def cut(shot: Shot, framing: Framing, size: int, margin: float) -> View:
     back = scale * np.array([[cos, sin], [-sin, cos]])  # pixels of the part to those of the shot
     center = 0.5 * (side - 1) + width * np.array(framing.shift)
     origin = center - back @ np.full(2, 0.5 * (size - 1))
+    beyond = cv2.BORDER_CONSTANT if framing.black else cv2.BORDER_REFLECT_101
     part = cv2.warpAffine(
         image,
         np.concatenate([back, origin[:, None]], 1),
         (size, size),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_CONSTANT if framing.black else cv2.BORDER_REFLECT_101,
+        borderMode=beyond,
+    )
+    coarse = part_map_size(size)
+    # of pixels whose corner is the origin, all of it scales
+    corner = (origin + 0.5 - back @ np.full(2, 0.5)) * len(parts) / side
+    step = back * (len(parts) / side) * (size / coarse)
+    shown = cv2.warpAffine(
+        parts,
+        np.concatenate([step, (corner - 0.5 + step @ np.full(2, 0.5))[:, None]], 1),
+        (coarse, coarse),
+        flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+        borderMode=beyond,
     )
     points = (joints - origin) @ np.linalg.inv(back).T
     ray = torch.from_numpy((center - 0.5 * (side - 1)) / shot.focal)
@@ -119,6 +135,7 @@ def cut(shot: Shot, framing: Framing, size: int, margin: float) -> View:
         inside & known,
         known,
         bool(np.isfinite(local).all()),
+        np.asarray(shown, np.uint8),
     )
 
 

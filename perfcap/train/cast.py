@@ -16,10 +16,11 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.train.body_parts import face_parts, skirt_parts
 from perfcap.train.detector_config import SceneData
 from perfcap.train.figure import Figure, actor_figure, pose_figure, rest_turns
 from perfcap.train.motion_library import MotionLibrary
-from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_mesh
+from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_ahead, skirt_mesh
 from perfcap.train.wardrobe import Wardrobe, random_outfit
 
 _UPPER = [
@@ -44,15 +45,17 @@ class Person:
 
     figure: Figure
     rest: Tensor
+    parts: Tensor
     skirt: Skirt | None
 
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """Somebody in a pose: mesh, its texture's places, landmarks; metres, y up."""
+    """Somebody in a pose: mesh, parts of the body, landmarks; metres, y up."""
 
     vertices: Tensor
     faces: Tensor
+    parts: Tensor  # of the faces, (T,) uint8
     landmarks: Tensor
 
 
@@ -98,8 +101,9 @@ class Cast:
         else:
             outfit = random_outfit(rng)
             figure = self._wardrobe.dress(self._shaped(rng), outfit, rng)
+        parts = face_parts(figure.vertices, figure.faces, figure.owner)
         if rng.random() >= self._data.skirts:
-            return Person(figure, rest_turns(figure), None)
+            return Person(figure, rest_turns(figure), parts, None)
         paint = random_outfit(rng).paints[int(rng.integers(3, 5))]
         side = figure.texture.shape[1]
         around = np.abs(np.mgrid[:64, :side]).reshape(2, -1).T / np.array([64, side])
@@ -107,7 +111,8 @@ class Cast:
         cloth = paint.at(places.astype(np.float32), rng).reshape(64, side, 3)
         texture = np.concatenate([figure.texture, cloth.clip(0, 255).astype(np.uint8)])
         worn = replace(figure, texture=texture)
-        return Person(worn, rest_turns(worn), random_skirt(rng))
+        parts = torch.cat((parts, skirt_parts(skirt_ahead())))
+        return Person(worn, rest_turns(worn), parts, random_skirt(rng))
 
     def pose(self, person: Person, rng: np.random.Generator) -> Posed:
         """Somebody in a random pose."""
@@ -115,11 +120,11 @@ class Cast:
         figure = person.figure
         surface, marks = pose_figure(figure, figure.vertices, turns, person.rest)
         if person.skirt is None:
-            return Posed(surface, figure.faces, marks)
+            return Posed(surface, figure.faces, person.parts, marks)
         hips = marks[[LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip")]].mean(0)
         cloth = hang(person.skirt, figure, surface, hips, turns[0])
         faces = torch.cat((figure.faces, self._skirt[0] + len(surface)))
-        return Posed(torch.cat((surface, cloth)), faces, marks)
+        return Posed(torch.cat((surface, cloth)), faces, person.parts, marks)
 
     def texture_places(self, person: Person) -> tuple[Tensor, Tensor]:
         """Corners of the texture (N, 2) and those of each face (T, 3)."""

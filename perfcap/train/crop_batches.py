@@ -39,6 +39,7 @@ class CropBatch:
         inside: joints that lie in the crop, (N, 16).
         known: joints of which that is known, (N, 16).
         posed: crops with 3D positions, (N,).
+        parts: of the body at each pixel of the maps, indices in ``PARTS``, (N, size/4, size/4).
     """
 
     crops: Tensor
@@ -47,6 +48,7 @@ class CropBatch:
     inside: Tensor
     known: Tensor
     posed: Tensor
+    parts: Tensor
 
     def to(self, device: torch.device) -> CropBatch:
         """The same on a device."""
@@ -121,7 +123,7 @@ def collated(views: Sequence[View]) -> CropBatch:
         images.permute(0, 3, 1, 2).float(),
         *(
             torch.from_numpy(np.stack([getattr(view, name) for view in views]))
-            for name in ("joints2d", "joints3d", "inside", "known", "posed")
+            for name in ("joints2d", "joints3d", "inside", "known", "posed", "parts")
         ),
     )
 

@@ -19,7 +19,7 @@ DESCRIPTION = "crops.json"
 _GROUPS = 32  # in a part
 _QUALITY = 92  # of JPEG
 _KEPT = 256  # parts in memory
-_ARRAYS = ("jpeg", "ends", "joints2d", "joints3d", "focal", "present")
+_ARRAYS = ("jpeg", "ends", "joints2d", "joints3d", "focal", "present", "parts")
 
 Progress = Callable[[str, int, int], None]
 
@@ -65,6 +65,7 @@ class CropStore:
             data["joints3d"][row],
             float(data["focal"][row]),
             bool(data["present"][row]),
+            np.asarray(data["parts"][row], np.uint8),
         )
 
 
@@ -126,6 +127,7 @@ def _write_part(path: Path, shots: Sequence[Shot]) -> None:
             joints3d=np.stack([shot.joints3d for shot in shots]),
             focal=np.array([shot.focal for shot in shots]),
             present=np.array([shot.present for shot in shots]),
+            parts=np.stack([shot.parts for shot in shots]),
         )
 
 

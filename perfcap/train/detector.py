@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import cast
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.train.body_parts import PARTS
 from perfcap.train.detector_config import DetectorConfig
 
 JOINTS = len(LANDMARKS)
 _MAPS = 4 * JOINTS  # heat, X, Y and Z of each joint
 _FINER = 2  # map pixels along one of the finest features
+
+
+class Guesses(NamedTuple):
+    """What a detector is taught by; the last two are not exported.
+
+    Heat maps alone learn late which side is which: until then both sides are half right.
+    """
+
+    logits: Tensor
+    """Of the heat maps, (N, 16, H/4, W/4)."""
+    places: Tensor
+    """Location maps, (N, 3, 16, H/4, W/4) m."""
+    pose: Tensor
+    """The whole pose, of the whole crop, (N, 16, 3) m."""
+    parts: Tensor
+    """Logits of the parts of the body and the background, (N, 19, H/4, W/4)."""
 
 
 class Detector(nn.Module):
@@ -39,6 +56,7 @@ class Detector(nn.Module):
         self.narrow = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in back)
         self.up = nn.ModuleList(_Block(b, b) for _, b in back)
         self.maps = nn.Conv2d(widths[0], _MAPS * _FINER**2, 1)
+        self.parts = nn.Conv2d(widths[0], len(PARTS) * _FINER**2, 1)
         self.pose = nn.Linear(widths[-1], 3 * JOINTS)
 
     def forward(self, crops: Tensor) -> tuple[Tensor, Tensor]:
@@ -52,16 +70,15 @@ class Detector(nn.Module):
             (N, 3, 16, H/4, W/4), metres about the middle of the hips, in axes whose z is the ray
             through the middle of the crop.
         """
-        return self._maps(self._down(crops))
+        return self._maps(self._up(self._down(crops)))
 
-    def with_pose(self, crops: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The same, and a guess of the whole pose (N, 16, 3), metres, to learn sides from.
-
-        Heat maps alone learn late which side is which: until then both sides are half right.
-        """
+    def guess(self, crops: Tensor) -> Guesses:
+        """The same, and what else there is to learn from."""
         seen = self._down(crops)
+        fine = self._up(seen)
         pose = self.pose(seen[-1].mean((-2, -1))).reshape(-1, JOINTS, 3)
-        return *self._maps(seen), pose
+        parts = nn.functional.pixel_shuffle(self.parts(fine), _FINER)
+        return Guesses(*self._maps(fine), pose, parts)
 
     def _down(self, crops: Tensor) -> list[Tensor]:
         features = self.stem((crops - cast(Tensor, self.mean)) / 64.0)
@@ -71,11 +88,14 @@ class Detector(nn.Module):
             seen.append(features)
         return seen
 
-    def _maps(self, seen: list[Tensor]) -> tuple[Tensor, Tensor]:
+    def _up(self, seen: list[Tensor]) -> Tensor:
         features = seen[-1]
         for narrow, block, skip in zip(self.narrow, self.up, reversed(seen[:-1]), strict=True):
             coarse = nn.functional.interpolate(narrow(features), scale_factor=2.0, mode="nearest")
             features = block(torch.relu(skip + coarse))
+        return features
+
+    def _maps(self, features: Tensor) -> tuple[Tensor, Tensor]:
         maps = nn.functional.pixel_shuffle(self.maps(features), _FINER)
         places = maps[:, JOINTS:].reshape(-1, 3, JOINTS, *maps.shape[-2:])
         return maps[:, :JOINTS], places

@@ -12,8 +12,8 @@ class DetectorConfig:
     """Size of a detector."""
 
     size: int = 128  # pixels along each side of the crop it sees
-    widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
-    blocks: tuple[int, ...] = (1, 2, 2)  # residual blocks of the last three
+    widths: tuple[int, ...] = (24, 48, 112, 208)  # channels at a 4th, 8th, 16th, 32nd of them
+    blocks: tuple[int, ...] = (1, 2, 3)  # residual blocks of the last three
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ class DetectorLoss:
     deviation: float = 1.0  # of the target about a joint, in pixels of the heat map
     places: float = 3.0  # of location maps (m) against the cross entropy of heat maps (nats)
     pose: float = 6.0  # of the pose guessed from the whole crop (m)
+    parts: float = 1.0  # of the parts of the body (nats a pixel of the person)
     nowhere: float = 0.2  # of joints outside of the crop, whose heat map is to be even
 
 
@@ -74,15 +75,14 @@ class TrainDetectorConfig:
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
     crops: int = 30000  # stored before training; each is shown again and again, never alike
     validation_crops: int = 512  # to score
-    sizes: tuple[tuple[float, int], ...] = ((0.0, 128),)
+    sizes: tuple[tuple[float, int], ...] = ((0.0, 64), (0.45, 96), (0.8, 128))
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
-            steps=60000,
-            batch=16,
-            learning_rate=1.5e-3,
-            average=0.997,
-            evaluate_every=2000,
+            steps=52000,
+            batch=32,
+            average=0.998,
+            evaluate_every=1000,
             save_every=500,
         )
     )

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from perfcap.detect.decode import read_locations
 from perfcap.detect.heatmap import decode_dark, map_to_input
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.train.body_parts import UNKNOWN
 from perfcap.train.crop_batches import Ahead, CropBatch, CropBatches, Shots, plain_batch
 from perfcap.train.detector import Detector
 from perfcap.train.detector_config import DetectorLoss, TrainDetectorConfig
@@ -55,10 +56,13 @@ class DetectorTask:
         side = side_at(self._config, progress)
         batch = self._ahead(number, size, side).to(self._device)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
-            logits, places, pose = self.model.with_pose(batch.crops)
-        losses = detection_loss(logits.float(), places.float(), batch, self._config.loss)
-        whole = pose_loss(pose.float(), batch)
-        return losses | {"loss": losses["loss"] + self._config.loss.pose * whole, "pose": whole}
+            guessed = self.model.guess(batch.crops)
+        weights = self._config.loss
+        losses = detection_loss(guessed.logits.float(), guessed.places.float(), batch, weights)
+        whole = pose_loss(guessed.pose.float(), batch)
+        parts = parts_loss(guessed.parts.float(), batch)
+        total = losses["loss"] + weights.pose * whole + weights.parts * parts
+        return losses | {"loss": total, "pose": whole, "parts": parts}
 
     def evaluate(self, model: nn.Module) -> dict[str, float]:
         """Scores on people who are not learned from; see ``score_detector``."""
@@ -107,6 +111,17 @@ def pose_loss(pose: Tensor, batch: CropBatch) -> Tensor:
     error = (pose - batch.joints3d).abs().mean(-1)
     mean: Tensor = (posed * error).sum() / posed.sum().clamp(min=1)
     return mean
+
+
+def parts_loss(logits: Tensor, batch: CropBatch) -> Tensor:
+    """Cross entropy (nats) of parts of the body (N, 19, h, w), half of it before people."""
+    truth = batch.parts.long()
+    entropy = nn.functional.cross_entropy(logits, truth, ignore_index=UNKNOWN, reduction="none")
+    known, person = truth != UNKNOWN, (truth != 0) & (truth != UNKNOWN)
+    shares = [
+        entropy[where].sum() / where.sum().clamp(min=1) for where in (person, known & ~person)
+    ]
+    return shares[0] + shares[1]
 
 
 def heat_targets(batch: CropBatch, side: int, deviation: float) -> Tensor:

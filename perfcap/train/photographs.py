@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
 from perfcap.errors import InputError
+from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.scenes import Shot
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
@@ -89,7 +90,8 @@ class Photographs:
         )
         unknown = np.full((len(LANDMARKS), 3), np.nan, np.float32)
         points = ((joints - origin) / scale).astype(np.float32)
-        return Shot(np.asarray(part, np.uint8), points, unknown, float(self._size), True)
+        parts = np.full((part_map_size(self._size),) * 2, UNKNOWN, np.uint8)
+        return Shot(np.asarray(part, np.uint8), points, unknown, float(self._size), True, parts)
 
 
 def read_annotations(folder: Path) -> tuple[Annotation, ...]:

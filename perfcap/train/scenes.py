@@ -18,6 +18,7 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.render import Lighting, ProjectedMesh, Texture, look_at, rasterize, render, visibility
 from perfcap.render.lighting import Color
 from perfcap.train.backgrounds import Backgrounds, Picture, add_shape, surface
+from perfcap.train.body_parts import part_map_size
 from perfcap.train.cast import Cast, Posed
 from perfcap.train.detector_config import SceneData
 from perfcap.train.loop import mixed_seed
@@ -37,6 +38,7 @@ class Shot:
         joints3d: root-relative, camera axes, (16, 3) m.
         focal: of the camera, whose axis goes through the middle of the image, pixels.
         present: whether anybody is there; joints mean nothing otherwise.
+        parts: what of the body is seen, whatever is before it, (S/4, S/4), indices in ``PARTS``.
     """
 
     image: Picture
@@ -44,6 +46,7 @@ class Shot:
     joints3d: NDArray[np.float32]
     focal: float
     present: bool
+    parts: Picture
 
 
 class Scenes:
@@ -86,7 +89,8 @@ class Scenes:
         data = self._data
         if rng.random() < data.empty:
             none = np.zeros((len(LANDMARKS), 3), np.float32)
-            return Shot(background, none[:, :2], none, 1.0, False)
+            nobody = np.zeros((part_map_size(data.size),) * 2, np.uint8)
+            return Shot(background, none[:, :2], none, 1.0, False, nobody)
         view = _random_view(posed, data, rng)
         mesh, joints2d = view.see(posed)
         lighting, sun = _random_lighting(rng)
@@ -102,7 +106,8 @@ class Scenes:
             _occlude(image, joints2d.numpy(), surface(data.size, rng), rng)
         local = posed.landmarks @ view.rotation.T
         relative = local - mid_hip(local)
-        return Shot(image, joints2d.numpy(), relative.numpy(), view.focal, True)
+        parts = view.parts(posed)
+        return Shot(image, joints2d.numpy(), relative.numpy(), view.focal, True, parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +124,14 @@ class _View:
         pixels, depth = self.project(posed.vertices)
         mesh = ProjectedMesh(posed.vertices, posed.faces, pixels, depth, (self.size, self.size))
         return mesh, self.project(posed.landmarks)[0]
+
+    def parts(self, posed: Posed) -> Picture:
+        """The part of the body that each pixel of the small map sees."""
+        side = part_map_size(self.size)
+        pixels, depth = self.project(posed.vertices)
+        small = (pixels + 0.5) * side / self.size - 0.5
+        seen = rasterize(small, depth, posed.faces, (side, side))
+        return np.asarray(seen.label(posed.parts).numpy(), np.uint8)
 
     def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Pixels (N, 2) and depth (N,) of points (N, 3)."""

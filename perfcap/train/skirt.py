@@ -100,6 +100,12 @@ def skirt_mesh() -> tuple[Tensor, Tensor]:
     return torch.from_numpy(faces), torch.from_numpy(uv)
 
 
+def skirt_ahead() -> Tensor:
+    """Faces (T,) that are before the wearer."""
+    before = torch.arange(_AROUND) < _AROUND // 2
+    return before.repeat(_DOWN - 1).repeat(2)
+
+
 def _radii(local: Floats, skirt: Skirt) -> NDArray[np.float64]:
     """How far legs push cloth at each height and in each direction, (down, around), m."""
     angle = 2 * np.pi * np.arange(_AROUND) / _AROUND

@@ -38,7 +38,8 @@ def dotted(side: int = 96) -> Shot:
     image = np.zeros((side, side, 3), np.uint8)
     for x, y in joints[:4]:
         cv2.circle(image, (round(float(x)), round(float(y))), 2, (255, 255, 255), -1)
-    return Shot(image, joints, rng.normal(size=(16, 3)).astype(np.float32), 200.0, True)
+    parts = np.zeros((side // 4,) * 2, np.uint8)
+    return Shot(image, joints, rng.normal(size=(16, 3)).astype(np.float32), 200.0, True, parts)
 
 
 def test_a_number_is_a_picture(scenes: Scenes) -> None:

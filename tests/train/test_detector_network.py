@@ -11,6 +11,7 @@ from perfcap.detect.manifest import Calibration
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.train import export_detector as exporting
+from perfcap.train.body_parts import PARTS, UNKNOWN
 from perfcap.train.config import LoopConfig
 from perfcap.train.crop_batches import CropBatch
 from perfcap.train.detector import Detector
@@ -24,6 +25,7 @@ from perfcap.train.detector_task import (
     DetectorTask,
     detection_loss,
     heat_targets,
+    parts_loss,
     peaks_and_hits,
     pose_loss,
     read_joints,
@@ -60,14 +62,17 @@ class Squares:
         share = np.random.default_rng(99).random((16, 2))
         joints = (np.array([x, y]) + share * [11, 19]).astype(np.float32)
         poses = np.random.default_rng(98).normal(size=(16, 3)).astype(np.float32) * 0.3
-        return Shot(image, joints, poses, 80.0, number != 5)
+        parts = (image[::4, ::4, 0] > 0).astype(np.uint8)
+        return Shot(image, joints, poses, 80.0, number != 5, parts)
 
 
 def batch_at(points: torch.Tensor, inside: torch.Tensor) -> CropBatch:
     count = len(points)
     known = torch.ones_like(inside)
     poses = torch.linspace(-1, 1, count * 48).reshape(count, 16, 3)
-    return CropBatch(torch.zeros(count, 3, 64, 64), points, poses, inside, known, known[:, 0])
+    parts = torch.randint(len(PARTS), (count, 16, 16), generator=torch.Generator().manual_seed(3))
+    crops = torch.zeros(count, 3, 64, 64)
+    return CropBatch(crops, points, poses, inside, known, known[:, 0], parts.to(torch.uint8))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +86,11 @@ def test_maps_have_a_quarter_of_the_resolution(network: Detector) -> None:
         logits, places = network(torch.zeros(2, 3, height, width))
         assert logits.shape == (2, 16, height // 4, width // 4)
         assert places.shape == (2, 3, 16, height // 4, width // 4)
-    assert network.with_pose(torch.zeros(2, 3, 64, 64))[2].shape == (2, 16, 3)
+    crops = torch.rand(2, 3, 64, 64)
+    guessed = network.guess(crops)
+    assert guessed.pose.shape == (2, 16, 3) and guessed.parts.shape == (2, len(PARTS), 16, 16)
+    for one, same in zip(network(crops), guessed, strict=False):
+        torch.testing.assert_close(one, same)
 
 
 def test_targets_are_read_back() -> None:
@@ -116,6 +125,20 @@ def test_the_truth_has_no_loss_and_unknown_joints_none_either() -> None:
     assert detection_loss(logits, places, spoilt, DetectorLoss())["heat"].abs() < 1e-4
     unposed = replace(batch, posed=torch.zeros(2, dtype=torch.bool))
     assert detection_loss(logits, places + 1, unposed, DetectorLoss())["places"] == 0
+
+
+def test_parts_are_learned_at_people_as_much_as_around_them() -> None:
+    batch = batch_at(torch.zeros(2, 16, 2), torch.ones(2, 16, dtype=torch.bool))
+    batch.parts[:, 4:] = 0
+    right = 40 * torch.nn.functional.one_hot(batch.parts.long(), len(PARTS)).movedim(-1, 1).float()
+    assert parts_loss(right, batch) < 1e-6
+    even = torch.zeros_like(right)
+    assert parts_loss(even, batch) == pytest.approx(2 * np.log(len(PARTS)))
+    nobody = right.clone()
+    nobody[:, :, :4] = right[:, :, -1:]
+    assert parts_loss(nobody, batch) > 30  # though few pixels are of people
+    unknown = replace(batch, parts=torch.full_like(batch.parts, UNKNOWN))
+    assert parts_loss(even, unknown) == 0
 
 
 def test_sizes_follow_the_progress() -> None:
