@@ -20,11 +20,9 @@ import torch
 from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.console import progress_bars
-from perfcap.app.inputs import Inputs, lift_inputs, read_inputs
-from perfcap.app.networks import DETECTORS, LIFTERS, Detecting, find_model, model_files, parse_boxes
+from perfcap.app.inputs import InputRequest, Inputs, read_inputs
+from perfcap.app.networks import DETECTORS, LIFTERS, find_model, model_files
 from perfcap.app.report import ReportRequest, write_report
-from perfcap.detect.lifter import OnnxLifter
-from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.detections import save_detections
@@ -42,24 +40,15 @@ DONE, INCOMPLETE = 0, 3
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class CaptureRequest:
+@dataclass(frozen=True, kw_only=True)
+class CaptureRequest(InputRequest):
     """What the command line asks for; see ``perfcap capture --help``."""
 
-    videos: tuple[Path, ...]
     actor: str
-    cameras: Path
     out: Path
-    detections: tuple[Path, ...] = ()
-    detector: str | None = None
-    box: tuple[float, ...] = ()
-    lifter: str | None = None
     until: str = "refine_surface"
-    frames: str | None = None
     preset: str = "default"
     bones: str = "auto"
-    video_map: Path | None = None
-    detections_in: str = "calibration"
     device: str = "auto"
     overlay: bool = True
     report: bool = False
@@ -85,7 +74,7 @@ def _capture(request: CaptureRequest) -> int:
     if request.resume and _finished(folder, request, source.path):
         return DONE
     actor = load_actor(request.actor)
-    inputs = _read(request)
+    inputs = read_inputs(request)
     solve_bones = _solve_bones(request.bones, source.generic, inputs.clip.views)
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
@@ -100,34 +89,6 @@ def _capture(request: CaptureRequest) -> int:
     ):
         _LOG.warning("%s", line)
     return DONE if performance.complete else INCOMPLETE
-
-
-def _read(request: CaptureRequest) -> Inputs:
-    """The inputs; joints are detected in the videos where a detector is given."""
-    if bool(request.detections) == (request.detector is not None):
-        given = "and --detector are both given" if request.detections else "is missing"
-        raise InputError(
-            f"--detections: {given}; expected files of joints, or --detector MODEL to find them in "
-            "the videos"
-        )
-    if request.box and request.detector is None:
-        raise InputError("--box: is for --detector; expected no box with --detections")
-    read = partial(
-        read_inputs,
-        request.videos,
-        request.cameras,
-        request.detections,
-        frames=request.frames,
-        video_map=request.video_map,
-        detections_in_video=request.detections_in == "video",
-    )
-    lifter = None if request.lifter is None else OnnxLifter(find_model(request.lifter, LIFTERS))
-    if request.detector is None:
-        return lift_inputs(read(), lifter)
-    detector = OnnxDetector(find_model(request.detector, DETECTORS))
-    boxes = parse_boxes(request.box, len(request.videos))
-    with progress_bars() as tell:
-        return lift_inputs(read(detecting=Detecting(detector, boxes, tell)), lifter)
 
 
 def _networks(request: CaptureRequest) -> Iterator[Path]:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from perfcap.app.networks import Detecting, detect_clip
+from perfcap.app.console import progress_bars
+from perfcap.app.networks import (
+    DETECTORS,
+    LIFTERS,
+    Detecting,
+    detect_clip,
+    find_model,
+    parse_boxes,
+)
 from perfcap.detect.detections import Detections
 from perfcap.detect.lifter import OnnxLifter
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.calibration import (
     CameraRig,
@@ -20,6 +28,33 @@ from perfcap.io.calibration import (
 )
 from perfcap.io.clip import END_SLACK, Clip
 from perfcap.io.detections import read_detections
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputRequest:
+    """What a command that reads views of a person is told about them.
+
+    Attributes:
+        videos: a video or a folder of images a view.
+        cameras: the calibration.
+        detections: one file or folder a view, or one npz of all.
+        detector: name or folder of a network that finds the joints instead.
+        box: where it finds the person in the first frame, four numbers a view.
+        lifter: name or folder of a network that gives 3D poses to views without.
+        frames: ``A:B``, the part of the clip to use.
+        video_map: maps from video to calibration pixels, where they differ.
+        detections_in: whose pixels those of the detections are: ``calibration`` or ``video``.
+    """
+
+    videos: tuple[Path, ...]
+    cameras: Path
+    detections: tuple[Path, ...] = ()
+    detector: str | None = None
+    box: tuple[float, ...] = ()
+    lifter: str | None = None
+    frames: str | None = None
+    video_map: Path | None = None
+    detections_in: str = "calibration"
 
 
 @dataclass(frozen=True)
@@ -43,48 +78,55 @@ class Inputs:
     lost: int = 0
 
 
-def read_inputs(
-    videos: Sequence[Path],
-    cameras: Path,
-    detections: Sequence[Path],
-    *,
-    frames: str | None = None,
-    video_map: Path | None = None,
-    detections_in_video: bool = False,
-    detecting: Detecting | None = None,
-) -> Inputs:
-    """Read a clip with its cameras and detections.
-
-    Args:
-        videos: a video or a folder of images a view.
-        cameras: the calibration.
-        detections: one file or folder a view, or one npz of all.
-        frames: ``A:B``, the part of the clip to use.
-        video_map: maps from video to calibration pixels, where they differ.
-        detections_in_video: whether detections are in pixels of the videos rather than of the
-            calibration.
-        detecting: finds the joints in the videos, where there are no files of detections.
+def read_inputs(request: InputRequest) -> Inputs:
+    """A clip with its cameras and detections, found in the videos where a detector is given.
 
     Raises:
         InputError: anything that cannot be used, in one line.
     """
-    part = parse_frames(frames)
-    clip = Clip.open(list(videos), frames=part)
-    rig = read_cameras(cameras, clip.sizes)
+    _check_detections(request)
+    lifter = None if request.lifter is None else OnnxLifter(find_model(request.lifter, LIFTERS))
+    if request.detector is None:
+        return _lifted(_read(request), lifter)
+    detector = OnnxDetector(find_model(request.detector, DETECTORS))
+    boxes = parse_boxes(request.box, len(request.videos))
+    with progress_bars() as tell:
+        return _lifted(_read(request, Detecting(detector, boxes, tell)), lifter)
+
+
+def _check_detections(request: InputRequest) -> None:
+    """Joints come from files or from a detector, one of the two."""
+    if bool(request.detections) == (request.detector is not None):
+        given = "and --detector are both given" if request.detections else "is missing"
+        raise InputError(
+            f"--detections: {given}; expected files of joints, or --detector MODEL to find them in "
+            "the videos"
+        )
+    if request.box and request.detector is None:
+        raise InputError("--box: is for --detector; expected no box with --detections")
+
+
+def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
+    """Everything but 3D poses of a lifter; with ``detecting``, no files of joints are read."""
+    part = parse_frames(request.frames)
+    videos = list(request.videos)
+    clip = Clip.open(videos, frames=part)
+    rig = read_cameras(request.cameras, clip.sizes)
     if rig.fps is not None and all(source.fps is None for source in clip.sources):
-        clip = Clip.open(list(videos), fps=rig.fps, frames=part)  # images: cheap to open again
+        clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
-    pixel_map = match_image(rig, clip.sizes, read_pixel_map(video_map) if video_map else None)
+    maps = read_pixel_map(request.video_map) if request.video_map else None
+    pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
         chosen = _detect(clip, rig, pixel_map, detecting)
         told = (*clip.warnings, *rig.warnings, *detecting.detector.warnings)
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     whole = clip.start + len(clip) if part.stop is None else None  # a part may end anywhere
-    read = partial(read_detections, list(detections), views=rig.names)
+    read = partial(read_detections, list(request.detections), views=rig.names)
     found, notes = read(pixel_offset=rig.pixel_offset, frames=whole)
     chosen = _part_of(found, clip)
-    if detections_in_video:
+    if request.detections_in == "video":
         chosen = _to_calibration(chosen, pixel_map)
     rig = _camera_frames(rig, clip, chosen.frame_count)
     lost = len(clip) - chosen.frame_count
@@ -94,7 +136,7 @@ def read_inputs(
     return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
 
 
-def lift_inputs(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
+def _lifted(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
     """The same with 3D poses in views that have none, where there is a lifter."""
     if lifter is None:
         return inputs
