@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-import cv2
-import numpy as np
 import torch
 from torch import Tensor
 
 from perfcap.actor.template import Template
-from perfcap.errors import InputError
 from perfcap.render import Texture
 
 _PLAIN = (178, 178, 178)  # of an actor without a texture, as its glTF material has it
@@ -47,15 +44,5 @@ class Appearance:
 def _texture(template: Template, faces: Tensor) -> Texture:
     if template.texture is None or template.uv is None:
         return Texture.plain(_PLAIN, len(faces))
-    encoded = np.frombuffer(template.texture, np.uint8)
-    try:
-        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
-    except cv2.error:  # larger than OpenCV is willing to decode
-        image = None
-    if image is None:
-        raise InputError(
-            f"actor {template.name!r}: its texture cannot be decoded; export it again as JPEG or "
-            "PNG"
-        )
     uv = torch.tensor(template.uv, dtype=torch.float32)
-    return Texture.from_image(torch.tensor(image[..., ::-1].copy()), uv, faces)
+    return Texture.decode(template.texture, uv, faces, f"actor {template.name!r}")

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -62,6 +64,23 @@ class Texture:
             half = torch.nn.functional.avg_pool2d(levels[-1].movedim(-1, 0), 2)
             levels.append(half.movedim(0, -1).contiguous())
         return cls(tuple(levels), uv, faces)
+
+    @classmethod
+    def decode(cls, encoded: bytes, uv: Tensor, faces: Tensor, owner: str) -> Self:
+        """Map a JPEG or PNG onto faces (T, 3) that index uv (N, 2).
+
+        Raises:
+            InputError: it cannot be decoded; ``owner`` says whose it is.
+        """
+        try:
+            image = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)
+        except cv2.error:  # empty, or larger than OpenCV is willing to decode
+            image = None
+        if image is None:
+            raise InputError(
+                f"{owner}: its texture cannot be decoded; export it again as JPEG or PNG"
+            )
+        return cls.from_image(torch.tensor(image[..., ::-1].copy()), uv, faces)
 
     @classmethod
     def plain(cls, color: tuple[int, int, int], faces: int) -> Self:
