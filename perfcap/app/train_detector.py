@@ -103,17 +103,21 @@ def run_train_detector(request: DetectorRequest) -> int:
 def start_from(model: Detector, path: Path) -> None:
     """Give a detector the weights of a checkpoint.
 
+    The detector may have more blocks: they change nothing at first, so it goes on where the
+    smaller one stopped (Chen et al. 2016, Net2Net).
+
     Raises:
         InputError: it is of another network.
     """
-    try:
-        model.load_state_dict(load_checkpoint(path).part("average"))
-    except RuntimeError as error:
-        reason = str(error).splitlines()[-1].strip()
+    weights = load_checkpoint(path).part("average")
+    own = model.state_dict()
+    other = [n for n, v in weights.items() if n not in own or own[n].shape != v.shape]
+    if other or not weights:
         raise InputError(
-            f"{path}: is of another network ({reason:.90}); give the same detector.widths and "
-            "detector.blocks as it was trained with"
-        ) from None
+            f"{path}: is of another network ({', '.join(other[:2]) or 'it has no weights'}); give "
+            "the detector.widths that it was trained with, and no fewer detector.blocks"
+        )
+    model.load_state_dict(own | weights)
 
 
 def _check(config: TrainDetectorConfig) -> None:

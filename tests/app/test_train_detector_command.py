@@ -3,11 +3,17 @@
 from pathlib import Path
 
 import pytest
+import torch
 from motion_files import write_library
 from runs import Command
 
+from perfcap.app.train_detector import start_from
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.train.checkpoint import Checkpoint, save_checkpoint
+from perfcap.train.detector import Detector
+from perfcap.train.detector_config import DetectorConfig
 
+VALUES = {"step": "1", "best": "1.0", "config": "{}"}
 PEOPLE = ("--held-out", "03", "--validation", "02")
 TINY = (
     *("--crops", 32, "--validation-crops", 32, "--sizes", 0.0, 64, "--actors"),
@@ -44,6 +50,19 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     wider = ("--detector.widths", 8, 8, 8, 16)
     other = perfcap([*call[:4], "--out", tmp_path / "b", *PEOPLE, *TINY, *more, *wider])
     assert "is of another network" in other.refused()
+
+
+def test_a_network_grows(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    small, large = (
+        Detector(DetectorConfig(64, (8, 8, 16, 16), (1, 1, count))).eval() for count in (1, 2)
+    )
+    crops = 255 * torch.rand(2, 3, 64, 64)
+    weights = {f"average.{name}": value for name, value in small.state_dict().items()}
+    save_checkpoint(tmp_path / "small", Checkpoint(weights, VALUES))
+    start_from(large, tmp_path / "small")
+    for one, same in zip(small(crops), large(crops), strict=True):
+        torch.testing.assert_close(one, same)
 
 
 @pytest.mark.parametrize(
