@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -12,18 +13,27 @@ from rich.console import Console
 from perfcap.actor.actor import Actor
 from perfcap.actor.measurements import Measurements
 from perfcap.app.actor_inspect import run_inspect
-from perfcap.app.actor_make import GENDERS, body_of, is_bare, require_no_source, rigged_mesh
+from perfcap.app.actor_make import (
+    CHARACTERS,
+    GENDERS,
+    Rigging,
+    body_of,
+    is_bare,
+    require_no_source,
+    rigged_mesh,
+)
 from perfcap.app.measures import save_measures
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
 from perfcap.io.body_model import DEFAULT_BODY
+from perfcap.io.doctor import Severity
 from perfcap.io.mesh import FORMATS
 from perfcap.pipeline.appearance import Appearance
 from perfcap.rigging import Person
 
-_RIGGED = (".glb", ".gltf", ".vrm")
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -36,6 +46,7 @@ class BuildRequest:
     name: str | None = None
     licence: str | None = None
     overrides: Path | None = None
+    detector: str | None = None
     body: bool = False
     body_model: str = DEFAULT_BODY
     person: Person = field(default_factory=Person)
@@ -79,25 +90,43 @@ def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
     if request.body:
         require_no_source(request.source)
+        _refuse_others(request, "--body", tuple(f.name for f in fields(Person)))
         actor, licence, measured = body_of(request.person, request.body_model, request.name)
         return actor, licence, f"body model {request.body_model}", measured
     if request.source is None:
         raise InputError("no file is given; expected a character or a mesh, or --body")
-    if request.source.suffix.lower() not in FORMATS:
+    kinds = tuple(dict.fromkeys((*CHARACTERS, *FORMATS)))
+    if request.source.suffix.lower() not in kinds:
         raise InputError(
             f"{request.source}: is {request.source.suffix or 'without a suffix'}; expected a "
-            f"rigged character or a bare mesh: {', '.join(FORMATS)}"
+            f"rigged character or a bare mesh: {', '.join(kinds)}"
         )
     if is_bare(request.source):
-        height = request.person.height
-        actor, inside = rigged_mesh(request.source, request.body_model, height, request.overrides)
+        _refuse_others(request, "a mesh without bones", ("height", "overrides", "detector"))
+        how = Rigging(
+            request.body_model, request.person.height, request.overrides, request.detector
+        )
+        actor, inside = rigged_mesh(request.source, how)
         return actor, UNKNOWN, f"rigged automatically from {request.source.name}", inside
+    _refuse_others(request, "a character with bones", ("mapping",))
     return (*_from_rigged(request, request.source), None)
+
+
+def _refuse_others(request: BuildRequest, kind: str, used: tuple[str, ...]) -> None:
+    """Refuse options that would do nothing."""
+    options = {name: getattr(request, name) for name in ("mapping", "overrides", "detector")}
+    options |= {f.name: getattr(request.person, f.name) for f in fields(Person)}
+    for name, value in options.items():
+        if value is not None and name not in used:
+            raise InputError(f"--{name}: does nothing for {kind}; leave it out")
 
 
 def _from_rigged(request: BuildRequest, source: Path) -> tuple[Actor, str, str]:
     mapping = None if request.mapping is None else read_mapping(request.mapping)
     imported = import_actor(source, mapping)
     require_sound(source, imported.findings)
+    for finding in imported.about_file:  # the folder no longer tells what was put right
+        if finding.severity is Severity.WARNING:
+            _LOG.warning("%s: %s", source, finding)
     rights = imported.character.copyright or UNKNOWN
     return imported.actor, rights, f"imported from {source.name}"

@@ -34,8 +34,8 @@ class ActorBuild:
     out: Path
     """Folder for actor.glb, manifest.toml and contact_sheet.jpg."""
     source: tyro.conf.Positional[Path | None] = None
-    """A skinned .glb or .gltf with any bones, or a mesh of a person in a T- or A-pose without any
-    (.obj, .ply, .stl, .glb), in any units, with any axis up."""
+    """A skinned .glb, .gltf or .vrm with any bones, or a mesh of a person in a T- or A-pose without
+    any (.obj, .ply, .stl, .glb), in any units, with any axis up."""
     mapping: Path | None = None
     """TOML that names the bones of joints, for rigs that are not recognised."""
     name: str | None = None
@@ -44,6 +44,9 @@ class ActorBuild:
     """Under which licence it may be used; what the file says."""
     overrides: Path | None = None
     """TOML of regions of a bare mesh that only some bones may move, such as a skirt."""
+    detector: str | None = None
+    """Find joints of a bare mesh in pictures of it from all sides as well: a folder with
+    manifest.toml and an ONNX network."""
     body: bool = False
     """Make a body of the measures below instead of a file."""
     body_model: str = "ada"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
+from perfcap.actor.motion import Motion
 from perfcap.actor.template import Template
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
@@ -23,6 +25,12 @@ from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.overrides import Override
 from perfcap.rigging.target_surface import TargetSurface
 from perfcap.rigging.upright import Upright, stand_up
+from perfcap.rigging.view_landmarks import (
+    JointDetector,
+    SeenLandmarks,
+    ViewSettings,
+    see_landmarks,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -47,6 +55,7 @@ class RigReport:
         warnings: what to look at.
         measurements: of the body in the mesh, under its clothes, in the model's rest pose;
             None where joints were given.
+        seen: landmarks that a detector saw; None without one.
     """
 
     upright: Upright | None
@@ -54,6 +63,19 @@ class RigReport:
     heat: HeatReport
     warnings: tuple[str, ...] = ()
     measurements: Measurements | None = None
+    seen: SeenLandmarks | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A direction in which a mesh may stand, and what fits it there."""
+
+    upright: Upright
+    mesh: BareMesh
+    target: TargetSurface
+    seen: SeenLandmarks | None
+    distance: float
+    motion: Motion
 
 
 def auto_rig(
@@ -62,6 +84,7 @@ def auto_rig(
     height: float | None = None,
     overrides: tuple[Override, ...] = (),
     settings: FitSettings | None = None,
+    detector: JointDetector | None = None,
 ) -> tuple[Template, RigReport]:
     """Make an actor of a bare mesh of one person in a T- or A-pose.
 
@@ -74,28 +97,30 @@ def auto_rig(
         height: of the person with shoes and hair, metres; without it the unit is guessed.
         overrides: regions that only some bones may move; boxes are in the upright mesh.
         settings: of the fit.
+        detector: of joints in images; pictures of the mesh from all sides are shown to it, and the
+            body is fitted to the joints that they agree on as well as to the surface.
 
     Raises:
-        InputError: it is no mesh, or not of one person in such a pose.
+        InputError: it is no mesh, or not of one person in such a pose; the detector finds nobody.
     """
     vertices, faces = _checked(mesh)
     rng = np.random.default_rng(0)
     fitter = BodyFitter(model, settings)
     samples = TargetSurface(vertices, faces, rng, dense=2400).points
     people = [fitter.surface(start)[0].numpy()[::6] for start in fitter.starts()]
-    upright, standing, fit = _fit(fitter, vertices, faces, stand_up(samples, people, height))
+    whole = replace(mesh, vertices=vertices, faces=faces)
+    best = _best(fitter, whole, stand_up(samples, people, height), detector)
+    fit = fitter.refine(best.motion, best.target, best.seen)
     if fit.far > _FAR:
         raise InputError(
             f"mesh {mesh.name!r}: {100 * fit.far:.0f} % of it is farther than 0.15 m from the "
             "fitted body; expected one person in a T- or A-pose, without floor or other objects"
         )
-    template, heat = rig_with_joints(
-        BareMesh(standing, faces, mesh.uv, mesh.texture, mesh.name), fit.joints, overrides
-    )
+    template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
     assert fit.motion.shape is not None
     inside = measure(model.template(fit.motion.shape))
-    found = tuple(_warnings(upright, fit, heat))
-    report = RigReport(upright, fit, heat, found, inside)
+    found = tuple(_warnings(best.upright, fit, heat))
+    report = RigReport(best.upright, fit, heat, found, inside, best.seen)
     for warning in report.warnings:
         logger.warning("%s: %s", mesh.name, warning)
     return template, report
@@ -141,19 +166,30 @@ def rig_with_joints(
     return template, heat
 
 
-def _fit(
-    fitter: BodyFitter, vertices: Floats, faces: Integers, candidates: list[Upright]
-) -> tuple[Upright, Floats, SurfaceFit]:
-    """The direction that fits best after a first fit, the mesh in it, and its full fit."""
+def _best(
+    fitter: BodyFitter, mesh: BareMesh, uprights: list[Upright], detector: JointDetector | None
+) -> _Candidate:
+    """The direction that fits best after a first fit, among those in which a person is seen."""
+    found = 0
     tried = []
-    for upright in candidates:
-        standing = upright.apply(vertices)
-        target = fitter.target(standing, faces)
-        distance, motion = fitter.screen(target)
+    for upright in uprights:
+        standing = replace(mesh, vertices=upright.apply(mesh.vertices))
+        seen = None if detector is None else see_landmarks(standing, detector)
+        if seen is not None:
+            found = max(found, seen.found)
+            if seen.found < ViewSettings().landmarks:
+                continue
+        target = fitter.target(standing.vertices, standing.faces)
+        distance, motion = fitter.screen(target, seen)
         logger.debug("direction %s: %.1f mm", upright.rotation.tolist(), 1e3 * distance)
-        tried.append((distance, upright, standing, target, motion))
-    _, upright, standing, target, motion = min(tried, key=lambda entry: entry[0])
-    return upright, standing, fitter.refine(motion, target)
+        tried.append(_Candidate(upright, standing, target, seen, distance, motion))
+    if not tried:
+        raise InputError(
+            f"mesh {mesh.name!r}: the detector finds {found} of {len(LANDMARKS)} landmarks alike "
+            f"in {ViewSettings().views} pictures of it, expected {ViewSettings().landmarks} or "
+            "more; give the mesh with its texture, or leave the detector out"
+        )
+    return min(tried, key=lambda candidate: candidate.distance)
 
 
 def _checked(mesh: BareMesh) -> tuple[Floats, Integers]:

@@ -20,6 +20,7 @@ from perfcap.energy.prior import PosePrior
 from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch
 from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
+from perfcap.rigging.view_landmarks import SeenLandmarks
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.kernels import GemanMcClure
 
@@ -43,6 +44,8 @@ class FitSettings:
         samples: of the body, and of the mesh.
         beneath: trust of a body inside the mesh, against 1 for a body outside: clothes hide it.
         hands: trust of hands, which may be open or closed.
+        landmarks: weight of the mean squared distance from landmarks that were seen, against 1 for
+            that of the surfaces from each other.
         shape: weight of the squared coefficients of shape.
         pose: weight of the squared deviation of angles from where they start.
         deviation: of angles, radians.
@@ -58,6 +61,7 @@ class FitSettings:
     samples: tuple[int, int] = (800, 1200)
     beneath: float = 0.35
     hands: float = 0.25
+    landmarks: float = 0.2
     shape: float = 1.0e-6
     pose: float = 2.0e-6
     deviation: float = 0.35
@@ -102,6 +106,7 @@ class BodyFitter:
         self.trust = 1 - (1 - self.settings.hands) * hands
         rng = np.random.default_rng(self.settings.seed)
         mean = model.surface.mean.numpy()
+        self.seen_marks = self.marks.at(np.arange(len(LANDMARKS)))
         self.chosen = spread(mean, model.rig.faces, self.settings.samples[0], rng)
 
     def fit(self, vertices: Floats, faces: Integers) -> SurfaceFit:
@@ -113,21 +118,26 @@ class BodyFitter:
         """What ``screen`` and ``refine`` fit to."""
         return TargetSurface(vertices, faces, np.random.default_rng(self.settings.seed))
 
-    def screen(self, target: TargetSurface) -> tuple[float, Motion]:
+    def screen(
+        self, target: TargetSurface, seen: SeenLandmarks | None = None
+    ) -> tuple[float, Motion]:
         """The best of the likeliest starts after a few rounds each, and its distance, metres."""
         settings, rng = self.settings, np.random.default_rng(self.settings.seed)
         found: list[tuple[float, Motion]] = []
         for motion in self._ranked_starts(target)[: settings.screened]:
             for reach in np.geomspace(settings.reach[0], settings.reach[0] / 3, settings.first):
-                motion = self._round(motion, target, float(reach), rng)
-            found.append((two_way_distance(self.surface(motion)[0].numpy(), target), motion))
+                motion = self._round(motion, target, float(reach), rng, seen)
+            distance = two_way_distance(self.surface(motion)[0].numpy(), target)
+            found.append((distance + self._missed(motion, seen), motion))
         return min(found, key=lambda pair: pair[0])
 
-    def refine(self, motion: Motion, target: TargetSurface) -> SurfaceFit:
+    def refine(
+        self, motion: Motion, target: TargetSurface, seen: SeenLandmarks | None = None
+    ) -> SurfaceFit:
         """Fit from a start."""
         settings, rng = self.settings, np.random.default_rng(self.settings.seed)
         for reach in np.geomspace(*settings.reach, settings.rounds):
-            motion = self._round(motion, target, float(reach), rng)
+            motion = self._round(motion, target, float(reach), rng, seen)
         return self._result(motion, target)
 
     def starts(self) -> list[Motion]:
@@ -165,7 +175,12 @@ class BodyFitter:
         return replace(motion, shape=shape)
 
     def _round(
-        self, motion: Motion, target: TargetSurface, reach: float, rng: np.random.Generator
+        self,
+        motion: Motion,
+        target: TargetSurface,
+        reach: float,
+        rng: np.random.Generator,
+        seen: SeenLandmarks | None,
     ) -> Motion:
         """Match, then solve."""
         settings, chosen = self.settings, self.chosen
@@ -175,7 +190,7 @@ class BodyFitter:
         nearest = cKDTree(body).query(target.points[picked])[1]
         at = target.nearest(body[chosen])[1]
         pairs = {"body": (chosen, at), "mesh": (nearest, picked)}
-        energies = {}
+        energies = {} if seen is None else {"seen": self._pull(seen, reach)}
         for name, (rows, samples) in pairs.items():
             matches = self._matches(body, normals, rows, target, samples)
             kernel = GemanMcClure(reach)
@@ -192,6 +207,19 @@ class BodyFitter:
             objective, motion, method, shape_bounds(self.actor, self.model.components)
         ).state
         return state
+
+    def _pull(self, seen: SeenLandmarks, reach: float) -> SurfaceMatch:
+        """Distance of the landmarks from where they were seen, in all directions alike."""
+        matches = Matches(seen.places, torch.zeros_like(seen.places), seen.trust)
+        weight = self.settings.landmarks / len(LANDMARKS)
+        return SurfaceMatch(self.seen_marks, matches, 1.0, weight, GemanMcClure(reach))
+
+    def _missed(self, motion: Motion, seen: SeenLandmarks | None) -> float:
+        """Mean distance from landmarks that were seen, metres; what is far is as bad as 0.4 m."""
+        if seen is None:
+            return 0.0
+        apart = (self.seen_marks(motion)[0] - seen.places).norm(dim=-1).clamp(max=0.4)
+        return float((seen.trust * apart).sum() / seen.trust.sum().clamp(min=1e-12))
 
     def _anchor(self, motion: Motion) -> Tensor:
         """Angles that the prior prefers: the nearest of the starts in the arms."""

@@ -84,6 +84,24 @@ def test_captures_with_ones_own_character_find_the_same_motion(
         np.testing.assert_allclose(theirs, ours, atol=2e-3)
 
 
+def test_building_tells_what_was_put_right(perfcap: Command, tmp_path: Path) -> None:
+    """A VRM is a binary glTF; the folder is in metres, so that only the import can tell."""
+    source, out = tmp_path / "own.glb", tmp_path / "me"
+    write_actor(source, transformed(Rig(MIXAMO).template(), 100 * np.eye(3), np.zeros(3)))
+    done = perfcap(["actor", "build", source.rename(tmp_path / "own.vrm"), "--out", out])
+    assert done.code == 0
+    assert any("own.vrm: warning: scale: the file is in centimetres" in n for n in done.notes)
+
+
+def test_options_that_do_nothing_are_refused(perfcap: Command, tmp_path: Path) -> None:
+    call = ["actor", "build", write(tmp_path / "a.glb"), "--out", tmp_path / "me"]
+    assert (
+        "--height: does nothing for a character with bones"
+        in perfcap([*call, "--height", "1.7"]).refused()
+    )
+    assert not (tmp_path / "me").exists()
+
+
 def write(path: Path, **changes: object) -> Path:
     write_actor(path, replace(Rig(MIXAMO).template(), **changes))  # type: ignore[arg-type]
     return path

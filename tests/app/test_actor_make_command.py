@@ -39,6 +39,10 @@ def test_a_body_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
         (["--body", "--body-model", "nobody"], "ada"),
         (["scan.txt"], "expected a rigged character or a bare mesh"),
         (["scan.obj", "--overrides", "missing.toml"], "missing.toml"),
+        (["scan.obj", "--detector", "nowhere"], "--detector nowhere: no such folder"),
+        (["scan.obj", "--mapping", "bones.toml"], "--mapping: does nothing for a mesh without"),
+        (["scan.obj", "--waist", "0.8"], "--waist: does nothing for a mesh without bones"),
+        (["--body", "--detector", "nowhere"], "--detector: does nothing for --body"),
     ],
 )
 def test_what_cannot_be_built_is_told(
