@@ -18,15 +18,16 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import View, make_view
 from perfcap.io.datasets.joint_sets import H36M32, landmarks_in
-from perfcap.io.datasets.layout import check_name, landmarks_of, present, wrong_layout
-from perfcap.io.datasets.positions import checked_positions, read_positions
+from perfcap.io.datasets.layout import landmarks_of, present
+from perfcap.io.datasets.positions import PackedPositions
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
 from perfcap.io.files import MEBIBYTE, read_text
 from perfcap.metrics import Alignment
 
 _TITLE = "Human3.6M"
 _LAYOUT = "data_3d_h36m.npz (VideoPose3D) and metadata.xml (with the data set)"
-_POSITIONS, _METADATA = "data_3d_h36m.npz", "metadata.xml"
+_POSITIONS = PackedPositions(_TITLE, "data_3d_h36m.npz", _LAYOUT, len(H36M32))
+_METADATA = "metadata.xml"
 _RATE = 50.0
 _SUBJECTS = 11
 # serial numbers, and image sizes (height, width)
@@ -43,19 +44,12 @@ _MILLIMETRE = 1e-3
 
 def list_human36m(folder: Path) -> tuple[str, ...]:
     """Names of the sequences, as ``S9/Directions 1``."""
-    if not (folder / _POSITIONS).is_file():
-        raise wrong_layout(folder, _TITLE, _POSITIONS, _LAYOUT)
-    return tuple(read_positions(folder / _POSITIONS))
+    return _POSITIONS.names(folder)
 
 
 def read_human36m(folder: Path, name: str) -> DatasetSequence:
     """One sequence; without ``metadata.xml`` it has no cameras."""
-    path = folder / _POSITIONS
-    if not path.is_file():
-        raise wrong_layout(folder, _TITLE, _POSITIONS, _LAYOUT)
-    positions = read_positions(path)
-    check_name(folder, _TITLE, name, positions)
-    points = checked_positions(path, name, positions[name], len(H36M32))
+    points = _POSITIONS.read(folder, name)
     subject, _, action = name.partition("/")
     metadata = folder / _METADATA
     rig = _cameras(metadata, subject) if metadata.is_file() else None

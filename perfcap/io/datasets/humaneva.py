@@ -17,15 +17,15 @@ from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import View, make_view
 from perfcap.io.datasets.joint_sets import HUMANEVA15, landmarks_in
-from perfcap.io.datasets.layout import check_name, landmarks_of, wrong_layout
-from perfcap.io.datasets.positions import checked_positions, read_positions
+from perfcap.io.datasets.layout import landmarks_of
+from perfcap.io.datasets.positions import PackedPositions
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
 from perfcap.io.files import MEBIBYTE, read_text
 from perfcap.metrics import Alignment
 
 _TITLE = "HumanEva-I"
 _LAYOUT = "data_3d_humaneva15.npz (VideoPose3D) and S1/Calibration_Data/C1.cal"
-_POSITIONS = "data_3d_humaneva15.npz"
+_POSITIONS = PackedPositions(_TITLE, "data_3d_humaneva15.npz", _LAYOUT, len(HUMANEVA15))
 _CAMERAS = ("C1", "C2", "C3")  # in colour
 _SIZE = (480, 640)
 _RATE = 60.0
@@ -35,19 +35,12 @@ _MILLIMETRE = 1e-3
 
 def list_humaneva(folder: Path) -> tuple[str, ...]:
     """Names of the sequences, as ``Validate/S1/Walking 1 chunk0``."""
-    if not (folder / _POSITIONS).is_file():
-        raise wrong_layout(folder, _TITLE, _POSITIONS, _LAYOUT)
-    return tuple(read_positions(folder / _POSITIONS))
+    return _POSITIONS.names(folder)
 
 
 def read_humaneva(folder: Path, name: str) -> DatasetSequence:
     """One sequence; without ``.cal`` files it has no cameras."""
-    path = folder / _POSITIONS
-    if not path.is_file():
-        raise wrong_layout(folder, _TITLE, _POSITIONS, _LAYOUT)
-    positions = read_positions(path)
-    check_name(folder, _TITLE, name, positions)
-    points = checked_positions(path, name, positions[name], len(HUMANEVA15))
+    points = _POSITIONS.read(folder, name)
     part, _, action = name.rpartition("/")
     calibration = folder / part.rpartition("/")[2] / "Calibration_Data"
     rig = _cameras(calibration) if calibration.is_dir() else None

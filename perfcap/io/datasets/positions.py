@@ -7,6 +7,7 @@ world. Human3.6M and HumanEva are most often passed on in this form.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +15,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.datasets.layout import check_name, wrong_layout
 from perfcap.io.datasets.safe_pickle import read_object_archive
 
 _WHAT = "positions_3d, a dictionary of subjects, actions and arrays (F, J, 3)"
 
 
-def read_positions(path: Path) -> dict[str, Any]:
-    """Arrays by ``subject/action``; each is checked when it is used.
+@dataclass(frozen=True)
+class PackedPositions:
+    """Where a data set has its positions.
 
-    Raises:
-        InputError: the file is missing, damaged or something else.
+    Attributes:
+        title: of the data set.
+        file: in its folder.
+        layout: of the folder, in words.
+        joints: J, of every pose.
     """
-    subjects = read_object_archive(path, "positions_3d", _WHAT)
-    found = dict(_pairs(path, subjects))
-    if not found:
-        raise InputError(f"{path}: holds no action of any subject; expected {_WHAT}")
-    return found
+
+    title: str
+    file: str
+    layout: str
+    joints: int
+
+    def names(self, folder: Path) -> tuple[str, ...]:
+        """Names of the sequences, ``subject/action``.
+
+        Raises:
+            InputError: the file is missing, damaged or something else.
+        """
+        return tuple(self._arrays(folder))
+
+    def read(self, folder: Path, name: str) -> NDArray[np.float64]:
+        """Positions of a sequence, (F, J, 3), metres.
+
+        Raises:
+            InputError: as for ``names``, no such sequence, or it holds something else.
+        """
+        arrays = self._arrays(folder)
+        check_name(folder, self.title, name, arrays)
+        return _checked(folder / self.file, name, arrays[name], self.joints)
+
+    def _arrays(self, folder: Path) -> dict[str, Any]:
+        """Arrays by name; each is checked when it is used."""
+        path = folder / self.file
+        if not path.is_file():
+            raise wrong_layout(folder, self.title, self.file, self.layout)
+        found = dict(_pairs(path, read_object_archive(path, "positions_3d", _WHAT)))
+        if not found:
+            raise InputError(f"{path}: holds no action of any subject; expected {_WHAT}")
+        return found
 
 
 def _pairs(path: Path, subjects: Any) -> Iterator[tuple[str, Any]]:
@@ -43,12 +77,7 @@ def _pairs(path: Path, subjects: Any) -> Iterator[tuple[str, Any]]:
             yield f"{subject}/{action}", points
 
 
-def checked_positions(path: Path, name: str, points: Any, joints: int) -> NDArray[np.float64]:
-    """Positions (F, joints, 3) of a sequence.
-
-    Raises:
-        InputError: they are something else.
-    """
+def _checked(path: Path, name: str, points: Any, joints: int) -> NDArray[np.float64]:
     shape = getattr(points, "shape", ())
     if not isinstance(points, np.ndarray) or len(shape) != 3 or shape[1:] != (joints, 3):
         raise InputError(
