@@ -42,21 +42,7 @@ def export_lifter(lifter: Lifter, folder: Path, rate: float, origin: str, licenc
     axes = {"features": {0: torch.export.Dim("tracks"), 1: torch.export.Dim("frames")}}
     data = to_onnx(lifter, example, ("joints", "spread"), axes)
     check_equal(lifter, data)
-    folder.mkdir(parents=True, exist_ok=True)
-    with writing(folder / MODEL) as file:
-        file.write(data)
-    digest = hashlib.sha256(data).hexdigest()
-    text = f"""# A lifter: 2D joint tracks to 3D poses.
-kind = "lifter"
-
-[[file]]
-name = "{MODEL}"
-size = {len(data)}
-sha256 = "{digest}"
-licence = {quoted(licence)}
-origin = {quoted(origin)}
-
-[input]
+    network = f"""[input]
 rate = {rate:g}  # frames a second
 reach = {lifter.config.reach}  # frames either side that an answer depends on
 
@@ -64,8 +50,37 @@ reach = {lifter.config.reach}  # frames either side that an answer depends on
 joints = "joints"  # (N, F, 16, 3), metres, about the middle of the hips
 spread = "spread"  # (N, F, 16), metres that each is expected to be off
 """
-    with writing(folder / MANIFEST) as file:
-        file.write(text.encode())
+    head = '# A lifter: 2D joint tracks to 3D poses.\nkind = "lifter"'
+    save_network(folder, data, head, (origin, licence), network)
+
+
+def save_network(
+    folder: Path, data: bytes, head: str, weights: tuple[str, str], network: str
+) -> None:
+    """Write ``model.onnx`` and its ``manifest.toml``.
+
+    Args:
+        folder: where to; made if need be.
+        data: the network as ONNX.
+        head: TOML before the table of the file.
+        weights: their origin and licence, a sentence each.
+        network: TOML after it, of what goes in and comes out.
+    """
+    origin, licence = weights
+    text = f"""{head}
+
+[[file]]
+name = "{MODEL}"
+size = {len(data)}
+sha256 = "{hashlib.sha256(data).hexdigest()}"
+licence = {_quoted(licence)}
+origin = {_quoted(origin)}
+
+{network}"""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in ((MODEL, data), (MANIFEST, text.encode())):
+        with writing(folder / name) as file:
+            file.write(content)
 
 
 def to_onnx(
@@ -153,7 +168,7 @@ def check_equal(lifter: Lifter, data: bytes) -> None:
             )
 
 
-def quoted(text: str) -> str:
+def _quoted(text: str) -> str:
     """A TOML string."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
     return f'"{escaped}"'

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.detect.manifest import Calibration
 from perfcap.errors import InputError
-from perfcap.io.atomic import writing
 from perfcap.train.detector import Detector, DetectorMaps
-from perfcap.train.export import MODEL, TOLERANCE, quoted, to_onnx
+from perfcap.train.export import TOLERANCE, save_network, to_onnx
 
 OUTPUTS = ("heat", "x", "y", "z")
 
@@ -39,21 +36,8 @@ def export_detector(
     axes = {"crops": {0: torch.export.Dim("crops")}}
     data = to_onnx(model, torch.zeros(2, 3, size, size), OUTPUTS, axes)
     check_maps_equal(model, data, size)
-    folder.mkdir(parents=True, exist_ok=True)
-    with writing(folder / MODEL) as file:
-        file.write(data)
     names = ", ".join(f'"{name}"' for name in LANDMARKS)
-    text = f"""# A detector: the crop of a person to 2D joints and 3D positions.
-kind = "detector"
-
-[[file]]
-name = "{MODEL}"
-size = {len(data)}
-sha256 = "{hashlib.sha256(data).hexdigest()}"
-licence = {quoted(licence)}
-origin = {quoted(origin)}
-
-[input]
+    network = f"""[input]
 size = [{size}, {size}]
 color = "rgb"
 
@@ -71,8 +55,8 @@ names = [{names}]
 raw = {_numbers(calibration.raw)}
 probability = {_numbers(calibration.probability)}
 """
-    with writing(folder / MANIFEST) as file:
-        file.write(text.encode())
+    head = '# A detector: the crop of a person to 2D joints and 3D positions.\nkind = "detector"'
+    save_network(folder, data, head, (origin, licence), network)
 
 
 def check_maps_equal(model: DetectorMaps, data: bytes, size: int) -> None:
