@@ -15,7 +15,6 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
-from perfcap.metrics.alignment import root_aligned as root_aligned  # as callers know it
 from perfcap.metrics.missing import (
     check_same_joints,
     complete,

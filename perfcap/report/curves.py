@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from perfcap.geometry.alignment import similarity_align
 from perfcap.geometry.camera import Camera
 from perfcap.io.result import Result
-from perfcap.metrics.joints import distances, root_aligned
+from perfcap.metrics.alignment import root_aligned
+from perfcap.metrics.joints import distances
 from perfcap.report.sources import Sources
 
 _SEEN = 0.2  # share of the largest confidence from which a detected joint counts

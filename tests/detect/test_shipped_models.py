@@ -12,7 +12,7 @@ from perfcap.detect.lifter import OnnxLifter
 from perfcap.geometry.alignment import similarity_align
 from perfcap.io.calibration import read_cameras
 from perfcap.io.detections import read_detections
-from perfcap.metrics.joints import root_aligned
+from perfcap.metrics.alignment import root_aligned
 
 MODELS = Path(__file__).parents[2] / "models"
 FOLDERS = sorted(p.parent for kind in ("lifters", "detectors") for p in
