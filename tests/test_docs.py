@@ -48,7 +48,8 @@ def blocks() -> list[object]:
 
 @pytest.mark.parametrize("line", commands())
 def test_commands_parse(line: str) -> None:
-    tyro.cli(Command, prog="perfcap", args=shlex.split(line, comments=True)[1:])
+    command = tyro.cli(Command, prog="perfcap", args=shlex.split(line, comments=True)[1:])
+    assert callable(command.run)
 
 
 @pytest.mark.parametrize("code", blocks())

@@ -38,7 +38,9 @@ def test_nothing_to_draw_draws_nothing() -> None:
 def test_marks_far_outside_or_unbounded_are_harmless() -> None:
     wild = JOINTS.copy()
     wild[3], wild[4], wild[5] = (1e30, 5), (np.inf, 2), (-9e3, 40)
-    draw_overlay(FRAME, joints=wild, detections=wild, confidence=np.full(16, np.nan))
+    drawn = draw_overlay(FRAME, joints=wild, detections=wild, confidence=np.full(16, np.nan))
+    assert drawn.shape == FRAME.shape and drawn.dtype == np.uint8
+    assert not np.array_equal(drawn, FRAME)  # the other joints are drawn
 
 
 def test_a_full_mask_has_no_outline_inside_the_frame() -> None:
