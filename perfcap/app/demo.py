@@ -29,5 +29,9 @@ def run_demo(out: Path) -> int:
     )
     console = Console()
     console.print(error_table(evaluate(out / "motion.npz", source / "truth.npz")))
-    console.print(f"look at {out / 'overlay.mp4'}; open {out / 'capture.glb'} in Blender")
+    for line in (
+        f"look at {out / 'overlay.mp4'}; open {out / 'capture.glb'} in Blender",
+        f"perfcap view {out} plays it in a browser",
+    ):
+        console.print(line, soft_wrap=True, markup=False)
     return code

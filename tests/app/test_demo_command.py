@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from runs import Command
 
+from perfcap.app import demo
 from perfcap.io.actor import models_folder
 
 missing = not (models_folder() / "demo" / "video.mp4").is_file()
@@ -21,3 +22,16 @@ def test_the_demo_runs_and_is_accurate(tmp_path: Path, perfcap: Command) -> None
     assert {"motion.npz", "overlay.mp4", "capture.glb", "run.json"} <= set(os.listdir(tmp_path))
     run = json.loads((tmp_path / "run.json").read_text())
     assert run["complete"] and run["frames"] == 120
+
+
+def test_the_demo_says_where_to_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(demo, "run_capture", lambda request: 3)
+    monkeypatch.setattr(demo, "evaluate", lambda found, truth: (found.name, truth.name))
+    monkeypatch.setattr(demo, "error_table", " of ".join)
+    assert demo.run_demo(tmp_path) == 3
+    *_, errors, files, report = capsys.readouterr().out.splitlines()
+    assert errors == "motion.npz of truth.npz"
+    assert str(tmp_path / "overlay.mp4") in files and "capture.glb" in files
+    assert report == f"perfcap view {tmp_path} plays it in a browser"
