@@ -28,7 +28,7 @@ from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.camera_path import orbit
 from perfcap.pipeline.scene import Scene
 from perfcap.render import DAYLIGHT, ProjectedMesh, render
-from perfcap.segment.amid import person_amid
+from perfcap.segment.central_person import central_person
 from perfcap.segment.still_frames import Stills, choose_stills, look_over
 
 _CLOSER = 1.35  # the orbiting camera leaves room that a picture for photogrammetry does not need
@@ -102,8 +102,8 @@ def _overlaps(film: Orbit, stills: Stills, frames: list[int]) -> tuple[float, ..
     found: dict[str, list[float]] = {"iou": [], "recall": [], "alone": []}
     for frame in frames:
         around = [film.pictures[f] for f in neighbours(stills, frame)]
-        moved = mask_overlap(person_amid(film.pictures[frame], around), film.masks[frame])
-        alone = mask_overlap(person_amid(film.pictures[frame]), film.masks[frame])
+        moved = mask_overlap(central_person(film.pictures[frame], around), film.masks[frame])
+        alone = mask_overlap(central_person(film.pictures[frame]), film.masks[frame])
         for name, value in (("iou", moved.iou), ("recall", moved.recall), ("alone", alone.iou)):
             found[name].append(100 * value)
     iou = found["iou"]

@@ -17,7 +17,7 @@ from perfcap.app.inputs import parse_frames
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
 from perfcap.io.clip import Clip
-from perfcap.segment.amid import MIDDLE, Area, person_amid
+from perfcap.segment.central_person import MIDDLE, Area, central_person
 from perfcap.segment.still_frames import Stills, blurred, choose_stills, look_over
 
 Image = NDArray[np.uint8]
@@ -107,7 +107,7 @@ def _save(
     if request.masks == "none":
         return None
     around = [clip.read_view(0, f, f + 1)[0] for f in neighbours(stills, frame)]
-    mask = person_amid(picture, around, box)
+    mask = central_person(picture, around, box)
     file = f"{name}.jpg.png" if request.masks == "colmap" else f"{name}.png"
     _save_picture(request.out / "masks" / file, 255 * mask.astype(np.uint8), ".png")
     return mask

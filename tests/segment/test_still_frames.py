@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from perfcap.metrics import mask_overlap
-from perfcap.segment.amid import person_amid
+from perfcap.segment.central_person import central_person
 from perfcap.segment.still_frames import Stills, blurred, choose_stills, look_over
 
 WALL = np.random.default_rng(1).uniform(0, 255, (40, 120, 3)).astype(np.float32)
@@ -63,5 +63,5 @@ def test_whoever_moves_otherwise_is_the_person(turntable: bool) -> None:
         picture[20:220, 60:120] = np.roll(CLOTH, int(shift), 1)
         return picture
 
-    found = person_amid(view(0), [view(-4), view(4)])
+    found = central_person(view(0), [view(-4), view(4)])
     assert mask_overlap(found, truth).iou > 0.85

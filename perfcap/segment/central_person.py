@@ -34,8 +34,8 @@ MIDDLE: Area = (0.2, 0.02, 0.8, 0.98)
 
 
 @dataclass(frozen=True)
-class AmidSettings:
-    """How a person amid a picture is found.
+class CentralPersonSettings:
+    """How the person in the middle of a picture is found.
 
     Attributes:
         core: shares of the box's width and height, about its middle, that surely show the person.
@@ -57,11 +57,11 @@ class AmidSettings:
     texture: float = 3.0
 
 
-def person_amid(
+def central_person(
     picture: Image,
     others: Sequence[Image] = (),
     box: Area = MIDDLE,
-    settings: AmidSettings | None = None,
+    settings: CentralPersonSettings | None = None,
 ) -> Mask:
     """Where the person in the middle of a picture is, (H, W).
 
@@ -71,7 +71,7 @@ def person_amid(
         box: that holds the person, (left, top, right, bottom), shares of the width and height.
         settings: of the search.
     """
-    settings = settings or AmidSettings()
+    settings = settings or CentralPersonSettings()
     height, width = picture.shape[:2]
     scale = min(1.0, settings.side / max(height, width))
     small, *around = (_shrunk(image, scale) for image in (picture, *others))
@@ -98,7 +98,7 @@ def _shrunk(image: Image, scale: float) -> Image:
     return np.asarray(small, np.uint8)
 
 
-def _box_labels(shape: tuple[int, ...], box: Area, settings: AmidSettings) -> Labels:
+def _box_labels(shape: tuple[int, ...], box: Area, settings: CentralPersonSettings) -> Labels:
     """Background outside of the box, perhaps the person in an ellipse, surely in its core."""
     left, top, right, bottom = box
     across = ((np.arange(shape[1]) + 0.5) / shape[1] - (left + right) / 2) / ((right - left) / 2)
@@ -112,7 +112,7 @@ def _box_labels(shape: tuple[int, ...], box: Area, settings: AmidSettings) -> La
 
 
 def _otherwise(
-    picture: Image, other: Image, labels: Labels, settings: AmidSettings
+    picture: Image, other: Image, labels: Labels, settings: CentralPersonSettings
 ) -> Plane | None:
     """How much a picture moves otherwise than its surroundings do, -1 to 1; 0 is unknown.
 
