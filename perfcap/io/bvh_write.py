@@ -54,7 +54,7 @@ def euler_angles(rotations: Floats, order: str = "ZXY") -> Floats:
     return angles
 
 
-def calmest_orders(rotations: Floats) -> tuple[str, ...]:
+def _calmest_orders(rotations: Floats) -> tuple[str, ...]:
     """For each joint the order of axes whose angles move the least between frames.
 
     Angles of any order race where its middle axis nears a quarter turn; for the joints of a person
@@ -85,7 +85,7 @@ def save_bvh(
     path: str | Path,
     motion: BvhMotion,
     metres_per_unit: float = 0.01,
-    order: str | Sequence[str] = "ZXY",
+    order: str | Sequence[str] = "auto",
 ) -> None:
     """Write a motion; the file appears complete or not at all.
 
@@ -95,9 +95,11 @@ def save_bvh(
         path: where to write.
         motion: what to write.
         metres_per_unit: the unit of the file.
-        order: of the axes that joints turn about, for all of them or for each, (J,).
+        order: of the axes that joints turn about, for all of them or for each, (J,); ``auto`` takes
+            for each the one whose angles move the least between frames.
     """
-    orders = _checked_orders(order, len(motion.names))
+    auto = order == "auto"
+    orders = _calmest_orders(motion.rotations) if auto else _checked(order, len(motion.names))
     scale = 1 / metres_per_unit
     moves = np.abs(motion.positions - motion.offsets).max(axis=(0, 2)) > _STILL
     moves[0] = True
@@ -127,7 +129,7 @@ def _depth_first(parents: Integers) -> list[int]:
     return order
 
 
-def _checked_orders(order: str | Sequence[str], joints: int) -> tuple[str, ...]:
+def _checked(order: str | Sequence[str], joints: int) -> tuple[str, ...]:
     orders = (order,) * joints if isinstance(order, str) else tuple(order)
     for one in orders:
         if one not in _ORDERS:

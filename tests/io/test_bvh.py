@@ -110,6 +110,21 @@ def test_only_moving_joints_have_position_channels(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_bvh(path).positions[:, 2], positions[:, 3], atol=1e-7)
 
 
+def test_joints_turn_about_the_axes_whose_angles_move_least(tmp_path: Path) -> None:
+    """An arm raised about x, swaying a little, passes near the pole of orders with x between."""
+    given, path = motion(), tmp_path / "a.bvh"
+    sway = 0.05 * np.sin(np.linspace(0, 20, len(given.rotations)))
+    raised = np.stack((np.linspace(1.0, 2.1, len(sway)), sway, 0.05 - sway), 1)
+    rotations = given.rotations.copy()
+    rotations[:, 2] = Rotation.from_euler("XYZ", raised).as_matrix()
+    save_bvh(path, replace(given, rotations=rotations))
+    channels = path.read_text().split("JOINT l_hip")[1].split("CHANNELS 3 ")[1].split()[:3]
+    assert channels[1] != "Xrotation"
+    back = load_bvh(path)
+    hip = back.names.index("l_hip")
+    np.testing.assert_allclose(back.rotations[:, hip], rotations[:, 2], atol=1e-7)
+
+
 def test_tips_are_kept(tmp_path: Path) -> None:
     ends = np.full((5, 3), np.nan)
     ends[3], ends[4] = (0, 0.2, 0), (0, 0, 0.1)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from perfcap.io.bvh_motion import bvh_motion
-from perfcap.io.bvh_write import calmest_orders, save_bvh
+from perfcap.io.bvh_write import save_bvh
 from perfcap.io.export.names import unique_names, word
 from perfcap.io.export.options import Options
 from perfcap.io.export.recording import Recording
@@ -16,6 +16,4 @@ def write_bvh(folder: Path, recording: Recording, options: Options) -> None:
     """The actor's own bones in motion; rest offsets are those of its rest pose."""
     motion = bvh_motion(recording.template, recording.bone_transforms, recording.rate)
     motion = replace(motion, names=unique_names(motion.names, word))
-    auto = options.order == "auto"
-    orders = calmest_orders(motion.rotations) if auto else options.order
-    save_bvh(folder / f"{recording.name}.bvh", motion, 1 / options.per_metre, orders)
+    save_bvh(folder / f"{recording.name}.bvh", motion, 1 / options.per_metre, options.order)
