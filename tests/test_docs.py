@@ -86,6 +86,12 @@ def test_public_folders_have_a_page() -> None:
             assert (DOCS / "api" / f"{folder.name}.md").exists(), folder.name
 
 
+def test_pictures_say_whose_they_are() -> None:
+    named = set(re.findall(r"`([\w/.]+)`", text(DOCS / "credits.md")))
+    for picture in (DOCS / "images").iterdir():
+        assert (picture.name if picture.is_file() else f"{picture.name}/") in named, picture
+
+
 def test_pictures_are_small() -> None:
     pictures = sorted((DOCS / "images" / "method").iterdir())
     assert len(pictures) == 7
