@@ -78,8 +78,9 @@ def central_person(
     labels = _box_labels(small.shape[:2], box, settings)
     evidence = [_otherwise(small, other, labels, settings) for other in around]
     seen = [each for each in evidence if each is not None]
-    if seen:
-        labels = _told(labels, np.mean(seen, axis=0))
+    told = _told(labels, np.mean(seen, axis=0)) if seen else labels
+    if _has_both(told):  # motion that leaves nobody, or nothing else, was misread
+        labels = told
     cv2.setRNGSeed(0)
     state = np.zeros((1, 65)), np.zeros((1, 65))
     core = labels == FOREGROUND
@@ -165,6 +166,12 @@ def _told(labels: Labels, evidence: Plane) -> Labels:
     told[open_ & (smooth < -_SURE)] = BACKGROUND
     told[(labels == FOREGROUND) & (told == BACKGROUND)] = PROBABLE_BACKGROUND
     return told
+
+
+def _has_both(labels: Labels) -> bool:
+    """Whether there is a person and a place: GrabCut needs pixels of either."""
+    person = (labels == FOREGROUND) | (labels == PROBABLE_FOREGROUND)
+    return bool(person.any() and not person.all())
 
 
 def _connected(mask: Mask, core: Mask) -> Mask:

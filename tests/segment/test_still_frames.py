@@ -65,3 +65,10 @@ def test_whoever_moves_otherwise_is_the_person(turntable: bool) -> None:
 
     found = central_person(view(0), [view(-4), view(4)])
     assert mask_overlap(found, truth).iou > 0.85
+
+
+def test_a_flat_place_that_passes_by_leaves_the_colours() -> None:
+    """Nobody moves otherwise than the surroundings do: all would be place."""
+    passing = [WALL[:, 300 + shift : 480 + shift].copy() for shift in (-4, 0, 4)]
+    found = central_person(passing[1], [passing[0], passing[2]])
+    np.testing.assert_array_equal(found, central_person(passing[1]))
