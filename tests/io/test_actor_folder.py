@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 from foreign_rigs import MIXAMO, RIGS, Rig
+from gltf_files import one_pixel_png
 from takes import marked_template, sway
 from test_actor_import import load_from
-from test_gltf import one_pixel_png
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.rig import with_limits

@@ -1,4 +1,4 @@
-"""Videos and image folders, whole and damaged."""
+"""Videos, whole and damaged."""
 
 import struct
 import wave
@@ -6,9 +6,9 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 import pytest
+from video_files import make_video, number, picture, write_frames
 
 from perfcap.errors import InputError
 from perfcap.io.clip import Clip
@@ -17,29 +17,6 @@ from perfcap.io.video_writer import VideoWriter
 
 DATA = Path(__file__).parents[2] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data beside this tree")
-
-
-def picture(i: int, height: int = 48, width: int = 64) -> np.ndarray:
-    """A frame that tells its number, as eight bars of binary digits, and where its top left is."""
-    frame = np.full((height, width, 3), 40, np.uint8)
-    for digit in range(8):
-        bar = slice(digit * (width // 8), (digit + 1) * (width // 8))
-        frame[height // 2 :, bar] = 220 if i >> digit & 1 else 20
-    frame[: height // 4, : width // 4] = 235
-    return frame
-
-
-def number(frame: np.ndarray) -> int:
-    height, width = frame.shape[:2]
-    bars = frame[height // 2 + 4 :, : width // 8 * 8].mean((0, 2)).reshape(8, -1).mean(1)
-    return sum(1 << digit for digit, level in enumerate(bars) if level > 120)
-
-
-def make_video(path: Path, frames: int = 80, size: tuple[int, int] = (48, 64)) -> Path:
-    with VideoWriter(path, 30, crf=5, preset="ultrafast") as writer:
-        for i in range(frames):
-            writer.write(picture(i, *size))
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -54,24 +31,6 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(video: Path) -> np.ndarray:
     return VideoFile(video).read(0, 80)
-
-
-def write_frames(
-    path: Path,
-    frames: list[tuple[np.ndarray, int]],
-    tick: Fraction,
-    options: dict[str, str] | None = None,
-) -> None:
-    with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
-        stream = container.add_stream("libx264", 30, options=options or {"crf": "5"})
-        stream.height, stream.width = frames[0][0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        stream.time_base = stream.codec_context.time_base = tick
-        for image, pts in frames:
-            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
-            frame.pts, frame.time_base = pts, tick
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
 
 
 # --- reading --------------------------------------------------------------------------------------
@@ -304,43 +263,6 @@ def test_views_of_different_rate_and_length(tmp_path: Path, video: Path) -> None
     assert len(clip) == 78 and "first 78 are used" in clip.warnings[0]
 
 
-# --- folders ------------------------------------------------------------------------------------
-
-
-def make_folder(path: Path, names: list[str]) -> Path:
-    path.mkdir()
-    for name in names:
-        value = int("".join(c for c in name if c.isdigit()))
-        cv2.imwrite(str(path / name), picture(value)[..., ::-1])
-    return path
-
-
-def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path / "frames", ["f10.png", "f2.png", "f1.png"])
-    red = np.zeros((48, 64, 3), np.uint8)
-    red[..., 2] = 255
-    cv2.imwrite(str(folder / "f11.png"), red)
-    (folder / ".hidden.png").write_bytes(b"x")
-    (folder / "notes.txt").write_text("not a frame")
-    clip = Clip.open(folder)
-    assert [number(f) for f in clip.read(0, 3)[:, 0]] == [1, 2, 10]
-    assert clip.read(3, 4)[0, 0, 0, 0].tolist() == [255, 0, 0]
-    assert clip.fps == 30 and "no frame rate" in clip.warnings[0]
-    assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
-
-
-def test_images_are_turned_as_their_camera_was(tmp_path: Path) -> None:
-    image = pytest.importorskip("PIL.Image", reason="needs pillow to write EXIF")
-    (tmp_path / "frames").mkdir()
-    exif = image.Exif()
-    exif[0x0112] = 6  # stored as is, to be shown turned clockwise
-    image.fromarray(picture(5)).save(tmp_path / "frames/1.jpg", exif=exif, quality=95)
-    clip = Clip.open(tmp_path / "frames")
-    assert clip.sizes == ((64, 48),)
-    turned = np.rot90(clip.read(0, 1)[0, 0])
-    assert number(turned) == 5
-
-
 def test_damage_inside_never_raises_anything_else(tmp_path: Path, video: Path) -> None:
     generator = np.random.default_rng(0)
     for _ in range(12):
@@ -354,54 +276,3 @@ def test_damage_inside_never_raises_anything_else(tmp_path: Path, video: Path) -
             clip.read(0, min(len(clip), 40))
         except InputError as error:
             assert "damaged.mp4" in str(error)
-
-
-def test_bad_folders(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no images"):
-        Clip.open(tmp_path / "empty")
-    folder = make_folder(tmp_path / "frames", ["1.png", "2.png"])
-    (folder / "3.png").write_bytes(b"not an image")
-    cv2.imwrite(str(folder / "4.png"), np.zeros((20, 20, 3), np.uint8))
-    (folder / "5.jpg").write_bytes(b"")
-    clip = Clip.open(folder)
-    for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
-        with pytest.raises(InputError, match=words):
-            clip.read(i, i + 1)
-
-
-# --- writing ------------------------------------------------------------------------------------
-
-
-def test_odd_sizes_are_padded(tmp_path: Path) -> None:
-    assert VideoFile(make_video(tmp_path / "odd.mp4", 3, (47, 63))).size == (48, 64)
-
-
-def test_nothing_half_written_under_the_final_name(tmp_path: Path) -> None:
-    path = tmp_path / "a.mp4"
-    with pytest.raises(RuntimeError, match="stop"), VideoWriter(path, 30) as writer:
-        writer.write(picture(0))
-        assert not path.exists()
-        raise RuntimeError("stop")
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(ValueError, match="no frames"), VideoWriter(path, 30):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_writer_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
-        make_video(tmp_path / "nowhere" / "a.mp4", 2)
-
-
-def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="fps is 0"):
-        VideoWriter(tmp_path / "a.mp4", 0)
-    writer = VideoWriter(tmp_path / "a.mp4", 30)
-    with pytest.raises(ValueError, match="expected uint8"):
-        writer.write(np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
-    writer.write(picture(0))
-    with pytest.raises(ValueError, match="the first had"):
-        writer.write(picture(0, 32))
-    writer.discard()
-    assert list(tmp_path.iterdir()) == []

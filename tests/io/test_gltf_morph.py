@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gltf_files import ROOT, bar, played, random_motion, skinned
 from scipy.spatial.transform import Rotation
-from test_gltf import ROOT, bar, played, random_motion, skinned
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError

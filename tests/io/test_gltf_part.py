@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_gltf import Builder, armature_file, one_pixel_png
+from gltf_files import Builder, armature_file, one_pixel_png
 
 from perfcap.errors import InputError
 from perfcap.io.actor_import import require_sound

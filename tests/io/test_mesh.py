@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from test_gltf import armature_file, one_pixel_png
+from gltf_files import armature_file, one_pixel_png
 
 from perfcap.errors import InputError
 from perfcap.io.mesh import read_mesh

@@ -1,0 +1,59 @@
+"""Folders of images as clips."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from video_files import number, picture
+
+from perfcap.errors import InputError
+from perfcap.io.clip import Clip
+
+
+def make_folder(path: Path, names: list[str]) -> Path:
+    path.mkdir()
+    for name in names:
+        value = int("".join(c for c in name if c.isdigit()))
+        cv2.imwrite(str(path / name), picture(value)[..., ::-1])
+    return path
+
+
+def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "frames", ["f10.png", "f2.png", "f1.png"])
+    red = np.zeros((48, 64, 3), np.uint8)
+    red[..., 2] = 255
+    cv2.imwrite(str(folder / "f11.png"), red)
+    (folder / ".hidden.png").write_bytes(b"x")
+    (folder / "notes.txt").write_text("not a frame")
+    clip = Clip.open(folder)
+    assert [number(f) for f in clip.read(0, 3)[:, 0]] == [1, 2, 10]
+    assert clip.read(3, 4)[0, 0, 0, 0].tolist() == [255, 0, 0]
+    assert clip.fps == 30 and "no frame rate" in clip.warnings[0]
+    assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
+
+
+def test_images_are_turned_as_their_camera_was(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image", reason="needs pillow to write EXIF")
+    (tmp_path / "frames").mkdir()
+    exif = image.Exif()
+    exif[0x0112] = 6  # stored as is, to be shown turned clockwise
+    image.fromarray(picture(5)).save(tmp_path / "frames/1.jpg", exif=exif, quality=95)
+    clip = Clip.open(tmp_path / "frames")
+    assert clip.sizes == ((64, 48),)
+    turned = np.rot90(clip.read(0, 1)[0, 0])
+    assert number(turned) == 5
+
+
+def test_bad_folders(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no images"):
+        Clip.open(tmp_path / "empty")
+    folder = make_folder(tmp_path / "frames", ["1.png", "2.png"])
+    (folder / "3.png").write_bytes(b"not an image")
+    cv2.imwrite(str(folder / "4.png"), np.zeros((20, 20, 3), np.uint8))
+    (folder / "5.jpg").write_bytes(b"")
+    clip = Clip.open(folder)
+    for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
+        with pytest.raises(InputError, match=words):
+            clip.read(i, i + 1)

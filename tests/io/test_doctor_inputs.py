@@ -1,0 +1,241 @@
+"""Cameras, detections, files and installations by themselves: every mistake is named."""
+
+import importlib.metadata
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from doctored_views import (
+    FRAMES,
+    NAMES,
+    VIEWS,
+    change_view,
+    detections,
+    one,
+    person,
+    rig,
+    with_joints,
+)
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.io.calibration import CameraRig, read_cameras
+from perfcap.io.detections import read_detections
+from perfcap.io.doctor import (
+    Severity,
+    examine_agreement,
+    examine_cameras,
+    examine_detections,
+    examine_inputs,
+    examine_installation,
+)
+from perfcap.io.doctor.finding import ranges
+
+DATA = Path(__file__).parents[2] / "../shared/data"
+needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data beside this tree")
+
+
+# --- cameras ------------------------------------------------------------------------------------
+
+
+def test_image_sizes() -> None:
+    sizes = [(1000, 1000), (500, 500), (1000, 1000), (1000, 1000)]
+    finding = one(examine_cameras(rig(), sizes))
+    assert (
+        finding.subject == "cam2" and "500x500" in finding.what and "--video-map" in finding.remedy
+    )
+    half = torch.diag(torch.tensor([2.0, 2, 1])).double()
+    assert examine_cameras(rig(), sizes, {"cam2": half}) == []
+    assert "3 videos for 4 cameras" in one(examine_cameras(rig(), sizes[:3])).what
+
+
+def test_lenses() -> None:
+    k = torch.tensor([[8.0, 0, 500], [0, 8, 500], [0, 0, 1]], dtype=torch.float64)
+    assert "field of view" in one(examine_cameras(change_view(rig(), 3, intrinsics=k))).what
+    k = torch.tensor([[1000.0, 0, 960], [0, 1000, 540], [0, 0, 1]], dtype=torch.float64)
+    assert "principal point" in one(examine_cameras(change_view(rig(), 3, intrinsics=k))).what
+
+
+def test_cameras_in_one_place() -> None:
+    same = rig().select([0, 1, 1, 3])
+    finding = one(examine_cameras(replace(same, names=NAMES)))
+    assert finding.subject == "cam2 and cam3" and "same place" in finding.what
+
+
+# --- detections ---------------------------------------------------------------------------------
+
+
+def test_frames_without_anybody() -> None:
+    seen = detections()
+    confidence = seen.confidence2d.clone()
+    confidence[3:8, 1] = 0
+    confidence[12, 1] = 0
+    confidence[:, 2] = 0
+    first, second = examine_detections(rig(), replace(seen, confidence2d=confidence))
+    assert first.subject == "cam2" and "6 of 24 frames: 3-7, 12" in first.what
+    assert second.subject == "cam3" and "any frame" in second.what
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(3.0, "most joints"), (1 / 1000, "normalised"), (0.45, "top left quarter")],
+)
+def test_joints_and_image(factor: float, words: str) -> None:
+    def scale(joints: Tensor) -> None:
+        joints[:, 0] *= factor
+
+    finding = one(examine_detections(rig(), with_joints(detections(), scale)))
+    assert finding.subject == "cam1" and words in finding.what
+
+
+def test_some_joints_outside() -> None:
+    def shift(joints: Tensor) -> None:
+        joints[:6, 0] += 900
+
+    finding = one(examine_detections(rig(), with_joints(detections(), shift)))
+    assert finding.severity is Severity.WARNING and "25% of the joints" in finding.what
+
+
+def pose3d() -> Tensor:
+    """The person in camera axes about the mid-hip, (F, C, 16, 3)."""
+    local = rig().cameras.to_camera(person())
+    hips = [LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip")]
+    return local - local[..., hips, :].mean(-2, keepdim=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda p: p * 1000, "3D poses span"),
+        (lambda p: p + 2, "from the origin"),
+        (lambda p: p * torch.tensor([1.0, -1, 1]), "3D y runs against"),
+        (lambda p: p * torch.tensor([-1.0, 1, 1]), "3D x runs against"),
+    ],
+)
+def test_3d_poses(change: Any, words: str) -> None:
+    seen = detections()
+    trusted = torch.ones(FRAMES, VIEWS, dtype=torch.bool)
+    good = replace(seen, joints3d=pose3d(), trusted3d=trusted)
+    assert examine_detections(rig(), good) == []
+    bad = replace(good, joints3d=change(pose3d()))
+    findings = examine_detections(rig(), bad)
+    assert [finding.subject for finding in findings] == list(NAMES)
+    assert all(words in finding.what for finding in findings)
+
+
+def test_wrong_number_of_views() -> None:
+    finding = one(examine_detections(rig(), detections().select([0, 1])))
+    assert "2 views for 4 cameras" in finding.what
+
+
+def test_ranges() -> None:
+    assert ranges([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"
+    assert ranges(range(0, 40, 2), 2) == "0, 2 and 18 more ranges"
+
+
+# --- files --------------------------------------------------------------------------------------
+
+
+def test_unreadable_files_become_findings(tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text("{")
+    finding = one(examine_inputs(tmp_path / "camera.json"))
+    assert finding.severity is Severity.ERROR and "not valid JSON" in finding.what
+    assert finding.subject.endswith("camera.json") and finding.remedy
+
+
+def test_unknown_joint_names_become_a_finding(tmp_path: Path) -> None:
+    k = rig().cameras.intrinsics[0].tolist()
+    camera = {"K": k, "R": torch.eye(3).tolist(), "t": [0, 0, 4], "width": 1000, "height": 1000}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    np.savez(
+        tmp_path / "d.npz",
+        joints2d=np.ones((3, 2, 2)),
+        confidence2d=np.ones((3, 2)),
+        joint_names=np.array(["neck", "antenna"]),
+    )
+    finding = one(examine_inputs(tmp_path / "camera.json", [tmp_path / "d.npz"]))
+    assert "unknown antenna" in finding.what
+
+
+@needs_data
+def test_real_views_are_quiet_with_their_video_map() -> None:
+    base = DATA / "pose2sim_balancing"
+    findings = examine_inputs(
+        base / "calibration/Calib_scene.toml",
+        sorted((base / "pose2d_associated").iterdir()),
+        sorted((base / "videos").iterdir()),
+        base / "video_to_native.json",
+    )
+    assert not [str(f) for f in findings if f.severity is Severity.ERROR]
+    warnings = [str(f) for f in findings if f.severity is Severity.WARNING]
+    assert len(warnings) == 1 and "the first 60 are used" in warnings[0]
+
+
+def balancing(calibration: str) -> tuple[CameraRig, Detections]:
+    base = DATA / "pose2sim_balancing"
+    real = read_cameras(base / "calibration" / calibration)
+    paths = sorted((base / "pose2d_associated").iterdir())
+    return real, read_detections(paths, views=len(real.names))[0]
+
+
+@needs_data
+def test_real_views_with_one_broken() -> None:
+    real, seen = balancing("Calib_scene.toml")
+    turn = rotvec_to_matrix(torch.tensor([0.0, np.deg2rad(5), 0.0], dtype=torch.float64))
+    broken = change_view(real, 1, rotation=turn @ real.cameras.rotation[1])
+    assert one(examine_agreement(broken, seen)).subject == "int_cam02_img"
+
+
+@needs_data
+def test_the_worse_of_two_real_calibrations_is_called_so() -> None:
+    real, seen = balancing("Calib_qualisys.toml")
+    finding = one(examine_agreement(real, seen))
+    assert finding.subject == "cam_03" and finding.severity is Severity.WARNING
+
+
+@needs_data
+@pytest.mark.parametrize("sequence", ["dev_views", "dev_duo"])
+def test_rendered_views_are_quiet(sequence: str) -> None:
+    folder = DATA / "rendered_multi" / sequence
+    findings = examine_inputs(folder / "cameras.json", [folder / "person1/detections.npz"])
+    assert findings == []
+
+
+@needs_data
+@pytest.mark.parametrize("sequence", ["dev_tight", "dev_skirt"])
+def test_rendered_single_views_are_quiet(sequence: str) -> None:
+    folder = DATA / "rendered" / sequence
+    assert (
+        examine_inputs(folder / "camera.json", [folder / "detections.npz"], [folder / "video.mp4"])
+        == []
+    )
+
+
+# --- installation -------------------------------------------------------------------------------
+
+
+def test_rival_distributions_are_found() -> None:
+    installed = {"opencv-python": "4.1", "opencv-python-headless": "5.0", "onnxruntime-gpu": "1.3"}
+
+    def version(name: str) -> str | None:
+        absent = name == "trimesh" or name.startswith(("opencv", "onnxruntime"))
+        return installed.get(name, None if absent else "1.0")
+
+    findings = {finding.subject: finding for finding in examine_installation(version)}
+    assert "overwrite each other" in findings["cv2"].what
+    assert "onnxruntime" not in findings  # the GPU distribution stands in for it
+    assert findings["trimesh"].severity is Severity.ERROR
+    assert findings["torch"].what == "1.0"
+
+
+def test_this_installation() -> None:
+    findings = examine_installation()
+    torch_finding = next(finding for finding in findings if finding.subject == "torch")
+    assert torch_finding.what == importlib.metadata.version("torch")
+    assert str(torch_finding).startswith("info: torch: ")

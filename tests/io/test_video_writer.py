@@ -1,0 +1,45 @@
+"""Videos that are written whole, or not at all."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from video_files import make_video, picture
+
+from perfcap.errors import InputError
+from perfcap.io.video import VideoFile
+from perfcap.io.video_writer import VideoWriter
+
+
+def test_odd_sizes_are_padded(tmp_path: Path) -> None:
+    assert VideoFile(make_video(tmp_path / "odd.mp4", 3, (47, 63))).size == (48, 64)
+
+
+def test_nothing_half_written_under_the_final_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    with pytest.raises(RuntimeError, match="stop"), VideoWriter(path, 30) as writer:
+        writer.write(picture(0))
+        assert not path.exists()
+        raise RuntimeError("stop")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="no frames"), VideoWriter(path, 30):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writer_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        make_video(tmp_path / "nowhere" / "a.mp4", 2)
+
+
+def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="fps is 0"):
+        VideoWriter(tmp_path / "a.mp4", 0)
+    writer = VideoWriter(tmp_path / "a.mp4", 30)
+    with pytest.raises(ValueError, match="expected uint8"):
+        writer.write(np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
+    writer.write(picture(0))
+    with pytest.raises(ValueError, match="the first had"):
+        writer.write(picture(0, 32))
+    writer.discard()
+    assert list(tmp_path.iterdir()) == []
