@@ -94,7 +94,7 @@ def _common_length(tracks: Sequence[Track], frames: int | None) -> tuple[int, li
     """The frames all have; a few missing at the end are cut, more are an error."""
     lengths = {track.where: len(track.joints2d) for track in tracks}
     if len(set(lengths.values())) == 1:
-        lengths = {"every view": len(tracks[0].joints2d)}
+        lengths = {"every view of --detections": len(tracks[0].joints2d)}
     if frames is not None:
         lengths["the video"] = frames
     shortest, longest = min(lengths.values()), max(lengths.values())
