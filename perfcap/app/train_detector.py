@@ -14,6 +14,7 @@ from perfcap.app.console import progress_bars
 from perfcap.app.train import MODEL, make_folder, processes, tensorboard
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
+from perfcap.io.atomic import writing
 from perfcap.io.body_model import load_body_model
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.calibrate import expected_error, fit_calibration
@@ -26,13 +27,14 @@ from perfcap.train.detector import Detector
 from perfcap.train.detector_config import TrainDetectorConfig
 from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector
 from perfcap.train.export_detector import export_detector
-from perfcap.train.loop import train
+from perfcap.train.loop import BEST, train
 from perfcap.train.mixture import Mixture
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.photographs import Photographs
 from perfcap.train.scenes import Scenes
 
 CROPS = "crops"
+WEIGHTS = "weights.safetensors"  # beside the exported model: what others start from
 _VALIDATION_SEED = 2**32  # none that a run would be given
 
 
@@ -82,7 +84,8 @@ def run_train_detector(request: DetectorRequest) -> int:
     with processes() as first, progress_bars() as tell:
         shots, validation = _crops(request, library, first, tell)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        task = DetectorTask(shots, validation, config, device)
+        pictures = Backgrounds(request.backgrounds) if request.backgrounds is not None else None
+        task = DetectorTask(shots, validation, config, device, pictures)
         if request.start is not None:
             start_from(task.model, request.start)
         trained = train(
@@ -178,6 +181,8 @@ def _finish(
     calibration = fit_calibration(peaks, hits)
     origin = f"perfcap train detector, {config.loop.steps} steps, seed {config.loop.seed}"
     export_detector(trained, folder, calibration, origin, request.licence)
+    with writing(folder / WEIGHTS) as file:
+        file.write((request.out / BEST).read_bytes())
     scores = score_detector(trained, validation, config, device)
     scores["calibration error"] = expected_error(peaks, hits, calibration)
     write_detector_card(folder, config, learned, scores)

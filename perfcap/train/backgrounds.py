@@ -48,13 +48,17 @@ class Backgrounds:
     def draw(self, size: int, rng: np.random.Generator) -> Picture:
         """A picture (size, size, 3), RGB."""
         if self._files and rng.random() >= _KEPT:
-            return _part(self._files[int(rng.integers(len(self._files)))], size, rng)
+            return self.photograph(size, rng)
         coarse = procedural(round(size / _COARSER), rng)
         full = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
         if rng.random() < 0.6:  # of the camera, not of what it sees
             grain = rng.normal(0, rng.uniform(0, 12), (size, size, 1))
             full = (full + grain).clip(0, 255)
         return np.asarray(full, np.uint8)
+
+    def photograph(self, size: int, rng: np.random.Generator) -> Picture:
+        """A part of a picture of the folder, (size, size, 3); there must be one."""
+        return _part(self._files[int(rng.integers(len(self._files)))], size, rng)
 
 
 def procedural(size: int, rng: np.random.Generator) -> Picture:

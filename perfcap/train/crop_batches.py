@@ -15,7 +15,9 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.train.augment import Framing, View, cut, random_framing, spoil
+from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.detector_config import Augmentation
+from perfcap.train.elsewhere import elsewhere
 from perfcap.train.loop import mixed_seed
 from perfcap.train.scenes import Shot
 
@@ -63,12 +65,21 @@ class CropBatches:
         margin: width of a shot, in boxes around the joints.
         settings: of the augmentation.
         seed: of the order and everything random.
+        backgrounds: to show people before; None leaves them where they are.
     """
 
-    def __init__(self, shots: Shots, margin: float, settings: Augmentation, seed: int) -> None:
+    def __init__(
+        self,
+        shots: Shots,
+        margin: float,
+        settings: Augmentation,
+        seed: int,
+        backgrounds: Backgrounds | None = None,
+    ) -> None:
         if not len(shots):
             raise InputError("crops: are none; expected rendered crops or photographs")
         self._shots, self._margin, self._settings, self._seed = shots, margin, settings, seed
+        self._backgrounds = backgrounds
 
     def batch(self, number: int, count: int, size: int) -> CropBatch:
         """Batch ``number`` of ``count`` crops of ``size`` pixels; every shot once an epoch."""
@@ -77,6 +88,8 @@ class CropBatches:
             rng = np.random.default_rng(mixed_seed(self._seed, place))
             epoch, row = divmod(place, len(self._shots))
             shot = self._shots[int(_order(self._seed, epoch, len(self._shots))[row])]
+            if self._backgrounds is not None:
+                shot = elsewhere(shot, self._backgrounds, self._settings, rng)
             view = cut(shot, random_framing(self._settings, rng), size, self._margin)
             image = spoil(view.image, self._settings, rng)
             views.append(replace(view, image=image))

@@ -44,6 +44,8 @@ class SceneData:
 class Augmentation:
     """What is done to a stored crop each time it is shown."""
 
+    moved: float = 0.6  # share of people before another background, if there are pictures of some
+    camouflaged: float = 0.35  # of these, before the colours of a part of them
     zoom: tuple[float, float] = (0.85, 1.2)  # of the size a person is followed at
     small: float = 0.04  # share that is shown much smaller, as in a search of the image
     smallest: float = 0.4  # of the usual size

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from perfcap.detect.decode import read_locations
 from perfcap.detect.heatmap import decode_dark, map_to_input
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.body_parts import UNKNOWN
 from perfcap.train.crop_batches import Ahead, CropBatch, CropBatches, Shots, plain_batch
 from perfcap.train.detector import Detector
@@ -31,6 +32,7 @@ class DetectorTask:
         validation: of other people.
         config: everything else.
         device: where to compute; products are in bfloat16 where that is a GPU.
+        backgrounds: pictures to show people before; None leaves them where they were rendered.
     """
 
     model: Detector
@@ -41,6 +43,7 @@ class DetectorTask:
         validation: Shots,
         config: TrainDetectorConfig,
         device: torch.device | None = None,
+        backgrounds: Backgrounds | None = None,
     ) -> None:
         self._device = device or torch.device("cpu")
         with torch.random.fork_rng(devices=[]):
@@ -48,7 +51,9 @@ class DetectorTask:
             model = Detector(config.detector)
         self.model = model.to(self._device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._config, self._validation = config, validation
-        batches = CropBatches(shots, config.scene.margin, config.augmentation, config.loop.seed)
+        batches = CropBatches(
+            shots, config.scene.margin, config.augmentation, config.loop.seed, backgrounds
+        )
         self._ahead = Ahead(batches.batch)
 
     def loss(self, number: int, size: int, progress: float) -> dict[str, Tensor]:

@@ -46,7 +46,7 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     assert "Where it fails" in card and "1 recorded people (01)" in card
     assert "--resume" in perfcap(call).refused()
     assert perfcap([*call, "--resume"]).code == 0
-    more = ("--crops-folder", out / "crops", "--start", out / "best.safetensors")
+    more = ("--crops-folder", out / "crops", "--start", out / "model/weights.safetensors")
     wider = ("--detector.widths", 8, 8, 8, 16)
     other = perfcap([*call[:4], "--out", tmp_path / "b", *PEOPLE, *TINY, *more, *wider])
     assert "is of another network" in other.refused()
