@@ -23,7 +23,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "own_skeleton": (),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
-    "solver_speed": (),
+    "solver_speed": ("--windows", "2", "--slow", "0"),
     "template_quality": (
         "--seeds", "1", "--frames", "6", "--smooth", "20", "--sizes", "1.1",
         "--sequences", "dev_tight",
