@@ -94,8 +94,8 @@ class Crop:
 
 # How far a body reaches beyond its joints: crown above the eyes, toes below the ankles.
 _BEYOND = 0.08  # of the larger extent of the joints
-_KEPT_SIZE = 0.95  # of the width of the last crop: limbs that are lost for a frame come back
-_WIDER = 1.15  # factor of the crop where joints are missing: they may be outside
+_KEPT_SIZE = 0.9  # of the width of the last crop: limbs that are lost for a frame come back
+_WIDER, _MANY = 0.15, 4  # how much wider the crop is where so many joints are missing, or more
 _MIN_JOINTS = 4
 
 
@@ -123,7 +123,7 @@ def next_crop(
 ) -> Crop | None:
     """Where to look in the next frame, from the joints of this one; None when the person is lost.
 
-    It shrinks slowly and grows at once, and is wider where joints are missing, so that limbs that
+    It shrinks slowly and grows at once, and is wider the more joints are missing, so that limbs that
     are lost for a moment stay inside or come back.
 
     Args:
@@ -136,6 +136,6 @@ def next_crop(
     box = body_box(joints2d, confidence, threshold)
     if box is None:
         return None
-    whole = bool((confidence >= threshold).all())
-    found = Crop.around(box, crop.size, padding if whole else _WIDER * padding)
+    missing = min(1.0, float((confidence < threshold).sum()) / _MANY)
+    found = Crop.around(box, crop.size, (1 + _WIDER * missing) * padding)
     return replace(found, width=max(found.width, _KEPT_SIZE * crop.width))
