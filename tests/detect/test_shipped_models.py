@@ -4,11 +4,14 @@ import hashlib
 import tomllib
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.lifter import OnnxLifter
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.geometry.alignment import similarity_align
 from perfcap.io.calibration import read_cameras
 from perfcap.io.detections import read_detections
@@ -28,6 +31,24 @@ def test_files_are_as_the_manifest_says(folder: Path) -> None:
         assert hashlib.sha256(data).hexdigest() == entry["sha256"]
         assert b"site-packages" not in data
     assert (folder / "card.md").is_file()
+
+
+def test_the_detector_follows_the_demo_clip() -> None:
+    """Found in the first frame by search; the clip's actor is among those it learned from."""
+    demo, count = MODELS / "demo", 30
+    video = cv2.VideoCapture(str(demo / "video.mp4"))
+    frames = [video.read()[1][..., ::-1] for _ in range(count)]
+    found = OnnxDetector(MODELS / "detectors" / "rendered").follow(iter(frames))
+    with np.load(demo / "truth.npz") as file:
+        places = torch.tensor(file["joints3d"][:count]).double()
+    truth = read_cameras(demo / "camera.json").cameras.project(places)[:, 0]
+    torso = (truth[:, LANDMARKS.index("l_shoulder")] - truth[:, LANDMARKS.index("r_hip")]).norm(
+        dim=-1
+    )
+    near = (found.joints2d[:, 0] - truth).norm(dim=-1) < 0.2 * torso[:, None]
+    assert near.double().mean() > 0.6
+    sure = found.confidence2d[:, 0] > 0.7
+    assert near[sure].double().mean() > near[~sure].double().mean() + 0.1
 
 
 def test_the_lifter_lifts_the_demo_clip() -> None:
