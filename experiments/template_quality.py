@@ -38,7 +38,7 @@ class Experiment(Sweep):
 
 def smoothed(template: Template, steps: int) -> Template:
     """Without detail; texture seams stay closed."""
-    first, of = np.unique(template.weld()[0], return_inverse=True)
+    of, first = template.weld()
     mesh = trimesh.Trimesh(template.vertices[first], of[template.faces], process=False)
     trimesh.smoothing.filter_laplacian(mesh, _SMOOTHER, steps, volume_constraint=False)
     return replace(template, vertices=np.ascontiguousarray(mesh.vertices[of]))
