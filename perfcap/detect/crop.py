@@ -123,8 +123,8 @@ def next_crop(
 ) -> Crop | None:
     """Where to look in the next frame, from the joints of this one; None when the person is lost.
 
-    It shrinks slowly and grows at once, and is wider the more joints are missing, so that limbs that
-    are lost for a moment stay inside or come back.
+    It shrinks slowly and grows at once, and is wider the more joints are missing, so that limbs
+    that are lost for a moment stay inside or come back.
 
     Args:
         crop: of this frame.
