@@ -14,7 +14,7 @@ from report import Report, Table
 # arguments of a small run; what is not named here is no experiment of its own
 SMALL: dict[str, tuple[str, ...]] = {
     "adjoint_speed": ("--windows", "1", "--repeats", "1", "--directions", "1"),
-    "auto_rig": (),
+    "auto_rig": ("--people", "4", "--every", "30", "--sequences", "dev_tight"),
     "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
     "joint_table": ("--clips", "3", "--frames", "60"),
     "multi_view": (),
