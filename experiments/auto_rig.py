@@ -30,9 +30,12 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.geometry.camera import Camera
+from perfcap.io.actor import models_folder
 from perfcap.io.body_model import load_body_model
 from perfcap.rigging import Upright, auto_rig, rig_with_joints
+from perfcap.rigging.view_landmarks import JointDetector
 
 Floats = NDArray[np.float64]
 
@@ -176,12 +179,16 @@ def _joint_error(
 def _with_detectors(
     config: Experiment, model: BodyModel, dressed: Dressed, upright: Upright | None
 ) -> Iterator[tuple[str, int, float, float, str]]:
-    """Joints with a detector that knows them, and with one that errs."""
+    """Joints with a detector that knows them, with one that errs, and with the one shipped."""
     assert upright is not None
     places = upright.apply(np.stack([dressed.joints[name] for name in LANDMARKS]))
-    errors = {"exact": (0.0, 0.0, 0.0), "erring": (config.noise, config.offset, config.wrong)}
-    for kind, off in errors.items():
-        found, fit = auto_rig(dressed.mesh, model, detector=Knowing(places, *off))
+    detectors: dict[str, JointDetector] = {
+        "exact": Knowing(places, 0.0, 0.0, 0.0),
+        "erring": Knowing(places, config.noise, config.offset, config.wrong),
+        "shipped": OnnxDetector(models_folder() / "detectors" / "rendered"),
+    }
+    for kind, detector in detectors.items():
+        found, fit = auto_rig(dressed.mesh, model, detector=detector)
         assert fit.seen is not None
         yield kind, fit.seen.found, *_joint_error(found, dressed.joints, fit.upright)
 
