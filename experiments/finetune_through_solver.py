@@ -24,13 +24,13 @@ from rendered_clips import Clip, Filming, performances, strangers
 from report import Report, Table, data_folder
 from torch import Tensor, nn
 
-from perfcap.app.train_detector import start_from
 from perfcap.detect.heatmap import map_to_input, soft_argmax
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.alignment import similarity_align
 from perfcap.io.actor import models_folder
 from perfcap.pipeline import PoseConfig, PoseRefiner
 from perfcap.train.body_parts import UNKNOWN
+from perfcap.train.checkpoint import start_from
 from perfcap.train.crop_batches import CropBatch
 from perfcap.train.detector import Detector
 from perfcap.train.detector_config import DetectorLoss

@@ -16,6 +16,7 @@ from torch import distributed
 from perfcap.app.console import progress_bars
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
+from perfcap.train.checkpoint import start_from
 from perfcap.train.config import TrainLifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter
@@ -29,7 +30,12 @@ Watch = Callable[[int, Mapping[str, float]], None]
 
 
 def run_train_lifter(
-    motion: Path, out: Path, config: TrainLifterConfig, licence: str, resume: bool
+    motion: Path,
+    out: Path,
+    config: TrainLifterConfig,
+    licence: str,
+    resume: bool,
+    start: Path | None = None,
 ) -> int:
     """Train, export, score and describe a lifter; returns the exit code.
 
@@ -39,6 +45,7 @@ def run_train_lifter(
         config: everything else.
         licence: of the weights.
         resume: go on from the last checkpoint.
+        start: checkpoint whose weights to start from, for fine-tuning.
 
     Raises:
         InputError: bad input, in one line.
@@ -56,6 +63,8 @@ def run_train_lifter(
         config.loop.seed,
         config.dense,
     )
+    if start is not None:
+        start_from(task.model, start)
     torch.set_num_threads(1)  # tensors are small
     with processes() as first, progress_bars() as tell:
         trained = train(

@@ -20,7 +20,7 @@ from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.calibrate import expected_error, fit_calibration
 from perfcap.train.card_detector import write_detector_card
 from perfcap.train.cast import Cast
-from perfcap.train.checkpoint import load_checkpoint
+from perfcap.train.checkpoint import start_from
 from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
 from perfcap.train.detector import Detector
@@ -101,26 +101,6 @@ def run_train_detector(request: DetectorRequest) -> int:
             learned = library.without((*config.held_out, *config.validation)).subjects
             _finish(trained, request, validation, learned)
     return 0
-
-
-def start_from(model: Detector, path: Path) -> None:
-    """Give a detector the weights of a checkpoint.
-
-    The detector may have more blocks: they change nothing at first, so it goes on where the
-    smaller one stopped (Chen et al. 2016, Net2Net).
-
-    Raises:
-        InputError: it is of another network.
-    """
-    weights = load_checkpoint(path).part("average")
-    own = model.state_dict()
-    other = [n for n, v in weights.items() if n not in own or own[n].shape != v.shape]
-    if other or not weights:
-        raise InputError(
-            f"{path}: is of another network ({', '.join(other[:2]) or 'it has no weights'}); give "
-            "the detector.widths that it was trained with, and no fewer detector.blocks"
-        )
-    model.load_state_dict(own | weights)
 
 
 def _check(config: TrainDetectorConfig) -> None:

@@ -28,12 +28,14 @@ class TrainLifter:
     """Of the weights; follows from the motion's."""
     resume: bool = False
     """Go on from the last checkpoint; ends as if it had never stopped."""
+    start: Path | None = None
+    """Checkpoint whose weights to start from."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
         from perfcap.app.train import run_train_lifter
 
-        return run_train_lifter(self.motion, self.out, self.config, self.licence, self.resume)
+        return run_train_lifter(**vars(self))
 
 
 @dataclass(frozen=True)

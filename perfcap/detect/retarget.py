@@ -48,7 +48,11 @@ def retarget(joints3d: Tensor, lengths: Tensor) -> Tensor:
         joints3d: root-relative predictions, (..., 16, 3), any length unit.
         lengths: bone lengths of the actor, (..., 16), metres: norms of ``bone_vectors``.
     """
-    vectors = bone_vectors(joints3d)
+    return laid_out(bone_vectors(joints3d), lengths)
+
+
+def laid_out(vectors: Tensor, lengths: Tensor) -> Tensor:
+    """Bones (..., 16, 3) of these lengths (..., 16) end to end, from the middle of the hips."""
     norm = vectors.norm(dim=-1, keepdim=True)
     scaled = vectors * (lengths[..., None] / norm.clamp(min=1e-6))
     placed: Tensor = bone_chains().to(scaled) @ scaled

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from torch import Tensor
+from torch import Tensor, nn
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
@@ -76,6 +76,26 @@ def load_checkpoint(path: Path) -> Checkpoint:
             "that perfcap train wrote"
         )
     return Checkpoint(tensors, values, path)
+
+
+def start_from(model: nn.Module, path: Path) -> None:
+    """Give a network the averaged weights of a checkpoint.
+
+    A detector may have more blocks: they change nothing at first, so it goes on where the smaller
+    one stopped (Chen et al. 2016, Net2Net).
+
+    Raises:
+        InputError: it is of another network.
+    """
+    weights = load_checkpoint(path).part("average")
+    own = model.state_dict()
+    other = [n for n, v in weights.items() if n not in own or own[n].shape != v.shape]
+    if other or not weights:
+        raise InputError(
+            f"{path}: is of another network ({', '.join(other[:2]) or 'it has no weights'}); give "
+            "the sizes that it was trained with; a detector may have more blocks"
+        )
+    model.load_state_dict(own | weights)
 
 
 def _require() -> None:

@@ -71,6 +71,9 @@ class LiftingData:
     roll: float = 4.0  # degrees, deviation
     size: float = 0.05  # deviation of the log size of people
     bone: float = 0.04  # deviation of the log length of one bone, the same left and right
+    recombined: float = 0.5  # share of tracks with the arms or the upper body of another clip
+    loosened: float = 6.0  # degrees, deviation that limbs are turned by for a whole track
+    swung: float = 2.5  # factor of it for arms
     noise: DetectorNoise = field(default_factory=DetectorNoise)
 
 

@@ -49,7 +49,7 @@ class LiftingTask:
             torch.manual_seed(seed)
             self.model = Lifter(config)
         self._samples = LiftingSamples(library, data, seed)
-        self._validation = LiftingSamples(validation, data, _VALIDATION_SEED)
+        self._validation = LiftingSamples(validation, as_recorded(data), _VALIDATION_SEED)
         self._loss, self._dense = loss, dense
         self._span = 2 * config.reach + 1
 
@@ -76,11 +76,17 @@ class LiftingTask:
         return score_samples(model, self._validation)
 
 
+def as_recorded(data: LiftingData) -> LiftingData:
+    """The same settings, with motion as it was recorded: what scores are taken on."""
+    return replace(data, recombined=0.0, loosened=0.0)
+
+
 def score_lifter(
     model: nn.Module, people: MotionLibrary, data: LiftingData, batches: int = BATCHES
 ) -> dict[str, float]:
     """Scores of a lifter on simulated detections of people; see ``score_samples``."""
-    return score_samples(model, LiftingSamples(people, data, _VALIDATION_SEED), batches)
+    samples = LiftingSamples(people, as_recorded(data), _VALIDATION_SEED)
+    return score_samples(model, samples, batches)
 
 
 def score_samples(

@@ -10,12 +10,13 @@ from torch import Generator, Tensor
 
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.detect.lifting import lifting_features
-from perfcap.detect.retarget import bone_vectors, mid_hip, retarget
+from perfcap.detect.retarget import bone_vectors, laid_out, mid_hip
 from perfcap.errors import InputError
 from perfcap.train.config import DetectorNoise, LiftingData
 from perfcap.train.detector_noise import corrupt
 from perfcap.train.loop import mixed_seed
 from perfcap.train.motion_library import RATE, MotionLibrary
+from perfcap.train.restyle import PELVIS, SPINE, Track, restyled
 
 _MIRRORED = list(LANDMARKS16.mirrored())
 STANDING = 1.65  # m, height whose image is 100 units of noise
@@ -51,6 +52,8 @@ class LiftingSamples:
             raise InputError("motion library: has no clip of two frames; expected recorded motion")
         self._data, self._seed = data, seed
         self._points = torch.cat(clips)
+        moving = (r.turns for r in library.recordings if len(r.landmarks) > 1)
+        self._turns = torch.cat([turns[:, [PELVIS, SPINE]] for turns in moving])
         self._length = torch.tensor([len(clip) for clip in clips])
         self._first = self._length.cumsum(0) - self._length
         self._bones = torch.stack([_bone_lengths(clip) for clip in clips])
@@ -66,8 +69,23 @@ class LiftingSamples:
 
     def _tracks(self, size: int, frames: int, generator: Generator) -> Tensor:
         """Stretches of clips on other people's bones, half of them mirrored, (N, F, 16, 3)."""
+        track, middle, clip = self._stretches(size, frames, generator)
+        bones = track.bones
+        if self._data.recombined or self._data.loosened:
+            other, _, _ = self._stretches(size, frames, generator)
+            bones = restyled(track, other, self._data, generator)
+        lengths = self._bones[clip] * _other_people(size, self._data, generator)
+        posed = laid_out(bones, lengths[:, None]) + middle[:, :, None]
+        mirrored = posed[:, :, _MIRRORED] * torch.tensor([-1.0, 1.0, 1.0])
+        flipped = torch.rand(size, 1, 1, 1, generator=generator) < 0.5
+        return torch.where(flipped, mirrored, posed)
+
+    def _stretches(
+        self, size: int, frames: int, generator: Generator
+    ) -> tuple[Track, Tensor, Tensor]:
+        """Stretches of clips, the middles of their hips (N, F, 3), and their clips (N,)."""
         clip = torch.multinomial(self._share, size, replacement=True, generator=generator)
-        uniform = torch.rand(size, 3, generator=generator)
+        uniform = torch.rand(size, 2, generator=generator)
         low, high = self._data.rate
         step = RATE / (low + (high - low) * uniform[:, 0])
         last = self._length[clip] - 1
@@ -78,11 +96,15 @@ class LiftingSamples:
         after = (before + 1).minimum(last[:, None])
         share = (place - before)[..., None, None]
         first = self._first[clip][:, None]
-        track = torch.lerp(self._points[first + before], self._points[first + after], share)
-        lengths = self._bones[clip] * _other_people(size, self._data, generator)
-        track = retarget(track, lengths[:, None]) + mid_hip(track).unsqueeze(-2)
-        mirrored = track[:, :, _MIRRORED] * torch.tensor([-1.0, 1.0, 1.0])
-        return torch.where((uniform[:, 2] < 0.5)[:, None, None, None], mirrored, track)
+
+        def between(values: Tensor) -> Tensor:
+            shown = share.reshape(*share.shape[:2], *(1,) * (values.dim() - 1))
+            return torch.lerp(values[first + before], values[first + after], shown)
+
+        points = between(self._points)
+        # turns between frames are not quite rotations; bones are given their lengths afterwards
+        pelvis, spine = between(self._turns).unbind(2)
+        return Track(bone_vectors(points), pelvis, spine), mid_hip(points), clip
 
 
 def look_at(world: Tensor, data: LiftingData, generator: Generator) -> Tensor:

@@ -7,9 +7,8 @@ import torch
 from motion_files import write_library
 from runs import Command
 
-from perfcap.app.train_detector import start_from
 from perfcap.detect.onnx import OnnxDetector
-from perfcap.train.checkpoint import Checkpoint, save_checkpoint
+from perfcap.train.checkpoint import Checkpoint, save_checkpoint, start_from
 from perfcap.train.detector import Detector
 from perfcap.train.detector_config import DetectorConfig
 

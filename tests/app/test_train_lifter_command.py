@@ -1,0 +1,40 @@
+"""``perfcap train lifter``, from motion to a model that opens, and what it refuses."""
+
+from pathlib import Path
+
+import pytest
+from motion_files import write_library
+from runs import Command
+
+from perfcap.detect.lifter import OnnxLifter
+from perfcap.train.checkpoint import load_checkpoint
+
+TINY = (
+    *("--held-out", "03", "--validation", "02", "--data.frames", 16, "--lifter.channels", 8),
+    *("--loop.steps", 2, "--loop.batch", 8, "--loop.evaluate-every", 2, "--loop.warmup", 1),
+)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_library(tmp_path_factory.mktemp("motion"), frames=20)
+
+
+def test_trains_exports_and_starts_from_what_it_wrote(
+    perfcap: Command, library: Path, tmp_path: Path
+) -> None:
+    call = ["train", "lifter", "--motion", library, *TINY, "--out"]
+    outcome = perfcap([*call, tmp_path / "a"])
+    assert outcome.code == 0 and "MPJPE" in outcome.out
+    assert OnnxLifter(tmp_path / "a" / "model").manifest.reach == 40
+    assert "Where it fails" in (tmp_path / "a" / "model" / "card.md").read_text()
+    best = tmp_path / "a" / "best.safetensors"
+    slow = ("--start", best, "--loop.learning-rate", 1e-9)
+    assert perfcap([*call, tmp_path / "b", *slow]).code == 0
+    first, second = (
+        load_checkpoint(path).part("average") for path in (best, tmp_path / "b/best.safetensors")
+    )
+    assert all((first[name] - second[name]).abs().max() < 1e-6 for name in first)
+    wider = perfcap([*call, tmp_path / "c", "--start", best, "--lifter.channels", 12])
+    assert "is of another network" in wider.refused()
+    assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
