@@ -41,8 +41,8 @@ class Experiment:
     """Folder of the recordings."""
     sequences: tuple[str, ...] = ("dev_tight", "dev_skirt")
     """Of the rendered set."""
-    flip_test: bool = False
-    """Look at mirror images too."""
+    flip_test: bool | None = None
+    """Look at mirror images too; as the manifest says if not given."""
 
 
 @dataclass(frozen=True)

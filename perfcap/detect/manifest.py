@@ -52,6 +52,7 @@ class InputSpec:
         mean: of each channel, after ``scale``.
         std: of each channel, after ``scale``.
         padding: size of the crop, in sizes of the person.
+        flip_test: whether mirror images are looked at too, unless a user says otherwise.
     """
 
     name: str
@@ -63,6 +64,7 @@ class InputSpec:
     mean: tuple[float, ...]
     std: tuple[float, ...]
     padding: float
+    flip_test: bool
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,7 @@ def _read_input(table: TomlTable) -> InputSpec:
         mean=table.numbers("mean", (0.0, 0.0, 0.0), count=3),
         std=std,
         padding=table.number("padding", 1.25, low=1.0),
+        flip_test=table.flag("flip_test", False),
     )
     plain = spec.scale == 1 and set(spec.mean) == {0.0} and set(spec.std) == {1.0}
     if spec.dtype == "uint8" and not plain:

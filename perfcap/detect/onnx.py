@@ -31,7 +31,8 @@ class OnnxDetector:
     Args:
         model: folder with ``manifest.toml`` and the ONNX file it names, or the manifest.
         execution: provider and threads.
-        flip_test: look at every crop and its mirror image, and average. Twice the time.
+        flip_test: look at every crop and its mirror image, and average. Twice the time. None: as
+            the manifest says.
 
     Raises:
         InputError: the manifest or the model cannot be used, or do not fit each other; one line
@@ -43,12 +44,12 @@ class OnnxDetector:
         model: str | Path,
         *,
         execution: Execution | None = None,
-        flip_test: bool = False,
+        flip_test: bool | None = None,
     ) -> None:
         self._settings = str(model), execution, flip_test
         self.manifest: Manifest = read_manifest(Path(model))
         self.session = Session(self.manifest.file, execution)
-        self.flip_test = flip_test
+        self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
         self._input, self._batch = _check_input(self.manifest, self.session)
         self._outputs = _check_outputs(self.manifest, self.session)
         height, width = self.manifest.input.size
@@ -188,7 +189,7 @@ def stack_views(views: Sequence[Detections]) -> Detections:
     )
 
 
-def _reopen(model: str, execution: Execution | None, flip_test: bool) -> OnnxDetector:
+def _reopen(model: str, execution: Execution | None, flip_test: bool | None) -> OnnxDetector:
     return OnnxDetector(model, execution=execution, flip_test=flip_test)
 
 

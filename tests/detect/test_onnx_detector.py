@@ -1,6 +1,7 @@
 """Networks of common layouts, from their manifests alone."""
 
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,19 @@ def test_crop_axes_are_turned_to_the_camera(
     # the person is left of the middle: what was straight behind is now behind and to the left
     depth = turned - plain
     assert (depth[..., 0] * plain[..., 2]).mean() < -0.01
+
+
+def test_the_manifest_may_ask_for_the_flip_test(
+    models: dict[str, OnnxDetector], tmp_path: Path
+) -> None:
+    folder = models["vitpose"].manifest.path.parent
+    assert not OnnxDetector(folder).flip_test
+    asking = shutil.copytree(folder, tmp_path / "asking")
+    text = (asking / "manifest.toml").read_text()
+    (asking / "manifest.toml").write_text(text.replace("[input]", "[input]\nflip_test = true"))
+    assert OnnxDetector(asking).flip_test
+    assert not OnnxDetector(asking, flip_test=False).flip_test
+    assert pickle.loads(pickle.dumps(OnnxDetector(asking))).flip_test
 
 
 @pytest.mark.parametrize("name", ["vitpose", "mediapipe"])

@@ -205,8 +205,9 @@ def test_scores_of_joints_found_and_missed(network: Detector) -> None:
 def test_export_says_the_same_and_opens(network: Detector, tmp_path: Path) -> None:
     calibration = Calibration((0.0, 0.1, 0.2), (0.0, 0.5, 0.9))
     export_detector(network, tmp_path, calibration, 'made "here"', "CC0-1.0")
-    detector = OnnxDetector(tmp_path)
+    detector = OnnxDetector(tmp_path, flip_test=False)
     assert not detector.joint_set.missing() and detector.manifest.output.crop_axes
+    assert OnnxDetector(tmp_path).flip_test
     crops = np.random.default_rng(0).integers(0, 255, (3, 64, 64, 3), dtype=np.uint8)
     found = detector.estimate(crops)
     with torch.no_grad():
