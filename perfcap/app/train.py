@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
@@ -17,9 +17,9 @@ from perfcap.app.console import progress_bars
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
 from perfcap.train.checkpoint import start_from
-from perfcap.train.config import TrainLifterConfig
+from perfcap.train.config import LifterConfig, TrainLifterConfig
 from perfcap.train.export import export_lifter
-from perfcap.train.lifter import Lifter
+from perfcap.train.lifter import Lifter, LifterCommittee
 from perfcap.train.lifter_task import LiftingTask, score_lifter
 from perfcap.train.loop import LAST, train
 from perfcap.train.motion_library import MotionLibrary
@@ -29,31 +29,40 @@ MODEL = "model"
 Watch = Callable[[int, Mapping[str, float]], None]
 
 
-def run_train_lifter(
-    motion: Path,
-    out: Path,
-    config: TrainLifterConfig,
-    licence: str,
-    resume: bool,
-    start: Path | None = None,
-) -> int:
-    """Train, export, score and describe a lifter; returns the exit code.
+@dataclass(frozen=True)
+class LifterRequest:
+    """What ``perfcap train lifter`` was asked for.
 
-    Args:
+    Attributes:
         motion: folder of the motion library.
         out: folder for checkpoints, ``metrics.jsonl`` and ``model/``.
         config: everything else.
         licence: of the weights.
         resume: go on from the last checkpoint.
         start: checkpoint whose weights to start from, for fine-tuning.
+        together_with: checkpoints of other runs, averaged with this one's answers in the model.
+    """
+
+    motion: Path
+    out: Path
+    config: TrainLifterConfig
+    licence: str = "unstated"
+    resume: bool = False
+    start: Path | None = None
+    together_with: tuple[Path, ...] = ()
+
+
+def run_train_lifter(request: LifterRequest) -> int:
+    """Train, export, score and describe a lifter; returns the exit code.
 
     Raises:
         InputError: bad input, in one line.
     """
-    library = MotionLibrary.read(motion)
-    make_folder(out, resume)
-    others = (*config.held_out, *config.validation)
-    learned = library.without(others)
+    config, out = request.config, request.out
+    library = MotionLibrary.read(request.motion)
+    others = [_lifter(path, config.lifter) for path in request.together_with]
+    make_folder(out, request.resume)
+    learned = library.without((*config.held_out, *config.validation))
     task = LiftingTask(
         learned,
         library.of(config.validation),
@@ -63,8 +72,8 @@ def run_train_lifter(
         config.loop.seed,
         config.dense,
     )
-    if start is not None:
-        start_from(task.model, start)
+    if request.start is not None:
+        start_from(task.model, request.start)
     torch.set_num_threads(1)  # tensors are small
     with processes() as first, progress_bars() as tell:
         trained = train(
@@ -72,32 +81,41 @@ def run_train_lifter(
             config.loop,
             out,
             asdict(config),
-            resume=resume,
+            resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(out) if first else None,
         )
         if first:
-            _finish(trained, out / MODEL, library, learned, config, licence)
+            model = LifterCommittee([trained, *others]) if others else trained
+            _finish(model, request, library, learned.subjects)
     return 0
 
 
+def _lifter(path: Path, config: LifterConfig) -> Lifter:
+    """A lifter of a checkpoint."""
+    lifter = Lifter(config)
+    start_from(lifter, path)
+    return lifter
+
+
 def _finish(
-    trained: Lifter,
-    folder: Path,
+    model: Lifter | LifterCommittee,
+    request: LifterRequest,
     library: MotionLibrary,
-    learned: MotionLibrary,
-    config: TrainLifterConfig,
-    licence: str,
+    learned: tuple[str, ...],
 ) -> None:
     """Export, score on people held out, write the card."""
+    config, folder = request.config, request.out / MODEL
     low, high = config.data.rate
     origin = f"perfcap train lifter, {config.loop.steps} steps, seed {config.loop.seed}"
-    export_lifter(trained, folder, 0.5 * (low + high), origin, licence)
+    if request.together_with:
+        origin += f", averaged with {len(request.together_with)} of other runs"
+    export_lifter(model, folder, 0.5 * (low + high), origin, request.licence)
     scores = {
-        person: score_lifter(trained, library.of([person]), config.data)
+        person: score_lifter(model, library.of([person]), config.data)
         for person in (*config.held_out, *config.validation)
     }
-    write_lifter_card(folder, config, learned.subjects, scores)
+    write_lifter_card(folder, config, learned, scores)
     console = Console(highlight=False)
     table = Table("person", *next(iter(scores.values())))
     for person, values in scores.items():

@@ -30,12 +30,14 @@ class TrainLifter:
     """Go on from the last checkpoint; ends as if it had never stopped."""
     start: Path | None = None
     """Checkpoint whose weights to start from."""
+    together_with: tuple[Path, ...] = ()
+    """Checkpoints of other runs, whose answers are averaged with this one's in the model."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.train import run_train_lifter
+        from perfcap.app.train import LifterRequest, run_train_lifter
 
-        return run_train_lifter(**vars(self))
+        return run_train_lifter(LifterRequest(**vars(self)))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from perfcap.train.config import LoopConfig
 class DetectorConfig:
     """Size of a detector."""
 
-    size: int = 160  # pixels along each side of the crop it sees
+    size: int = 192  # pixels along each side of the crop it sees
     widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
     blocks: tuple[int, ...] = (1, 2, 3)  # residual blocks of the last three
 
@@ -20,8 +20,8 @@ class DetectorConfig:
 class SceneData:
     """Rendered people."""
 
-    size: int = 224  # pixels of a stored crop
-    margin: float = 1.8  # size of it, in boxes around the joints
+    size: int = 288  # pixels of a stored crop
+    margin: float = 1.7  # size of it, in boxes around the joints
     group: int = 8  # pictures of a person in one outfit
     places: int = 3  # backgrounds that these are taken before
     texture: int = 384  # pixels along a texture
@@ -30,7 +30,7 @@ class SceneData:
     swung: float = 2.5  # factor of it for arms
     facing: float = 0.4  # share made to face the camera's side; others face anywhere
     tilted: float = 0.04  # share of poses turned over in any direction
-    skirts: float = 0.22  # share of outfits with a skirt or coat
+    skirts: float = 0.3  # share of outfits with a skirt or coat
     actors: float = 0.2  # share of people who are actors with clothes of their own
     distance: tuple[float, float] = (2.0, 9.0)  # m, evenly in the logarithm
     elevation: tuple[float, float] = (8.0, 14.0)  # degrees above the person, mean and deviation
@@ -44,8 +44,8 @@ class SceneData:
 class Augmentation:
     """What is done to a stored crop each time it is shown."""
 
-    moved: float = 0.6  # share of people before another background, if there are pictures of some
-    camouflaged: float = 0.35  # of these, before the colours of a part of them
+    moved: float = 0.75  # share of people before another background, if there are pictures of some
+    camouflaged: float = 0.45  # of these, before the colours of a part of them
     zoom: tuple[float, float] = (0.85, 1.2)  # of the size a person is followed at
     small: float = 0.04  # share that is shown much smaller, as in a search of the image
     smallest: float = 0.4  # of the usual size
@@ -77,7 +77,7 @@ class TrainDetectorConfig:
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
     crops: int = 30000  # stored before training; each is shown again and again, never alike
     validation_crops: int = 512  # to score
-    sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.6, 160))
+    sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.5, 160), (0.8, 192))
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(

@@ -16,7 +16,7 @@ from perfcap.detect.lifting import FEATURES
 from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.train.lifter import Lifter
+from perfcap.train.lifter import Lifter, LifterCommittee
 
 MODEL = "model.onnx"
 TOLERANCE = 1e-4  # m
@@ -24,7 +24,9 @@ _OPSET = 20
 _LENGTHS = ((1, 1), (2, 7), (1, 200))  # tracks and frames that the export is compared on
 
 
-def export_lifter(lifter: Lifter, folder: Path, rate: float, origin: str, licence: str) -> None:
+def export_lifter(
+    lifter: Lifter | LifterCommittee, folder: Path, rate: float, origin: str, licence: str
+) -> None:
     """Write ``model.onnx`` and ``manifest.toml`` of a lifter.
 
     Args:
@@ -37,7 +39,7 @@ def export_lifter(lifter: Lifter, folder: Path, rate: float, origin: str, licenc
     Raises:
         InputError: the exporter is not installed, or onnxruntime answers otherwise than torch.
     """
-    lifter = lifter.eval()
+    lifter.eval()
     example = torch.zeros(2, 9, FEATURES)
     axes = {"features": {0: torch.export.Dim("tracks"), 1: torch.export.Dim("frames")}}
     data = to_onnx(lifter, example, ("joints", "spread"), axes)
@@ -141,7 +143,7 @@ def _without_traces(model: Any) -> bytes:
     return data
 
 
-def check_equal(lifter: Lifter, data: bytes) -> None:
+def check_equal(lifter: Lifter | LifterCommittee, data: bytes) -> None:
     """Compare the export with the module, on tracks of several lengths.
 
     Raises:

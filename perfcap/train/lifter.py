@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import cast
 
 import torch
@@ -84,6 +85,24 @@ class Lifter(nn.Module):
         joints = found[..., : 3 * _JOINTS].unflatten(-1, (_JOINTS, 3))
         spread = 0.1 * found[..., 3 * _JOINTS :].clamp(-4.0, 3.0).exp()
         return joints - mid_hip(joints).unsqueeze(-2), spread
+
+
+class LifterCommittee(nn.Module):
+    """Lifters of one size whose answers are averaged: each errs a little otherwise.
+
+    Args:
+        members: at least one.
+    """
+
+    def __init__(self, members: Sequence[Lifter]) -> None:
+        super().__init__()
+        self.config = members[0].config
+        self.members = nn.ModuleList(members)
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """As a ``Lifter``'s; the spread is the mean of theirs."""
+        joints, spread = zip(*(member(features) for member in self.members), strict=True)
+        return torch.stack(joints).mean(0), torch.stack(spread).mean(0)
 
 
 class _Block(nn.Module):

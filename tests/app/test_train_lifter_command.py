@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+import torch
 from motion_files import write_library
 from runs import Command
 
@@ -29,8 +30,12 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     assert OnnxLifter(tmp_path / "a" / "model").manifest.reach == 40
     assert "Where it fails" in (tmp_path / "a" / "model" / "card.md").read_text()
     best = tmp_path / "a" / "best.safetensors"
-    slow = ("--start", best, "--loop.learning-rate", 1e-9)
+    slow = ("--start", best, "--loop.learning-rate", 1e-9, "--together-with", best)
     assert perfcap([*call, tmp_path / "b", *slow]).code == 0
+    features = torch.randn(1, 5, 49)
+    alone, together = (OnnxLifter(tmp_path / run / "model")._run(features) for run in "ab")
+    for one, same in zip(alone, together, strict=True):
+        torch.testing.assert_close(one, same, atol=1e-5, rtol=1e-4)
     first, second = (
         load_checkpoint(path).part("average") for path in (best, tmp_path / "b/best.safetensors")
     )
