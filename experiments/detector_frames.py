@@ -24,6 +24,7 @@ from perfcap.detect.crop import Crop, body_box
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
+from perfcap.io.actor import models_folder
 
 _PCK = 0.2
 _TORSO = LANDMARKS.index("l_shoulder"), LANDMARKS.index("r_hip")
@@ -35,7 +36,7 @@ _TIMED = 30  # crops
 class Experiment:
     """What to run."""
 
-    detector: Path
+    detector: Path = models_folder() / "detectors" / "rendered"
     """Folder of the detector."""
     data: Path = report.DATA
     """Folder of the recordings."""

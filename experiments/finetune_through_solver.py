@@ -165,8 +165,9 @@ def _heat_loss(network: Reader, clip: Clip, part: slice) -> Tensor:
 
 
 def _motion_loss(network: Reader, clip: Clip, part: slice) -> Tensor:
-    """How far the solved joints are from the true ones, m."""
-    return _distance(_refined(network, clip, part, train=True), clip.joints[part])
+    """How far the solved joints are from the true ones, as they are scored, m."""
+    found, truth = _refined(network, clip, part, train=True), clip.joints[part]
+    return _distance(similarity_align(found, truth), truth)
 
 
 def _refined(network: Reader, clip: Clip, part: slice, train: bool) -> Tensor:

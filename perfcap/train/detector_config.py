@@ -11,7 +11,7 @@ from perfcap.train.config import LoopConfig
 class DetectorConfig:
     """Size of a detector."""
 
-    size: int = 192  # pixels along each side of the crop it sees
+    size: int = 224  # pixels along each side of the crop it sees
     widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
     blocks: tuple[int, ...] = (1, 2, 3)  # residual blocks of the last three
 
@@ -77,7 +77,7 @@ class TrainDetectorConfig:
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
     crops: int = 30000  # stored before training; each is shown again and again, never alike
     validation_crops: int = 512  # to score
-    sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.5, 160), (0.8, 192))
+    sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.45, 160), (0.75, 192), (0.92, 224))
     """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
     loop: LoopConfig = field(
         default_factory=lambda: LoopConfig(
