@@ -1,11 +1,12 @@
 """Fine-tuning a detector through the solver against fine-tuning it on heat maps, same clips.
 
 A trained detector is fine-tuned on short clips of two views, at first with the loss of its heat
-maps: the solver's robust kernels take no notice of joints that are far off, so the motion teaches
-nothing about them. Then either with that loss again, or with the distance of the motion that the
-solver makes of its joints and confidences from the true one. How sharply heat maps are read and
-trusted is learned as well, which only the motion can teach; what that alone brings is a column of
-its own. Held-out clips are of other actors and of people whose motion was never shown.
+maps. Then either with that loss again, or with the distance of the motion that the solver makes of
+its joints and confidences from the true one, and a little of that loss: the solver's robust kernels
+take no notice of joints that are far off, which motion alone therefore unteaches. How sharply heat
+maps are read and trusted is learned as well, which only the motion can teach; what that alone
+brings is a column of its own. Held-out clips are of other actors and of people whose motion was
+never shown.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ _COLUMNS = (
     "reading, lower by %", "all by motion, lower by %", "CPU s",
 )  # fmt: skip
 _READING = 30.0  # rate of learning how to read, against that of the network's weights
+_KEPT = 0.01  # m a nat, of the loss of the heat maps beside that of the motion
 _SURE = 3.0  # map pixels of spread at which confidence is exp(-1/2), at first
 
 
@@ -165,9 +167,10 @@ def _heat_loss(network: Reader, clip: Clip, part: slice) -> Tensor:
 
 
 def _motion_loss(network: Reader, clip: Clip, part: slice) -> Tensor:
-    """How far the solved joints are from the true ones, as they are scored, m."""
+    """How far the solved joints are from the true ones, as they are scored, m, and heat maps."""
     found, truth = _refined(network, clip, part, train=True), clip.joints[part]
-    return _distance(similarity_align(found, truth), truth)
+    kept = _KEPT * _heat_loss(network, clip, part)
+    return _distance(similarity_align(found, truth), truth) + kept
 
 
 def _refined(network: Reader, clip: Clip, part: slice, train: bool) -> Tensor:
