@@ -115,7 +115,7 @@ def _finish(
         person: score_lifter(model, library.of([person]), config.data)
         for person in (*config.held_out, *config.validation)
     }
-    write_lifter_card(folder, config, learned, scores)
+    write_lifter_card(folder, config, learned, scores, 1 + len(request.together_with))
     console = Console(highlight=False)
     table = Table("person", *next(iter(scores.values())))
     for person, values in scores.items():

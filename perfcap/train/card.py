@@ -16,6 +16,7 @@ def write_lifter_card(
     config: TrainLifterConfig,
     learned: Sequence[str],
     scores: Mapping[str, Mapping[str, float]],
+    members: int = 1,
 ) -> None:
     """Write ``card.md``.
 
@@ -24,7 +25,9 @@ def write_lifter_card(
         config: it was trained with.
         learned: people it was trained on.
         scores: of each person that it was not trained on.
+        members: networks whose answers are averaged; the last ones are of other runs.
     """
+    others = f", averaged with {members - 1} of other runs" if members > 1 else ""
     rows = "\n".join(
         f"| {person} | {' | '.join(f'{value:.1f}' for value in values.values())} |"
         for person, values in scores.items()
@@ -37,8 +40,8 @@ in the axes of the camera, with the error expected of each joint.
 
 - Input: `lifting_features` of a track, (N, F, 49) float32, at about 30 frames a second.
 - Output: `joints` (N, F, 16, 3) and `spread` (N, F, 16), metres.
-- Network: {len(config.lifter.dilations)} residual blocks of {config.lifter.channels} channels; an
-  answer depends on {config.lifter.reach} frames either side.
+- Network: {len(config.lifter.dilations)} residual blocks of {config.lifter.channels} channels{others};
+  an answer depends on {config.lifter.reach} frames either side.
 - Learned from: recorded motion of {len(learned)} people ({", ".join(learned)}) under random cameras
   with simulated detections, {config.loop.steps} steps of {config.loop.batch}.
 - Best weights chosen by: {", ".join(config.validation)}.

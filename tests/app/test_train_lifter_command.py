@@ -32,6 +32,7 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     best = tmp_path / "a" / "best.safetensors"
     slow = ("--start", best, "--loop.learning-rate", 1e-9, "--together-with", best)
     assert perfcap([*call, tmp_path / "b", *slow]).code == 0
+    assert "averaged with 1 of other runs" in (tmp_path / "b" / "model" / "card.md").read_text()
     features = torch.randn(1, 5, 49)
     alone, together = (OnnxLifter(tmp_path / run / "model")._run(features) for run in "ab")
     for one, same in zip(alone, together, strict=True):

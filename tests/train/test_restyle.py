@@ -45,19 +45,12 @@ def test_legs_stay_and_limbs_are_those_of_others_in_the_axes_of_the_trunk(share:
     bones = restyle(replace(STILL, recombined=share))
     torch.testing.assert_close(bones[:, :, LEGS], own.bones[:, :, LEGS])
 
-    def in_axes(values: Tensor, turns: Tensor) -> Tensor:
-        return values @ turns
-
     def alike(a: Tensor, b: Tensor) -> Tensor:
         return (a - b).abs().amax((1, 2, 3)) < 1e-4
 
-    arms = alike(
-        in_axes(bones[:, :, ARMS], own.spine), in_axes(other.bones[:, :, ARMS], other.spine)
-    )
-    upper = alike(
-        in_axes(bones[:, :, ARMS + TRUNK], own.pelvis),
-        in_axes(other.bones[:, :, ARMS + TRUNK], other.pelvis),
-    )
+    arms = alike(bones[:, :, ARMS] @ own.spine, other.bones[:, :, ARMS] @ other.spine)
+    above = ARMS + TRUNK
+    upper = alike(bones[:, :, above] @ own.pelvis, other.bones[:, :, above] @ other.pelvis)
     as_before = alike(bones, own.bones)
     trunk_as_before = alike(bones[:, :, TRUNK], own.bones[:, :, TRUNK])
     assert (trunk_as_before == (arms | as_before)).all()
