@@ -1,12 +1,12 @@
 """Fine-tuning a detector through the solver against fine-tuning it on heat maps, same clips.
 
 A trained detector is fine-tuned on short clips of two views, at first with the loss of its heat
-maps. Then either with that loss again, or with the distance of the motion that the solver makes of
-its joints and confidences from the true one, and a little of that loss: the solver's robust kernels
-take no notice of joints that are far off, which motion alone may therefore unteach. How sharply
-heat maps are read and trusted is learned as well, which only the motion can teach; what that alone
-brings is a column of its own. Held-out clips are of other actors and of people whose motion was
-never shown.
+maps. Then either with that loss again, or with the distance of the motion that the solver makes
+of its joints and confidences from the true one, and a little of that loss: the solver's robust
+kernels take no notice of joints that are far off, which motion alone may therefore unteach. How
+sharply heat maps are read and trusted is learned as well, which only the motion can teach; what
+that alone brings is a column of its own. Held-out clips are of other actors and of people whose
+motion was never shown.
 """
 
 from __future__ import annotations
