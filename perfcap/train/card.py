@@ -40,8 +40,8 @@ in the axes of the camera, with the error expected of each joint.
 
 - Input: `lifting_features` of a track, (N, F, 49) float32, at about 30 frames a second.
 - Output: `joints` (N, F, 16, 3) and `spread` (N, F, 16), metres.
-- Network: {len(config.lifter.dilations)} residual blocks of {config.lifter.channels} channels{others};
-  an answer depends on {config.lifter.reach} frames either side.
+- Network: {len(config.lifter.dilations)} residual blocks of {config.lifter.channels}
+  channels{others}; an answer depends on {config.lifter.reach} frames either side.
 - Learned from: recorded motion of {len(learned)} people ({", ".join(learned)}) under random cameras
   with simulated detections, {config.loop.steps} steps of {config.loop.batch}.
 - Best weights chosen by: {", ".join(config.validation)}.
