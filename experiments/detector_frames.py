@@ -68,14 +68,15 @@ def run(config: Experiment) -> Report:
     """Score crops and following, trust, and time."""
     detector = OnnxDetector(config.detector, flip_test=config.flip_test)
     folder = data_folder(config.data, "rendered")
-    rows, joints, everything = [], [], []
+    rows, joints = [], []
+    everything: dict[str, list[Found]] = {"crops": [], "followed": []}
     for name in config.sequences:
         sequence = _read(folder / name)
         for way, find in (("crops", _in_crops), ("followed", _followed)):
             found = find(detector, sequence)
             rows.append((f"{name}, {way}", *_shares(found, sequence)))
+            everything[way].append(found)
             if way == "crops":
-                everything.append(found)
                 joints.append((name, *(100 * (found.errors <= _PCK).double().mean(0)).tolist()))
     return Report(
         (
@@ -85,7 +86,7 @@ def run(config: Experiment) -> Report:
                 tuple(rows),
             ),
             Table("by joint, in crops, %", ("frames", *LANDMARKS), tuple(joints), 0),
-            _trust(everything),
+            *(_trust(way, found) for way, found in everything.items()),
             _time(detector),
         ),
         ("Either side: nearer than a fifth of a torso to the joint or to its counterpart.",),
@@ -147,7 +148,7 @@ def _shares(found: Found, sequence: Sequence) -> tuple[float, ...]:
     return (*(100 * float(part) for part in parts), 100 * float(found.errors.median()))
 
 
-def _trust(everything: list[Found]) -> Table:
+def _trust(way: str, everything: list[Found]) -> Table:
     """How many joints of a confidence are found, and how far off they are."""
     errors = torch.cat([found.errors.flatten() for found in everything])
     confidence = torch.cat([found.confidence.flatten() for found in everything])
@@ -160,7 +161,7 @@ def _trust(everything: list[Found]) -> Table:
             band = f"{low:g} to {min(high, 1):g}"
             rows.append((band, int(here.sum()), 100 * mean, hit, 100 * median))
     columns = ("confidence", "joints", "promised %", "found %", "median error, % of torso")
-    return Table("confidence against error, in crops", columns, tuple(rows))
+    return Table(f"confidence against error, {way}", columns, tuple(rows))
 
 
 def _time(detector: OnnxDetector) -> Table:

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.candidates import Candidates, find_candidates
 from perfcap.detect.heatmap import DECODERS, argmax2d, map_to_input, soft_argmax
 from perfcap.detect.manifest import Calibration, Manifest, OutputSpec
 from perfcap.errors import InputError
@@ -23,11 +24,13 @@ class Estimate:
         joints2d: (N, J, 2), pixels of the crop.
         confidence: (N, J), 0 to 1; 0 everywhere for networks of 3D joints alone.
         joints3d: (N, J, 3), metres, root-relative, x right, y down, z forward; None without.
+        candidates: where else the joints may be; None without heat maps.
     """
 
     joints2d: Tensor
     confidence: Tensor
     joints3d: Tensor | None
+    candidates: Candidates | None = None
 
 
 def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Estimate:
@@ -40,12 +43,13 @@ def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Es
     named = {name: torch.from_numpy(np.asarray(a, np.float32)) for name, a in outputs.items()}
     maps = [named[name] for name in spec.names]
     reader = _Reader(manifest, joints)
-    joints3d = None
+    joints3d = heat = None
     if spec.kind in ("heatmaps", "location_maps"):
         maps = [reader.maps(name, value) for name, value in zip(spec.names, maps, strict=True)]
-        points, raw = _read_maps(maps[0], spec, manifest.input.size)
+        heat = maps[0]
+        points, raw = _read_maps(heat, spec, manifest.input.size)
         if spec.kind == "location_maps":
-            joints3d = reader.positions(read_locations(maps[0], maps[1:]))
+            joints3d = reader.positions(read_locations(heat, maps[1:]))
     elif spec.kind == "simcc":
         points, raw = read_simcc(
             *(reader.bins(n, m) for n, m in zip(spec.names, maps, strict=True))
@@ -60,7 +64,9 @@ def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Es
         points, raw = torch.zeros(len(joints2d), joints, 2), torch.zeros(len(joints2d), joints)
     if spec.joints3d:
         joints3d = reader.positions(reader.rows(spec.joints3d, named[spec.joints3d], 3))
-    return Estimate(points, _confidence(raw, manifest), joints3d)
+    confidence = _confidence(raw, manifest)
+    candidates = None if heat is None else _read_candidates(heat, confidence, manifest)
+    return Estimate(points, confidence, joints3d, candidates)
 
 
 def read_simcc(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
@@ -106,6 +112,15 @@ def _read_maps(heat: Tensor, spec: OutputSpec, size: tuple[int, int]) -> tuple[T
         points, raw = DECODERS[spec.decode](heat)
     height, width = heat.shape[-2:]
     return map_to_input(points, (height, width), size, spec.alignment), raw
+
+
+def _read_candidates(heat: Tensor, confidence: Tensor, manifest: Manifest) -> Candidates:
+    """In pixels of the crop."""
+    found = find_candidates(heat, confidence, manifest.joint_set.mirrored())
+    height, width = heat.shape[-2:]
+    shapes = (height, width), manifest.input.size
+    places = map_to_input(found.places, *shapes, manifest.output.alignment)
+    return Candidates(places, found.support)
 
 
 def _read_columns(rows: Tensor, manifest: Manifest) -> tuple[Tensor, Tensor]:

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.candidates import Candidates, merge_candidates
 from perfcap.detect.crop import Frame
 from perfcap.detect.decode import Estimate, decode
 from perfcap.detect.detections import Detections
@@ -157,13 +158,15 @@ class OnnxDetector:
     def _mirror(self, found: Estimate) -> Estimate:
         """What was seen in mirror images, back on its own side."""
         order = list(self.joint_set.mirrored())
-        width = self.crop_size[1]
-        joints2d = found.joints2d[:, order] * torch.tensor([-1.0, 1.0])
-        joints3d = None
+        flip, shift = torch.tensor([-1.0, 1.0]), torch.tensor([self.crop_size[1] - 1.0, 0.0])
+        joints2d = found.joints2d[:, order] * flip + shift
+        joints3d = candidates = None
         if found.joints3d is not None:
             joints3d = found.joints3d[:, order] * torch.tensor([-1.0, 1.0, 1.0])
-        shift = torch.tensor([width - 1.0, 0.0])
-        return Estimate(joints2d + shift, found.confidence[:, order], joints3d)
+        if found.candidates is not None:
+            own = found.candidates.take(order)
+            candidates = Candidates(own.places * flip + shift, own.support)
+        return Estimate(joints2d, found.confidence[:, order], joints3d, candidates)
 
     def _nothing(self) -> Estimate:
         joints, spec = len(self.joint_set), self.manifest.output
@@ -252,22 +255,32 @@ def _shown(shape: Sequence[int | None]) -> str:
 
 def _join(parts: Sequence[Estimate]) -> Estimate:
     poses = [part.joints3d for part in parts if part.joints3d is not None]
+    found = [part.candidates for part in parts if part.candidates is not None]
+    candidates = None
+    if found:
+        candidates = Candidates(
+            torch.cat([some.places for some in found]), torch.cat([some.support for some in found])
+        )
     return Estimate(
         torch.cat([part.joints2d for part in parts]),
         torch.cat([part.confidence for part in parts]),
         torch.cat(poses) if poses else None,
+        candidates,
     )
 
 
 def _average(one: Estimate, other: Estimate, size: tuple[int, int]) -> Estimate:
     """Mean of two views of the same crops by confidence; the surer one where they disagree."""
     weights = torch.stack((one.confidence, other.confidence))
-    apart = (one.joints2d - other.joints2d).norm(dim=-1) > _APART * float(np.hypot(*size))
+    near = _APART * float(np.hypot(*size))
+    apart = (one.joints2d - other.joints2d).norm(dim=-1) > near
     surer = (weights == weights.amax(0)).to(weights)
     shares = torch.where(apart, surer, weights) + 1e-6
     shares = shares / shares.sum(0)
     points = shares[0, ..., None] * one.joints2d + shares[1, ..., None] * other.joints2d
-    joints3d = None
+    joints3d = candidates = None
     if one.joints3d is not None and other.joints3d is not None:
         joints3d = 0.5 * (one.joints3d + other.joints3d)
-    return Estimate(points, weights.mean(0), joints3d)
+    if one.candidates is not None and other.candidates is not None:
+        candidates = merge_candidates(one.candidates, other.candidates, near)
+    return Estimate(points, weights.mean(0), joints3d, candidates)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Protocol
 
 import numpy as np
@@ -11,11 +12,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.candidates import Candidates
 from perfcap.detect.crop import Crop, Frame, body_box, next_crop
 from perfcap.detect.decode import Estimate
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.manifest import Manifest
+from perfcap.detect.sides import Track, settle_sides
 from perfcap.detect.viewing_ray import toward
 from perfcap.geometry.camera import Camera
 
@@ -50,6 +53,7 @@ class _Look:
     joints2d: Tensor  # (J, 2)
     confidence: Tensor  # (J,)
     joints3d: Tensor | None  # (J, 3)
+    candidates: Candidates | None  # (1, J, C)
 
     def box(self) -> Box | None:
         return body_box(self.joints2d, self.confidence, SEEN)
@@ -61,7 +65,8 @@ def follow_person(
     """Joints of one person in every frame of a view, (F, 1).
 
     The crop of a frame is centred on the joints of the frame before. Where nobody is followed,
-    windows of several sizes are searched all over the image.
+    windows of several sizes are searched all over the image. Left and right are settled at the
+    end, by motion; see ``settle_sides``.
 
     Args:
         network: the detector.
@@ -73,7 +78,7 @@ def follow_person(
     Returns:
         The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found.
     """
-    looks = list(_follow(network, frames, box))
+    looks = _settled(list(_follow(network, frames, box)), network.joint_set)
     if camera is not None and network.manifest.output.crop_axes:
         looks = _in_camera_axes(looks, camera)
     return _to_detections(looks, network.joint_set)
@@ -168,13 +173,51 @@ def _places(low: float, high: float, length: float) -> list[float]:
 
 def _look(network: CropNetwork, frame: Frame, crops: list[Crop]) -> list[_Look]:
     found = network.estimate(np.stack([crop.cut(frame) for crop in crops]))
-    poses = [None] * len(crops) if found.joints3d is None else list(found.joints3d)
-    return [
-        _Look(crop, crop.to_image(points), confidence, pose)
-        for crop, points, confidence, pose in zip(
-            crops, found.joints2d, found.confidence, poses, strict=True
-        )
-    ]
+    looks = []
+    for row, crop in enumerate(crops):
+        pose = None if found.joints3d is None else found.joints3d[row]
+        others = None
+        if found.candidates is not None:
+            places, support = found.candidates.places[[row]], found.candidates.support[[row]]
+            others = Candidates(crop.to_image(places), support)
+        points = crop.to_image(found.joints2d[row])
+        looks.append(_Look(crop, points, found.confidence[row], pose, others))
+    return looks
+
+
+def _settled(looks: list[_Look | None], joint_set: JointSet) -> list[_Look | None]:
+    """The same looks with sides that motion allows, wherever somebody is followed."""
+    order = joint_set.mirrored()
+    settled: list[_Look | None] = []
+    for _, group in groupby(looks, key=lambda look: look is None):
+        run = list(group)
+        seen = [look for look in run if look is not None]
+        settled += _settle(seen, order) if seen else run
+    return settled
+
+
+def _settle(looks: list[_Look], order: tuple[int, ...]) -> list[_Look]:
+    """The same for frames in a row."""
+    found = [look.candidates for look in looks if look.candidates is not None]
+    candidates = None
+    if len(found) == len(looks):
+        places, support = zip(*((some.places, some.support) for some in found), strict=True)
+        candidates = Candidates(torch.cat(places), torch.cat(support))
+    track = Track(
+        torch.stack([look.joints2d for look in looks]),
+        torch.stack([look.confidence for look in looks]),
+        candidates,
+        torch.tensor([max(look.crop.width, look.crop.height) for look in looks]),
+    )
+    track, exchanged = settle_sides(track, order)
+    settled = []
+    for row, look in enumerate(looks):
+        pose = look.joints3d
+        if pose is not None and exchanged[row]:
+            pose = pose[list(order)]
+        points, confidence = track.points[row], track.confidence[row]
+        settled.append(replace(look, joints2d=points, confidence=confidence, joints3d=pose))
+    return settled
 
 
 def _in_camera_axes(looks: list[_Look | None], camera: Camera) -> list[_Look | None]:
