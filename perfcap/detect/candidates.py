@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from perfcap.detect.heatmap import decode_dark
+from perfcap.detect.heatmap import argmax2d
 
-PEAKS = 2  # of each map
-_REACH = 3  # map pixels about a peak that belong to it
+_REACH = 2  # map pixels about a peak that belong to it
 _SUMMED = 3  # map pixels along the square about a place that speak for it
 _TINY = 1e-12
 
@@ -33,27 +32,33 @@ class Candidates:
         return Candidates(self.places[:, joints], self.support[:, joints])
 
 
-def find_candidates(maps: Tensor, confidence: Tensor, mirrored: Sequence[int]) -> Candidates:
-    """The highest peaks of each joint's map and of its counterpart's.
+def find_candidates(
+    maps: Tensor, points: Tensor, confidence: Tensor, mirrored: Sequence[int]
+) -> Candidates:
+    """The two highest peaks of each joint's map and of its counterpart's.
 
     Args:
-        maps: heat maps (N, J, h, w).
-        confidence: of the highest peaks, (N, J). Other places get as much less as they have less
-            of the map's mass about them.
+        maps: heat maps (N, J, h, w), of probabilities or in proportion to them.
+        points: the highest peaks, map pixels, (N, J, 2).
+        confidence: of these, (N, J). Other places get as much less as they have less of the map's
+            mass about them.
         mirrored: each joint's counterpart on the other side.
 
     Returns:
-        ``2 PEAKS`` places a joint in pixels of the maps, the joint's own highest peak first.
+        Four places a joint in pixels of the maps: its own peak, the second, and those of the
+        other side.
     """
-    own = _peaks(maps)
+    own = torch.stack((points, _second_peak(maps, points)), 2)
     places = torch.cat((own, own[:, list(mirrored)]), 2)
     height, width = maps.shape[-2:]
-    column = places[..., 0].round().long().clamp(0, width - 1)
-    row = places[..., 1].round().long().clamp(0, height - 1)
+    whole = places.nan_to_num(0.0).round().long()
+    column, row = whole[..., 0].clamp(0, width - 1), whole[..., 1].clamp(0, height - 1)
     mass = nn.functional.avg_pool2d(maps.clamp(min=0), _SUMMED, 1, _SUMMED // 2)
     found = mass.flatten(2).gather(2, row * width + column)
     share = found / found[..., :1].clamp(min=_TINY)
-    return Candidates(places, (confidence[..., None] * share).nan_to_num(0.0).clamp(0, 1))
+    support = (confidence[..., None] * share).nan_to_num(0.0).clamp(0, 1)
+    support[..., 0] = confidence
+    return Candidates(places, support)
 
 
 def merge_candidates(one: Candidates, other: Candidates, near: float) -> Candidates:
@@ -65,7 +70,8 @@ def merge_candidates(one: Candidates, other: Candidates, near: float) -> Candida
         near: places less far apart are one, pixels.
 
     Returns:
-        As many a joint as one look has, the best supported, none near another.
+        As many a joint as one look has, the best supported first. Where fewer differ, the rest
+        have no support.
     """
     parts = [_seconded(one, other, near), _seconded(other, one, near)]
     places = torch.cat([part.places for part in parts], 2)
@@ -84,23 +90,20 @@ def merge_candidates(one: Candidates, other: Candidates, near: float) -> Candida
 def _seconded(one: Candidates, other: Candidates, near: float) -> Candidates:
     """The candidates of one look, with what another says of the same places."""
     apart = (one.places[..., :, None, :] - other.places[..., None, :, :]).norm(dim=-1)
-    agreed = torch.where(apart < near, other.support[..., None, :], 0.0)
-    second, index = agreed.max(-1)
+    nearest, index = apart.min(-1)
+    second = torch.where(nearest < near, other.support.gather(2, index), 0.0)
     theirs = other.places.gather(2, index[..., None].expand(*index.shape, 2))
     weight = (second / (one.support + second).clamp(min=_TINY))[..., None]
     return Candidates(one.places + weight * (theirs - one.places), 0.5 * (one.support + second))
 
 
-def _peaks(maps: Tensor) -> Tensor:
-    """The highest pixels of maps that are not near each other, to fractions, (N, J, PEAKS, 2)."""
+def _second_peak(maps: Tensor, points: Tensor) -> Tensor:
+    """The highest pixel that is a peak and not near the first, (N, J, 2); the first if none is."""
     height, width = maps.shape[-2:]
     rows = torch.arange(height, device=maps.device)[:, None]
     columns = torch.arange(width, device=maps.device)
-    left, found = maps, []
-    for _ in range(PEAKS):
-        place, _ = decode_dark(left)
-        found.append(place)
-        index = left.flatten(2).argmax(-1)[..., None, None]
-        far = (rows - index // width).abs().maximum((columns - index % width).abs()) > _REACH
-        left = torch.where(far, left, left.amin((-2, -1), keepdim=True))
-    return torch.stack(found, 2)
+    first = points[..., None, None, :]
+    far = (rows - first[..., 1]).abs().maximum((columns - first[..., 0]).abs()) > _REACH
+    peak = far & (maps >= nn.functional.max_pool2d(maps, 3, 1, 1))
+    second, _ = argmax2d(torch.where(peak, maps, -torch.inf))
+    return torch.where(peak.any(-1).any(-1)[..., None], second, points)

@@ -65,7 +65,9 @@ def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Es
     if spec.joints3d:
         joints3d = reader.positions(reader.rows(spec.joints3d, named[spec.joints3d], 3))
     confidence = _confidence(raw, manifest)
-    candidates = None if heat is None else _read_candidates(heat, confidence, manifest)
+    candidates = None
+    if heat is not None:
+        candidates = _read_candidates(heat, points, confidence, manifest)
     return Estimate(points, confidence, joints3d, candidates)
 
 
@@ -114,12 +116,17 @@ def _read_maps(heat: Tensor, spec: OutputSpec, size: tuple[int, int]) -> tuple[T
     return map_to_input(points, (height, width), size, spec.alignment), raw
 
 
-def _read_candidates(heat: Tensor, confidence: Tensor, manifest: Manifest) -> Candidates:
-    """In pixels of the crop."""
-    found = find_candidates(heat, confidence, manifest.joint_set.mirrored())
-    height, width = heat.shape[-2:]
-    shapes = (height, width), manifest.input.size
-    places = map_to_input(found.places, *shapes, manifest.output.alignment)
+def _read_candidates(
+    heat: Tensor, points: Tensor, confidence: Tensor, manifest: Manifest
+) -> Candidates:
+    """In pixels of the crop; peaks as they were read."""
+    mirrored = list(manifest.joint_set.mirrored())
+    shape, size = (heat.shape[-2], heat.shape[-1]), manifest.input.size
+    maps = heat.sigmoid() if manifest.output.activation == "sigmoid" else heat
+    peaks, _ = argmax2d(maps)
+    found = find_candidates(maps, peaks, confidence, mirrored)
+    places = map_to_input(found.places, shape, size, manifest.output.alignment)
+    places[:, :, 0], places[:, :, 2] = points, points[:, mirrored]
     return Candidates(places, found.support)
 
 

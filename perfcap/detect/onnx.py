@@ -23,6 +23,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
 _BATCH = 16  # crops in one call
+_SAME = 0.03  # of it: what it may move a candidate and be the same
 _APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
 
 
@@ -272,8 +273,8 @@ def _join(parts: Sequence[Estimate]) -> Estimate:
 def _average(one: Estimate, other: Estimate, size: tuple[int, int]) -> Estimate:
     """Mean of two views of the same crops by confidence; the surer one where they disagree."""
     weights = torch.stack((one.confidence, other.confidence))
-    near = _APART * float(np.hypot(*size))
-    apart = (one.joints2d - other.joints2d).norm(dim=-1) > near
+    diagonal = float(np.hypot(*size))
+    apart = (one.joints2d - other.joints2d).norm(dim=-1) > _APART * diagonal
     surer = (weights == weights.amax(0)).to(weights)
     shares = torch.where(apart, surer, weights) + 1e-6
     shares = shares / shares.sum(0)
@@ -282,5 +283,5 @@ def _average(one: Estimate, other: Estimate, size: tuple[int, int]) -> Estimate:
     if one.joints3d is not None and other.joints3d is not None:
         joints3d = 0.5 * (one.joints3d + other.joints3d)
     if one.candidates is not None and other.candidates is not None:
-        candidates = merge_candidates(one.candidates, other.candidates, near)
+        candidates = merge_candidates(one.candidates, other.candidates, _SAME * diagonal)
     return Estimate(points, weights.mean(0), joints3d, candidates)

@@ -84,6 +84,36 @@ def test_sides_are_settled_by_motion(models: dict[str, OnnxDetector], name: str)
     found = detector(torch.from_numpy(images).permute(0, 3, 1, 2)[:, None])
     errors = (found.joints2d[:, 0] - truth)[there > 0].norm(dim=-1)
     assert errors.max() < (3.0 if name == "vnect" else 0.8)
+    if name == "vnect":  # its 3D joints are where it sees colours, whoever wears them
+        assert found.joints3d is not None
+        pose = found.joints3d[:, 0]
+        left, right = LANDMARKS.index("l_knee"), LANDMARKS.index("r_knee")
+        torch.testing.assert_close(pose[7, left], pose[0, right])
+
+
+def test_joints_read_alike_alone_and_followed(models: dict[str, OnnxDetector]) -> None:
+    images, _ = scene(models["vitpose"], 6)
+    followed, alone = models["vitpose"](images), models["vitpose"](images[:1])
+    assert torch.equal(followed.joints2d[0], alone.joints2d[0])
+    assert torch.equal(followed.confidence2d[0], alone.confidence2d[0])
+
+
+def test_mirror_images_add_candidates(models: dict[str, OnnxDetector]) -> None:
+    """Dots keep their colour in a mirror, so both looks see each joint on the other side."""
+    plain = models["vitpose"]
+    both = OnnxDetector(plain.manifest.path.parent, flip_test=True)
+    crop = draw(plain.crop_size, [20, 20] + 90 * body(39), 2.2)[None]
+    straight, merged = plain.estimate(crop), both.estimate(crop).candidates
+    mirror = both._mirror(plain.estimate(np.ascontiguousarray(crop[:, :, ::-1]))).candidates
+    assert merged is not None and mirror is not None
+    order = list(plain.joint_set.mirrored())
+    for joint, other in enumerate(order):
+        own, theirs = straight.joints2d[0, [joint, other]]
+        torch.testing.assert_close(mirror.places[0, other, 0], own, atol=0.3, rtol=0)
+        for place in (own, theirs):
+            apart = (merged.places[0, joint] - place).norm(dim=-1)
+            assert apart.min() < 0.3
+            assert merged.support[0, joint, apart.argmin()] > (0.2 if joint != other else 0.5)
 
 
 @pytest.mark.parametrize("name", ["vnect", "mediapipe", "direct"])
