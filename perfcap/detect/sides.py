@@ -18,9 +18,9 @@ from torch import Tensor
 
 from perfcap.detect.candidates import Candidates
 
-_WINDOW = 6  # frames in a row that are to move steadily
+_WINDOW = 7  # frames in a row that are to move steadily
 _AROUND = 6  # frames on both sides that smooth the way of the whole body
-_UNSTEADY = 0.08  # of the crop: pairs further from it tell no more
+_UNSTEADY = 0.12  # of the crop: pairs further from it tell no more
 _VOTE = 0.005  # of what one frame says of sides: what misleads it misleads its neighbours too
 _DOUBT = 0.02  # support that any place has
 _MOVED = 0.03  # of the crop: deviation of a joint from frame to frame
@@ -50,11 +50,13 @@ class Track:
 def settle_sides(track: Track, mirrored: Sequence[int]) -> tuple[Track, Tensor]:
     """Give the joints of a track the sides that its motion allows.
 
-    First the whole body's: the Viterbi algorithm finds the frames in which they are exchanged,
-    so that the joints move steadily and most frames keep what they show. Then each pair's, among
-    the candidates of both: places that the heat maps support, that are near those of the frames
-    around, and not both the same. Joints that stay where they were seen are left as they are.
-    Two frames say nothing of the whole body; what was not seen in a row is settled apart.
+    Each pair's places first, by the Viterbi algorithm among the candidates of both: such that the
+    heat maps support, near those of the frames around, and not both the same. Then the whole
+    body's, by the same algorithm: the frames in which sides are exchanged, so that joints move
+    steadily and most frames keep what they show. In the end each pair's again, from what was
+    seen, exchanged where that is nearer to what was found so far. Joints that stay where they were
+    seen are left as they are. Two frames say nothing of the whole body; what was not seen in a row
+    is settled apart.
 
     Args:
         track: what the network sees frame by frame.
@@ -67,9 +69,17 @@ def settle_sides(track: Track, mirrored: Sequence[int]) -> tuple[Track, Tensor]:
     pairs = [(joint, other) for joint, other in enumerate(order) if other > joint]
     if len(track.points) < 2 or not pairs:
         return track, torch.zeros(len(track.points), dtype=torch.bool, device=track.points.device)
-    exchanged = _exchanged(track, order, pairs)
-    turned = _exchange(track, exchanged, order)
-    return (turned if turned.candidates is None else _choose(turned, pairs)), exchanged
+    calm = _choose(track, pairs)
+    likely = _exchange(calm, _exchanged(calm, order, pairs), order)
+    exchanged = _apart(track.points, likely) > _apart(track.points[:, order], likely)
+    return _choose(_exchange(track, exchanged, order), pairs), exchanged
+
+
+def _apart(points: Tensor, track: Track) -> Tensor:
+    """How far points are from a track, each joint counting so much at most, (F,)."""
+    error = (points - track.points).norm(dim=-1) / track.size[:, None]
+    total: Tensor = error.nan_to_num(0.0).clamp(max=_UNSTEADY).sum(-1)
+    return total
 
 
 def _exchanged(track: Track, order: list[int], pairs: list[tuple[int, int]]) -> Tensor:
@@ -177,7 +187,8 @@ def _exchange(track: Track, where: Tensor, order: list[int]) -> Track:
 
 def _choose(track: Track, pairs: list[tuple[int, int]]) -> Track:
     """The likeliest places of pairs of joints, by the Viterbi algorithm, all pairs at once."""
-    assert track.candidates is not None
+    if track.candidates is None:
+        return track
     both = [list(side) for side in zip(*pairs, strict=True)]
     relative = _placed(track, track.candidates.places)
     places = [relative[:, side] for side in both]  # 2 x (F, P, C, 2)

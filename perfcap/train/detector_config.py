@@ -13,7 +13,7 @@ class DetectorConfig:
 
     size: int = 224  # pixels along each side of the crop it sees
     widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
-    blocks: tuple[int, ...] = (1, 2, 3)  # residual blocks of the last three
+    blocks: tuple[int, ...] = (1, 3, 5)  # residual blocks of the last three
 
 
 @dataclass(frozen=True)
