@@ -175,6 +175,8 @@ def _tuned(
     network = copy.deepcopy(start).eval()  # statistics of the images stay as they are
     rates = {"detector": config.learning_rate, "reading": _READING * config.learning_rate}
     parts = {"detector": network.detector, "reading": network.reading}
+    for name, part in parts.items():
+        part.requires_grad_(name in learned)
     groups: list[dict[str, Any]] = [
         {"params": list(parts[name].parameters()), "lr": rates[name]} for name in learned
     ]

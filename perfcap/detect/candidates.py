@@ -61,6 +61,15 @@ def find_candidates(
     return Candidates(places, support)
 
 
+def join_candidates(parts: Sequence[Candidates | None]) -> Candidates | None:
+    """Those of several crops or frames as one, along the first axis; None where some have none."""
+    found = [part for part in parts if part is not None]
+    if not found or len(found) < len(parts):
+        return None
+    places = torch.cat([part.places for part in found])
+    return Candidates(places, torch.cat([part.support for part in found]))
+
+
 def merge_candidates(one: Candidates, other: Candidates, near: float) -> Candidates:
     """What two looks at the same crops show: means of places and supports.
 

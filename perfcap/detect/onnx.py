@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.candidates import Candidates, merge_candidates
+from perfcap.detect.candidates import Candidates, join_candidates, merge_candidates
 from perfcap.detect.crop import Frame
 from perfcap.detect.decode import Estimate, decode
 from perfcap.detect.detections import Detections
@@ -23,8 +23,8 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
 _BATCH = 16  # crops in one call
-_SAME = 0.03  # of it: what it may move a candidate and be the same
 _APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
+_SAME = 0.03  # of it: what the mirror image may move a candidate that is taken for the same
 
 
 class OnnxDetector:
@@ -256,17 +256,11 @@ def _shown(shape: Sequence[int | None]) -> str:
 
 def _join(parts: Sequence[Estimate]) -> Estimate:
     poses = [part.joints3d for part in parts if part.joints3d is not None]
-    found = [part.candidates for part in parts if part.candidates is not None]
-    candidates = None
-    if found:
-        candidates = Candidates(
-            torch.cat([some.places for some in found]), torch.cat([some.support for some in found])
-        )
     return Estimate(
         torch.cat([part.joints2d for part in parts]),
         torch.cat([part.confidence for part in parts]),
         torch.cat(poses) if poses else None,
-        candidates,
+        join_candidates([part.candidates for part in parts]),
     )
 
 

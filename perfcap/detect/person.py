@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.candidates import Candidates
+from perfcap.detect.candidates import Candidates, join_candidates
 from perfcap.detect.crop import Crop, Frame, body_box, next_crop
 from perfcap.detect.decode import Estimate
 from perfcap.detect.detections import Detections
@@ -198,15 +198,10 @@ def _settled(looks: list[_Look | None], joint_set: JointSet) -> list[_Look | Non
 
 def _settle(looks: list[_Look], order: tuple[int, ...]) -> list[_Look]:
     """The same for frames in a row."""
-    found = [look.candidates for look in looks if look.candidates is not None]
-    candidates = None
-    if len(found) == len(looks):
-        places, support = zip(*((some.places, some.support) for some in found), strict=True)
-        candidates = Candidates(torch.cat(places), torch.cat(support))
     track = Track(
         torch.stack([look.joints2d for look in looks]),
         torch.stack([look.confidence for look in looks]),
-        candidates,
+        join_candidates([look.candidates for look in looks]),
         torch.tensor([max(look.crop.width, look.crop.height) for look in looks]),
     )
     track, exchanged = settle_sides(track, order)

@@ -85,8 +85,9 @@ def _apart(points: Tensor, track: Track) -> Tensor:
 def _exchanged(track: Track, order: list[int], pairs: list[tuple[int, int]]) -> Tensor:
     """Frames in which the whole body's sides are the other way round, (F,).
 
-    A state of the chain is that of several frames in a row, whose joints are to move steadily. One
-    whose sides are mixed then hides nothing, and somebody who turns may cross left and right.
+    A state of the chain is the choice for several frames in a row, whose joints are to move
+    steadily: a single frame of mixed sides does not part those around it, and left and right of
+    somebody who turns may cross.
     """
     count = min(_WINDOW, len(track.points))
     # bit d of a state: whether the frame d ago is exchanged
