@@ -27,7 +27,7 @@ class Experiment:
     lifter: Path = models_folder() / "lifters" / "cmu"
     """The lifter's folder."""
     actor: str = "sam"
-    """The generic actor that stands for the real man, with bones of his own size."""
+    """The generic actor that stands for the real man; one view does not tell his bone lengths."""
 
 
 def run(config: Experiment) -> Report:

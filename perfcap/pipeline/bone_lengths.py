@@ -12,6 +12,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy.prior import BoneLengthPrior
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
@@ -35,11 +36,20 @@ def solve_bone_lengths(
 
     Args:
         actor: the template person.
-        cameras: C views; with a single view, size and depth trade off and the prior decides.
+        cameras: C views, at least two: in a single one size and depth trade off, and whatever tells
+            the directions of bones is matched better by short ones.
         detections: (F, C), as detected.
         config: of the pose.
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
+
+    Raises:
+        InputError: there is a single view.
     """
+    if detections.views < 2:
+        raise InputError(
+            "bone lengths: there is one view, which does not tell them; expected two or more; keep "
+            "the template's lengths (--bones template), or build a body of the person's height"
+        )
     chosen = spread_frames(detections, config.bones.frames)
     cameras, some = cameras.frames(chosen), detections.frames(chosen)
     prepared = prepare(actor, cameras, some, config.position.gate)

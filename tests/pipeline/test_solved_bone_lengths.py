@@ -7,6 +7,7 @@ import torch
 from synthetic import actor
 from takes import make_take, without
 
+from perfcap.errors import InputError
 from perfcap.pipeline.bone_lengths import solve_bone_lengths, spread_frames
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
@@ -44,6 +45,12 @@ def test_the_template_s_own_detections_change_nothing() -> None:
     unit = 0.01 * person_height(take.detections)
     shape = solve_bone_lengths(take.actor, take.cameras, take.detections, PoseConfig(), unit)
     assert shape.abs().max() < 0.01
+
+
+def test_one_view_is_refused_for_it_would_shrink_the_person() -> None:
+    take = make_take(5, views=1)
+    with pytest.raises(InputError, match="one view, which does not tell them; expected two"):
+        capture(take.actor, take.cameras, take.detections, 30.0, solve_bones=True)
 
 
 def test_spread_frames_covers_the_clip_and_prefers_seen_ones() -> None:
