@@ -64,9 +64,9 @@ class Experiment:
     """Weights to start from."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Of bodies, clips and order."""
-    clips: int = 24
+    clips: int = 96
     """To learn from."""
-    held_out: int = 12
+    held_out: int = 36
     """To score on."""
     frames: int = 12
     """Of each clip."""
