@@ -23,9 +23,11 @@ from perfcap.app.console import progress_bars
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model, model_files
 from perfcap.app.report import ReportRequest, write_report
+from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.detections import save_detections
+from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
@@ -75,7 +77,7 @@ def _capture(request: CaptureRequest) -> int:
         return DONE
     actor = load_actor(request.actor)
     inputs = read_inputs(request)
-    solve_bones = _solve_bones(request.bones, source.generic, inputs.clip.views)
+    solve_bones = _solve_bones(request.bones, source.generic, inputs.detections)
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
     run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
@@ -194,9 +196,9 @@ def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
     return same and done["complete"] is True and there and not changed
 
 
-def _solve_bones(choice: str, generic: bool, views: int) -> bool:
+def _solve_bones(choice: str, generic: bool, detections: Detections) -> bool:
     """``auto`` solves for an actor that is nobody in particular, where views show lengths."""
-    return choice == "solve" or (choice == "auto" and generic and views > 1)
+    return choice == "solve" or (choice == "auto" and generic and shows_bone_lengths(detections))
 
 
 def _device(name: str) -> torch.device:

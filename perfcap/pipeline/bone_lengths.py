@@ -20,6 +20,14 @@ from perfcap.pipeline.objective import angle_bounds, pose_objective
 from perfcap.pipeline.prepare import prepare
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 
+_JOINTS = 6  # of a frame, that two views are to show
+
+
+def shows_bone_lengths(detections: Detections) -> bool:
+    """Whether some frame is seen by two views, without which nobody knows how long bones are."""
+    together = (detections.confidence2d > 0).sum(-2) > 1  # F J
+    return bool((together.sum(-1) >= _JOINTS).any())
+
 
 def solve_bone_lengths(
     actor: Actor,
@@ -36,27 +44,28 @@ def solve_bone_lengths(
 
     Args:
         actor: the template person.
-        cameras: C views, at least two: in a single one size and depth trade off, and whatever tells
-            the directions of bones is matched better by short ones.
+        cameras: C views.
         detections: (F, C), as detected.
         config: of the pose.
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
 
     Raises:
-        InputError: there is a single view.
+        InputError: no two views show the person at once; in one, size and depth trade off.
     """
-    if detections.views < 2:
+    if not shows_bone_lengths(detections):
         raise InputError(
-            "bone lengths: there is one view, which does not tell them; expected two or more; keep "
-            "the template's lengths (--bones template), or build a body of the person's height"
+            f"bone lengths: no frame shows {_JOINTS} joints in two views at once, which would tell "
+            "them; keep the template's (--bones template), or build a body of the person's height"
         )
     chosen = spread_frames(detections, config.bones.frames)
     cameras, some = cameras.frames(chosen), detections.frames(chosen)
     prepared = prepare(actor, cameras, some, config.position.gate)
     motion, _ = initialize(actor, cameras, prepared, config, pixel_unit)
+    # 3D poses are matched by their directions, the more closely the shorter the bones are
+    seen = replace(prepared.detections, joints3d=None)
     groups = len(actor.skeleton.group_names)
     prior = BoneLengthPrior(groups, len(chosen), config.bones.size, config.bones.own)
-    plain = pose_objective(actor, cameras, prepared.detections, config, pixel_unit)
+    plain = pose_objective(actor, cameras, seen, config, pixel_unit)
     objective = Objective(dict(plain.items()), bones=prior.to(motion.angles))
     start = Motion(
         motion.translation, motion.rotation, motion.angles, motion.angles.new_zeros(groups)

@@ -47,10 +47,26 @@ def test_the_template_s_own_detections_change_nothing() -> None:
     assert shape.abs().max() < 0.01
 
 
-def test_one_view_is_refused_for_it_would_shrink_the_person() -> None:
-    take = make_take(5, views=1)
-    with pytest.raises(InputError, match="one view, which does not tell them; expected two"):
-        capture(take.actor, take.cameras, take.detections, 30.0, solve_bones=True)
+def test_one_view_is_refused_and_so_are_views_that_never_show_the_person_at_once() -> None:
+    one, two = make_take(5, views=1), make_take(6, views=2)
+    confidence = two.detections.confidence2d.clone()
+    confidence[:3, 0] = confidence[3:, 1] = 0
+    handed = replace(two, detections=replace(two.detections, confidence2d=confidence))
+    for take in (one, handed):
+        with pytest.raises(InputError, match="no frame shows 6 joints in two views at once"):
+            capture(take.actor, take.cameras, take.detections, 30.0, solve_bones=True)
+
+
+def test_directions_of_3d_joints_that_are_off_shorten_no_bones() -> None:
+    take = make_take(20, views=2)
+    found = take.detections
+    assert found.joints3d is not None
+    random = torch.Generator().manual_seed(0)
+    noise = 0.1 * torch.randn(found.joints3d[:1].shape, generator=random, dtype=torch.float64)
+    off = replace(found, joints3d=found.joints3d + noise)
+    unit = 0.01 * person_height(off)
+    shape = solve_bone_lengths(take.actor, take.cameras, off, PoseConfig(), unit)
+    assert shape.abs().max() < 0.02
 
 
 def test_spread_frames_covers_the_clip_and_prefers_seen_ones() -> None:
