@@ -22,6 +22,10 @@ from perfcap.geometry.camera import Camera
 _CHUNK = 2000  # frames in one call: bounds memory
 _MIN_JOINTS = 6  # of a frame, with which its pose may be trusted
 _MIRRORED = list(LANDMARKS16.mirrored())
+_UPPER = [LANDMARKS.index(n) for n in ("head_top", "neck", "r_shoulder", "l_shoulder")]
+_LOWER = [LANDMARKS.index(n) for n in ("r_knee", "r_ankle", "l_knee", "l_ankle")]
+_DENSEST = 10  # frames made of one, where a clip has fewer than networks know
+_SURER = 0.75  # of the expected error, below which somebody is taken for upright, not lying
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ class OnnxLifter:
         return _reopen, self._settings
 
     def __call__(self, detections: Detections, cameras: Camera, rate: float) -> Detections:
-        """Give 3D poses to the views that have none.
+        """Give 3D poses to frames of views that have none.
 
         Args:
             detections: (F, C, 16), pixels.
@@ -101,19 +105,23 @@ class OnnxLifter:
             rate: frames a second.
 
         Returns:
-            The same with ``joints3d``; a frame is trusted where at least six joints are seen. A
-            view that has trusted 3D poses keeps them.
+            The same with ``joints3d``; a frame is trusted where at least six joints are seen.
+            Trusted 3D poses are kept.
         """
         joints, _ = self.lift(detections, cameras, rate)
         seen = (detections.confidence2d > 0).sum(-1) >= _MIN_JOINTS
         if detections.joints3d is None:
             return replace(detections, joints3d=joints, trusted3d=seen)
-        lacks = ~detections.trusted3d.any(0)  # C
-        kept = torch.where(lacks[:, None, None], joints, detections.joints3d)
-        return replace(detections, joints3d=kept, trusted3d=detections.trusted3d | (seen & lacks))
+        lacks = seen & ~detections.trusted3d
+        joints = torch.where(lacks[..., None, None], joints, detections.joints3d)
+        return replace(detections, joints3d=joints, trusted3d=detections.trusted3d | lacks)
 
     def lift(self, detections: Detections, cameras: Camera, rate: float) -> tuple[Tensor, Tensor]:
         """Poses and how far they are expected to be off.
+
+        Networks know people who stand. Where one seems to lie, the view is also tried a quarter or
+        half a turn about its axis, and that is believed where the network is much surer of it: a
+        camera on its side, rather than somebody on the ground.
 
         Returns:
             Joints (F, C, 16, 3), metres, in camera axes, relative to the middle of the hips; and
@@ -121,20 +129,38 @@ class OnnxLifter:
         """
         plane = cameras.to_plane(detections.joints2d).transpose(0, 1).float()
         confidence = detections.confidence2d.transpose(0, 1).float()
-        frames = plane.shape[1]
-        if not frames:
+        if not plane.shape[1]:
             empty = detections.joints2d
             return empty.new_zeros(*empty.shape[:-1], 3), empty.new_zeros(empty.shape[:-1])
+        joints, spread = self._at_rate(plane, confidence, rate)
+        turns = _upright(plane, confidence)
+        for view, turn in enumerate(turns):
+            if bool((turn == torch.eye(2)).all()):
+                continue
+            part = slice(view, view + 1)
+            turned, doubt = self._at_rate(plane[part] @ turn.mT, confidence[part], rate)
+            if doubt.mean() < _SURER * spread[part].mean():
+                joints[part] = torch.cat((turned[..., :2] @ turn, turned[..., 2:]), -1)
+                spread[part] = doubt
+        like = detections.joints2d
+        return joints.transpose(0, 1).to(like), spread.transpose(0, 1).to(like)
+
+    def _at_rate(self, plane: Tensor, confidence: Tensor, rate: float) -> tuple[Tensor, Tensor]:
+        """Poses (C, F, 16, 3) and expected errors (C, F, 16) of tracks at any rate."""
+        denser = min(round(self.manifest.rate / rate), _DENSEST)
+        if denser > 1:
+            answers = self.lift_tracks(*_denser(plane, confidence, denser))
+            return answers[0][:, ::denser], answers[1][:, ::denser]
+        frames = plane.shape[1]
         step = min(max(1, round(rate / self.manifest.rate)), frames)
         found = []
         for phase in range(step):  # every step-th frame is a track at the usual rate
             part = slice(phase, None, step)
-            answers = self.lift_tracks(plane[:, part], confidence[:, part])
-            found.append([_between(answer, phase, step, frames) for answer in answers])
+            parts = self.lift_tracks(plane[:, part], confidence[:, part])
+            found.append([_between(answer, phase, step, frames) for answer in parts])
         # tracks answer for the frames between theirs too: their mean does not flicker
         joints, spread = (torch.stack(parts).mean(0) for parts in zip(*found, strict=True))
-        like = detections.joints2d
-        return joints.transpose(0, 1).to(like), spread.transpose(0, 1).to(like)
+        return joints, spread
 
     def lift_tracks(self, plane: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
         """Poses of undistorted tracks at the usual rate, float32.
@@ -203,6 +229,31 @@ def _between(values: Tensor, phase: int, step: int, frames: int) -> Tensor:
     after = (before + 1).clamp(max=values.shape[1] - 1)
     share = (place - before).reshape(-1, *[1] * (values.dim() - 2)).to(values)
     return torch.lerp(values[:, before], values[:, after], share)
+
+
+def _denser(plane: Tensor, confidence: Tensor, times: int) -> tuple[Tensor, Tensor]:
+    """Tracks (C, F, ...) of so many times the frames, between those where both ends are seen."""
+    frames = (plane.shape[1] - 1) * times + 1
+    seen = _between((confidence > 0).to(confidence), 0, times, frames)
+    known = _between(confidence, 0, times, frames)
+    return _between(plane, 0, times, frames), torch.where(seen == 1, known, 0.0)
+
+
+def _upright(plane: Tensor, confidence: Tensor) -> Tensor:
+    """Quarter turns after which people are upright in most frames of a view, (C, 2, 2)."""
+    high, low = (_mean(plane, confidence, part) for part in (_UPPER, _LOWER))
+    up = (high - low).nanmedian(1).values.nan_to_num(0.0)  # C 2
+    quarters = (torch.atan2(up[:, 0], -up[:, 1]) / (0.5 * torch.pi)).round().long() % 4
+    quarters = torch.where((up == 0).all(-1), 0, quarters)
+    cosine = torch.tensor([1.0, 0.0, -1.0, 0.0])[quarters]
+    sine = torch.tensor([0.0, -1.0, 0.0, 1.0])[quarters]
+    return torch.stack((cosine, -sine, sine, cosine), -1).reshape(-1, 2, 2)
+
+
+def _mean(plane: Tensor, confidence: Tensor, joints: list[int]) -> Tensor:
+    """Of what is seen of some joints, (C, F, 2); NaN where nothing is."""
+    weight = confidence[..., joints]
+    return (weight[..., None] * plane[..., joints, :]).sum(-2) / weight.sum(-1, keepdim=True)
 
 
 def mirrored_features(features: Tensor) -> Tensor:
