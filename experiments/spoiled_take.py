@@ -43,8 +43,8 @@ class Take:
     @classmethod
     def read(cls, recording: Recording, frames: int) -> Take:
         """Capture the first frames of a sequence."""
-        span, whole = slice(0, frames), images_of(recording)
-        images = Images(whole.reader, whole.cameras.frames(span))
+        span = slice(0, frames)
+        images = images_of(recording).frames(span)
         found = capture(
             recording.actor,
             recording.cameras.frames(span),

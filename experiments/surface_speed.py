@@ -112,7 +112,7 @@ def _timed(
         recording.cameras.frames(span),
         recording.detections.frames(span),
         recording.rate,
-        images=Images(images.reader, images.cameras.frames(span)),
+        images=images.frames(span),
         workers=workers,
     )
     return {stage.name: stage for stage in found.stages}

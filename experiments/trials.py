@@ -19,7 +19,6 @@ from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
 from perfcap.metrics import joint_errors
 from perfcap.metrics.alignment import root_aligned
-from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
@@ -110,7 +109,7 @@ def whole(recording: Recording, detections: Detections, settings: CaptureConfig)
         detections,
         recording.rate,
         settings,
-        images=Images(images.reader, images.cameras.frames(span)),
+        images=images.frames(span),
         workers=1,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,3 +41,26 @@ class Images:
                 f"images have cameras of {self.cameras.views} views with "
                 f"{len(self.cameras.size)} image sizes; give the (height, width) of every view"
             )
+
+    def frames(self, span: slice) -> Self:
+        """The images of some frames in a row, and their cameras."""
+        start, stop, step = span.indices(len(self.reader))
+        if step != 1:
+            raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
+        return type(self)(_Part(self.reader, start, stop), self.cameras.frames(slice(start, stop)))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Frames ``start`` to ``stop`` of a reader."""
+
+    reader: FrameReader
+    start: int
+    stop: int
+
+    def __len__(self) -> int:
+        return max(0, self.stop - self.start)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        stop = min(self.start + stop, self.stop)
+        return self.reader.read_view(view, self.start + start, stop)

@@ -1,0 +1,55 @@
+"""Whether what a capture is given belongs together."""
+
+from __future__ import annotations
+
+import math
+
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.images import Images
+
+_MORE = 5  # images beyond the last detections: decoders and detectors count a little differently
+
+
+def require_fit(
+    cameras: Camera, detections: Detections, rate: float, images: Images | None
+) -> None:
+    """Refuse what would be taken frame by frame, or view by view, for what it is not.
+
+    Raises:
+        InputError: detections are of several clips, cameras or images of other views or frames
+            than the detections, or the rate is no number of frames a second.
+    """
+    shape = tuple(detections.joints2d.shape)
+    if len(shape) != 4:
+        raise InputError(
+            f"detections have joints2d {shape}, expected one clip, (F, C, 16, 2); capture one clip "
+            "at a time, or use PoseRefiner for batches"
+        )
+    if not 0 < rate < math.inf:
+        raise InputError(f"rate is {rate}, expected frames a second, above 0")
+    _require_cameras("cameras", cameras, detections)
+    if images is None:
+        return
+    _require_cameras("cameras of the images", images.cameras, detections)
+    count = len(images.reader)
+    if not 0 <= count - shape[0] <= _MORE:
+        raise InputError(
+            f"images are {count} frames, detections {shape[0]}; give those that were detected in "
+            "(Images.frames takes a part)"
+        )
+
+
+def _require_cameras(what: str, cameras: Camera, detections: Detections) -> None:
+    frames, views = detections.frame_count, detections.views
+    if cameras.views != views:
+        raise InputError(
+            f"{what} are of {cameras.views} views, detections of {views}; give one camera a view, "
+            "in the same order"
+        )
+    if cameras.moving and len(cameras.intrinsics) != frames:
+        raise InputError(
+            f"{what} move for {len(cameras.intrinsics)} frames, detections have {frames}; give as "
+            "many poses as frames"
+        )

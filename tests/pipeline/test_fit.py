@@ -1,0 +1,106 @@
+"""What does not belong together is refused before anything is computed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from takes import Take, make_take
+
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.jobs import capture
+
+
+class Blank:
+    """So many frames of nothing."""
+
+    def __init__(self, frames: int) -> None:
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+        raise AssertionError("nothing is to be read")
+
+
+@pytest.fixture(scope="module")
+def take() -> Take:
+    return make_take(6, views=2)
+
+
+def images(take: Take, frames: int, views: int = 2) -> Images:
+    cameras = replace(take.cameras.select(list(range(views))), size=((8, 8),) * views)
+    return Images(Blank(frames), cameras)
+
+
+def moved(camera: Camera, frames: int) -> Camera:
+    fields = ("intrinsics", "rotation", "translation")
+    poses = {name: getattr(camera, name) for name in fields}
+    return replace(camera, **{name: x.expand(frames, *x.shape) for name, x in poses.items()})
+
+
+def batched(found: Detections) -> Detections:
+    return Detections.from_joints(found.joints2d[None], found.confidence2d[None])
+
+
+@pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf")])
+def test_rates(take: Take, rate: float) -> None:
+    with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
+        capture(take.actor, take.cameras, take.detections, rate)
+
+
+@pytest.mark.parametrize("views", [[0], [0, 1, 0]])
+def test_cameras_of_other_views(take: Take, views: list[int]) -> None:
+    with pytest.raises(InputError, match=f"cameras are of {len(views)} views, detections of 2"):
+        capture(take.actor, take.cameras.select(views), take.detections, 30.0)
+
+
+@pytest.mark.parametrize("frames", [5, 7])
+def test_cameras_that_move_for_another_time(take: Take, frames: int) -> None:
+    with pytest.raises(InputError, match=f"move for {frames} frames, detections have 6"):
+        capture(take.actor, moved(take.cameras, frames), take.detections, 30.0)
+
+
+def test_a_batch(take: Take) -> None:
+    with pytest.raises(InputError, match=r"\(1, 6, 2, 16, 2\), expected one clip"):
+        capture(take.actor, take.cameras, batched(take.detections), 30.0)
+
+
+@pytest.mark.parametrize("frames", [5, 12, 600])
+def test_images_of_other_frames(take: Take, frames: int) -> None:
+    with pytest.raises(InputError, match=f"images are {frames} frames, detections 6"):
+        capture(take.actor, take.cameras, take.detections, 30.0, images=images(take, frames))
+
+
+def test_a_part_of_the_images() -> None:
+    class Numbered(Blank):
+        def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+            return np.arange(start, min(stop, len(self)))
+
+    part = images(make_take(30), 30, 1)
+    part = (
+        Images(Numbered(30), moved(part.cameras, 30)).frames(slice(10, 20)).frames(slice(2, None))
+    )
+    assert len(part.reader) == 8 == len(part.cameras.intrinsics)
+    assert part.reader.read_view(0, 1, 3).tolist() == [13, 14]
+    assert part.reader.read_view(0, 0, 50).tolist() == list(range(12, 20))
+    with pytest.raises(ValueError, match="every 2 frames"):
+        part.frames(slice(0, 4, 2))
+
+
+def test_images_of_other_views(take: Take) -> None:
+    with pytest.raises(InputError, match="cameras of the images are of 1 views"):
+        capture(take.actor, take.cameras, take.detections, 30.0, images=images(take, 6, 1))
+
+
+def test_moving_cameras_that_fit(take: Take) -> None:
+    fixed, moving = (
+        capture(take.actor, cameras, take.detections, 30.0).joints()
+        for cameras in (take.cameras, moved(take.cameras, 6))
+    )
+    assert torch.isfinite(moving).all()
+    torch.testing.assert_close(moving, fixed, atol=1e-6, rtol=0)
