@@ -16,6 +16,8 @@ from perfcap.geometry.camera import Camera
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
 
+_EXTENT = (0.2, 20.0)  # m, around somebody's joints: only the unit is to be told
+
 
 @dataclass(frozen=True)
 class ClipEstimate:
@@ -169,12 +171,31 @@ def _with_places(
 ) -> ClipEstimate:
     """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite."""
     local = given["joints3d"]
-    local, certain = map_to_landmarks(local, torch.ones_like(local[..., 0]), joint_set)
+    sure = torch.ones_like(local[..., 0])
+    if "joints2d" not in given:  # whose confidence it would be otherwise
+        sure = given.get("confidence2d", sure)
+    _, certain = map_to_landmarks(local, sure, joint_set)
+    local, finite = map_to_landmarks(local, torch.ones_like(sure), joint_set)
     visible = [name not in joint_set.missing() for name in LANDMARKS]
-    whole = (certain[..., visible] > 0).all(-1)
+    whole = (finite[..., visible] > 0).all(-1)
+    _require_metres(local[..., visible, :][whole])
     detections = replace(clip.detections, joints3d=local, trusted3d=whole)
     targets = None
     if placed:
         cameras = clip.cameras
         targets = (local - cameras.translation.unsqueeze(-2)) @ cameras.rotation
     return replace(clip, detections=detections, targets=targets, certain=certain)
+
+
+def _require_metres(poses: Tensor) -> None:
+    """Refuse poses (N, J, 3) of a size that no person has."""
+    if not len(poses):
+        return
+    extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median())
+    low, high = _EXTENT
+    if not low < extent < high:
+        unit = "millimetres" if low < extent / 1000 < high else "another unit"
+        raise InputError(
+            f"joints3d span {extent:.3g} from end to end, expected metres, {low} to {high}; they "
+            f"look like {unit}: scale them first"
+        )

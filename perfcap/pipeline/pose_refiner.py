@@ -111,7 +111,8 @@ class PoseRefiner(nn.Module):
             cameras: C views for all clips, or one such ``Camera`` a clip; each fixed, (C,), or
                 moving, (F, C).
             joints2d: (F, C, J, 2), pixels.
-            confidence2d: (F, C, J), 1 if not given. Joints that are not finite count for nothing.
+            confidence2d: (F, C, J), 1 if not given; of 3D joints where there are no 2D ones.
+                Joints that are not finite count for nothing.
             joints3d: (F, C, J, 3), metres, in the axes of each view's camera. With 2D joints, only
                 the pose they show counts, not where and how large; a pose in which a joint is not
                 finite is left out.
@@ -121,7 +122,8 @@ class PoseRefiner(nn.Module):
             rate: frames a second, of all these clips; the module's if not given.
 
         Raises:
-            InputError: shapes that do not fit, or a clip without anybody in it.
+            InputError: shapes that do not fit, a clip without anybody in it, or 3D joints that are
+                not in metres.
         """
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):

@@ -94,6 +94,22 @@ def test_refines_places_alone() -> None:
     assert about.joints.norm(dim=-1).amax() < 8  # the camera is five metres away
 
 
+def test_confidence_weighs_places_where_there_are_no_pixels() -> None:
+    front = VIEWS.select([0])
+    places = front.to_camera(JOINTS)
+    wrong, sure = places.clone(), torch.ones(places.shape[:-1], dtype=F64)
+    wrist = LANDMARKS.index("r_wrist")
+    wrong[..., wrist, 1] -= 0.3
+    sure[..., wrist] = 0
+    layer = refiner().eval()
+    believed, doubted, unseen = (
+        layer(front, confidence2d=c, joints3d=p).joints
+        for c, p in ((None, wrong), (sure, wrong), (sure, places))
+    )
+    torch.testing.assert_close(doubted, unseen)
+    assert error(doubted) < 0.5 * error(believed)
+
+
 def test_pixels_and_poses_of_one_view() -> None:
     front = VIEWS.select([0])
     both = refiner().eval()(front, PIXELS[:, :1], joints3d=LOCAL[:, :1])
@@ -264,6 +280,9 @@ def test_wrong_input_is_named() -> None:
         layer([VIEWS] * 3, [PIXELS])
     with pytest.raises(InputError, match="lengths are"):
         layer(VIEWS, PIXELS[None], lengths=[FRAMES + 1])
+    for factor, unit in ((1000, "millimetres"), (1e-3, "another unit"), (39.4, "another unit")):
+        with pytest.raises(InputError, match=f"expected metres, .* look like {unit}"):
+            layer(VIEWS, joints3d=factor * LOCAL)
     with pytest.raises(InputError, match="in no frame"):
         layer(VIEWS, torch.full_like(PIXELS, math.nan))
     with pytest.raises(InputError, match="is not known"):
