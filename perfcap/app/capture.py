@@ -8,7 +8,7 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -19,13 +19,22 @@ import torch
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
+from perfcap.app.capture_folder import (
+    DETECTIONS,
+    OVERLAY,
+    TEXTURED,
+    last_change,
+    remove_older,
+    spare_inputs,
+)
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
-from perfcap.app.networks import DETECTORS, LIFTERS, find_model, model_files
+from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.actor import find_actor, load_actor
+from perfcap.io.actor_folder import MANIFEST
 from perfcap.io.detections import save_detections
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.images import Images
@@ -36,7 +45,6 @@ from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
-OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
 DONE, INCOMPLETE = 0, 3
 
 _LOG = logging.getLogger(__name__)
@@ -73,7 +81,9 @@ def _capture(request: CaptureRequest) -> int:
     started = time.perf_counter()
     folder = make_folder(request.out)
     source = find_actor(request.actor)
-    if request.resume and _finished(folder, request, source.path):
+    used = list(_used(request, source.path))
+    spare_inputs(folder, used, detected=any(_networks(request)))
+    if request.resume and _finished(folder, request, used):
         return DONE
     actor = load_actor(request.actor)
     inputs = read_inputs(request)
@@ -81,7 +91,7 @@ def _capture(request: CaptureRequest) -> int:
     performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
     wall = time.perf_counter() - started
     run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
-    if list(_networks(request)):
+    if any(_networks(request)):
         _save_detections(folder, inputs)
     performance.save(folder, inputs.clip.start, run, inputs.rig.names)
     for line in (
@@ -91,6 +101,17 @@ def _capture(request: CaptureRequest) -> int:
     ):
         _LOG.warning("%s", line)
     return DONE if performance.complete else INCOMPLETE
+
+
+def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:
+    """Files and folders that a request reads."""
+    yield from (*request.videos, request.cameras, *request.detections, actor)
+    manifest = actor.with_name(MANIFEST)
+    if manifest.is_file():
+        yield manifest
+    if request.video_map is not None:
+        yield request.video_map
+    yield from _networks(request)
 
 
 def _networks(request: CaptureRequest) -> Iterator[Path]:
@@ -114,7 +135,7 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
 def _perform(
     request: CaptureRequest, folder: Path, actor: Actor, inputs: Inputs, solve_bones: bool
 ) -> Performance:
-    """Capture and, if wanted, draw; the folder no longer holds the report of an older result."""
+    """Capture and, if wanted, draw; the folder no longer tells of an older result."""
     # stages that look at images run a thread a core; more inside each would only be in the way
     torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=_device(request.device))
@@ -133,8 +154,9 @@ def _perform(
             progress=tell,
         )
         performance = performance.to(like.cpu())
-        (folder / REPORT).unlink(missing_ok=True)
-        for name, save in _videos(request).items():
+        videos = _videos(request)
+        remove_older(folder, videos)
+        for name, save in videos.items():
             save(
                 folder / name,
                 performance,
@@ -177,19 +199,16 @@ def describe(request: CaptureRequest) -> dict[str, Any]:
     }
 
 
-def _finished(folder: Path, request: CaptureRequest, actor: Path) -> bool:
+def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> bool:
     """Whether the folder holds the complete result of the same request on the same files."""
     try:
         done = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         written = (folder / REPORT).stat().st_mtime
-        used = [*request.videos, request.cameras, *request.detections, actor]
-        used += [request.video_map] if request.video_map else []
-        used += [file for model in _networks(request) for file in model_files(model)]
-        changed = any(path.stat().st_mtime > written for path in used)
+        changed = any(last_change(path) > written for path in used)
     except (OSError, ValueError):
         return False
     expected = (*FILES, *_videos(request))
-    expected += (DETECTIONS,) if list(_networks(request)) else ()
+    expected += (DETECTIONS,) if any(_networks(request)) else ()
     expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
     there = all((folder / name).is_file() for name in expected)

@@ -64,11 +64,6 @@ def find_model(name: str, kind: str) -> Path:
     )
 
 
-def model_files(folder: Path) -> list[Path]:
-    """The files of a model, for telling whether it changed."""
-    return sorted(folder.iterdir()) if folder.is_dir() else [folder]
-
-
 def parse_boxes(numbers: Sequence[float], views: int) -> tuple[Box, ...]:
     """Four numbers a view: left, top, right, bottom.
 

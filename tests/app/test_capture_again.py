@@ -1,0 +1,143 @@
+"""``perfcap capture`` into a folder that holds an older result, or the inputs themselves."""
+
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import Command
+from takes import TakeFiles, write_detections, write_json
+from written_files import motion
+
+from perfcap.app.capture_folder import last_change, remove_older, spare_inputs
+from perfcap.detect.joint_set import BODY_25, LANDMARKS
+from perfcap.errors import InputError
+from perfcap.io.actor import models_folder
+
+QUICK = ("--no-overlay", "--until", "initialize", "--frames", "0:6")
+
+
+def write_openpose(folder: Path, take: TakeFiles, shift: float = 0.0) -> None:
+    """The take's joints as OpenPose writes them, in place of what is there."""
+    folder.mkdir(exist_ok=True)
+    names = {"l_big_toe": "l_toe", "r_big_toe": "r_toe"}
+    for f, joints in enumerate(take.take.detections.joints2d[:, 0].numpy()):
+        points = np.zeros((25, 3))
+        for i, name in enumerate(BODY_25.joints):
+            name = names.get(name, name)
+            if name in LANDMARKS:
+                points[i] = (*(joints[LANDMARKS.index(name)] + shift), 0.9)
+        points[8] = (points[9] + points[12]) / 2
+        people = [{"pose_keypoints_2d": points.ravel().tolist()}]
+        write_json(folder / f"take_{f:012d}_keypoints.json", {"people": people})
+
+
+# --- inputs in the folder -------------------------------------------------------------------------
+
+
+def test_detections_are_not_replaced_by_those_of_a_part(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    mine = out / "detections.npz"
+    flat = replace(take.take.detections, joints3d=None)
+    write_detections(mine, flat)
+    before = mine.read_bytes()
+    lifted = ("--lifter", models_folder() / "lifters" / "cmu", *QUICK)
+    link = tmp_path / "link.npz"
+    link.symlink_to(mine)
+    for given in (mine, tmp_path / "out" / ".." / "out" / "detections.npz", link):
+        for more in ((), ("--resume",)):
+            call = take.command(out, *lifted, *more, detections=given)
+            assert "detections.npz of the result would replace" in perfcap(call).refused()
+    assert mine.read_bytes() == before and os.listdir(out) == ["detections.npz"]
+
+
+def test_detections_in_the_folder_of_a_capture_that_writes_none(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    """Also again and again: nothing is in the way."""
+    mine = tmp_path / "detections.npz"
+    shutil.copy(take.detections, mine)
+    before = mine.read_bytes()
+    for more in ((), ("--resume",), ()):
+        assert perfcap(take.command(tmp_path, *QUICK, *more, detections=mine)).code == 0
+    assert mine.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["capture.glb", "overlay.mp4", "run.json", "masks"])
+def test_no_input_has_the_place_of_a_result(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir() if name == "masks" else (tmp_path / name).write_bytes(b"x")
+    spare_inputs(tmp_path, [tmp_path / "other", tmp_path / "detections.npz"], detected=True)
+    with pytest.raises(InputError, match=f"{name} of the result would replace the input"):
+        spare_inputs(tmp_path, [tmp_path / "." / name], detected=False)
+
+
+# --- resume ---------------------------------------------------------------------------------------
+
+
+def test_files_in_a_folder_that_have_changed_since(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    seen, out = tmp_path / "json", tmp_path / "out"
+    write_openpose(seen, take)
+    call = take.command(out, *QUICK, "--resume", detections=seen)
+    assert perfcap(call).code == 0
+    first = motion(out)["joints3d"]
+    done = (out / "run.json").stat().st_mtime
+    assert perfcap(call).code == 0
+    assert (out / "run.json").stat().st_mtime == done  # nothing was to do
+    write_openpose(seen, take, shift=9.0)
+    for path in seen.iterdir():
+        os.utime(path, (done + 5, done + 5))
+    os.utime(seen, (done - 5, done - 5))
+    assert perfcap(call).code == 0
+    assert np.abs(motion(out)["joints3d"] - first).max() > 0.01
+
+
+def test_when_a_folder_last_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    inside, deeper = tmp_path / "a.txt", tmp_path / "out"
+    inside.write_text("x")
+    deeper.mkdir()
+    for path, time in ((inside, 300), (deeper, 900), (tmp_path, 200)):
+        os.utime(path, (time, time))
+    assert last_change(inside) == last_change(tmp_path) == 300
+    os.utime(tmp_path, (400, 400))
+    assert last_change(tmp_path) == 400  # a file was added or removed
+    monkeypatch.setattr("perfcap.app.capture_folder._MOST_FILES", 1)
+    assert last_change(tmp_path) == float("inf")
+    with pytest.raises(FileNotFoundError):
+        last_change(tmp_path / "none")
+
+
+# --- what an older result left --------------------------------------------------------------------
+
+
+def test_nothing_tells_of_an_older_result(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    first = take.command(tmp_path, "--report", "--frames", "0:3", "--until", "initialize")
+    assert perfcap(first).code == 0
+    assert perfcap(["evaluate", tmp_path, "--truth", take.truth]).code == 0
+    for name in ("textured.mp4", "detections.npz", "notes.txt"):
+        (tmp_path / name).write_text("x")
+    older = ("overlay.mp4", "report.html", "metrics.json")
+    assert all((tmp_path / name).is_file() for name in older)
+    assert perfcap(take.command(tmp_path, *QUICK)).code == 0
+    assert sorted(os.listdir(tmp_path)) == [
+        *("capture.glb", "config.yaml", "detections.npz", "motion.bvh", "motion.npz"),
+        *("notes.txt", "run.json"),
+    ]
+
+
+def test_where_no_result_lies_nothing_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text("x")
+    (tmp_path / "report.html").mkdir()
+    remove_older(tmp_path, ())
+    assert sorted(os.listdir(tmp_path)) == ["metrics.json", "report.html"]
+    (tmp_path / "motion.npz").write_text("x")
+    remove_older(tmp_path, ())
+    assert sorted(os.listdir(tmp_path)) == ["motion.npz", "report.html"]
