@@ -129,6 +129,7 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
         inputs.rig.names,
         start=inputs.clip.start,
         pixel_offset=inputs.rig.pixel_offset,
+        video_frames=inputs.clip.total,
     )
 
 

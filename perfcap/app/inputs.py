@@ -122,17 +122,18 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         told = (*clip.warnings, *rig.warnings, *detecting.detector.warnings)
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
-    whole = clip.start + len(clip) if part.stop is None else None  # a part may end anywhere
+    end = clip.start + len(clip)
     read = partial(read_detections, list(request.detections), views=rig.names)
-    found, notes = read(pixel_offset=rig.pixel_offset, frames=whole)
+    fit = (end, None) if part.stop is None else (clip.total, end)
+    found, notes = read(pixel_offset=rig.pixel_offset, frames=fit[0], used=fit[1])
     chosen = _part_of(found, clip)
     if request.detections_in == "video":
         chosen = _to_calibration(chosen, pixel_map)
     rig = _camera_frames(rig, clip, chosen.frame_count)
     lost = len(clip) - chosen.frame_count
-    if clip.lost and whole is not None:
+    if clip.lost and part.stop is None:
         # of the frames that the file promises, those count that somebody detected joints in
-        lost += min(clip.lost, max(0, read()[0].frame_count - whole))
+        lost += min(clip.lost, max(0, read()[0].frame_count - end))
     return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
 
 

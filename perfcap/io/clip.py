@@ -26,6 +26,7 @@ class FrameSource(Protocol):
     name: str
     size: tuple[int, int]
     lost: int
+    total: int | None
     warnings: tuple[str, ...]
 
     @property
@@ -120,6 +121,12 @@ class Clip:
     def lost(self) -> int:
         """Frames after the last that a damaged file promises and no longer has."""
         return max(source.lost for source in self.sources)
+
+    @property
+    def total(self) -> int | None:
+        """Frames of the whole files, also behind the clip's part; None where none of them says."""
+        known = [source.total for source in self.sources if source.total is not None]
+        return min(known, default=None)
 
     @property
     def views(self) -> int:

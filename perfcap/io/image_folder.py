@@ -46,6 +46,7 @@ class ImageFolder:
         self.path = path
         self.name = path.name
         self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
+        self.total: int | None = len(files)
         first = read_image(self.files[0])
         self.size: tuple[int, int] = (first.shape[0], first.shape[1])
 

@@ -39,6 +39,7 @@ class VideoFile:
         self.index = index_video(path, stop)
         self.size = self.index.size
         self.lost = self.index.lost
+        self.total = self.index.total
         self.timestamps = seconds(self.index)
         self.fps, notes = frame_rate(self.timestamps, self.index)
         self.warnings = tuple(f"{path}: {note}" for note in (*self.index.warnings, *notes))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 
 PIXEL_LIMIT = 2**27  # pixels a frame
+FRAME_LIMIT = 1_000_000  # a file that promises more is not believed
 UNKNOWN_FPS = 30.0
 # A file could be a playlist that makes the demuxer open other files or addresses.
 OPEN_OPTIONS = {"protocol_whitelist": "file"}
@@ -30,6 +31,8 @@ class VideoIndex:
         size: (height, width) as shown, after rotation.
         turns: quarter turns counter-clockwise from stored to shown.
         lost: frames the file promises beyond those it has; at least 1 where decoding broke off.
+        total: frames of the whole file: those it promises, or has where these are more; None where
+            it promises none and was not read to its end.
         warnings: what a user should know about the file.
     """
 
@@ -39,6 +42,7 @@ class VideoIndex:
     size: tuple[int, int]
     turns: int
     lost: int
+    total: int | None
     warnings: tuple[str, ...]
 
     @property
@@ -88,6 +92,7 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
             stored if turns % 2 == 0 else stored[::-1],
             turns,
             lost,
+            _total(promised_frames(stream), len(pts), stop),
             warnings,
         )
 
@@ -123,6 +128,26 @@ def _check_pixels(path: Path, size: tuple[int, int]) -> None:
             f"{path}: frames of {size[1]}x{size[0]}, expected at most {PIXEL_LIMIT // 2**20} "
             "megapixels; scale the video down"
         )
+
+
+def promised_frames(stream: Any) -> int | None:
+    """Frames according to the file, where its duration says about the same.
+
+    A file that was trimmed without being encoded again counts frames that are never shown.
+    """
+    if not 0 < stream.frames <= FRAME_LIMIT:
+        return None
+    if stream.duration and stream.average_rate:
+        lasting = float(stream.duration * stream.time_base * stream.average_rate)
+        if abs(lasting / stream.frames - 1) > 0.01 and abs(lasting - stream.frames) > 1:
+            return None
+    return int(stream.frames)
+
+
+def _total(promised: int | None, found: int, stop: int | None) -> int | None:
+    if promised is None:
+        return None if found == stop else found
+    return max(promised, found)
 
 
 def _lost(promised: int, found: int, damage: str, stop: int | None) -> int:

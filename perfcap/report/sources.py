@@ -74,7 +74,7 @@ def find_sources(result: Result, rows: slice, places: Places | None = None) -> S
     finder = _Finder(result, rows, request, names)
     clip = finder.clip(places.videos)
     rig, cameras, pixel_map = finder.cameras(places.cameras, clip)
-    detections = finder.detections(rig, pixel_map)
+    detections = finder.detections(rig, pixel_map, clip)
     if cameras is None and clip is not None and len(names) != clip.views:
         names = clip.names
     return Sources(names, clip, cameras, detections, tuple(finder.notes))
@@ -92,6 +92,7 @@ class _Finder:
         self.names = names
         numbers = result.frame_numbers[rows]
         self.frames = slice(int(numbers[0]), int(numbers[-1]) + 1)
+        self.end = int(result.frame_numbers[-1]) + 1
         self.notes: list[str] = []
 
     def clip(self, given: Sequence[Path]) -> Clip | None:
@@ -134,14 +135,22 @@ class _Finder:
             self.notes.append(f"Nothing is projected into the video: {error}.")
             return None, None, None
 
-    def detections(self, rig: CameraRig | None, pixel_map: PixelMap | None) -> Detections | None:
+    def detections(
+        self, rig: CameraRig | None, pixel_map: PixelMap | None, clip: Clip | None
+    ) -> Detections | None:
         """The joints that were detected, in pixels of the clip."""
         if rig is None or pixel_map is None:
             return None
         paths = [self._find(text) for text in _texts(self.request.get("detections"))]
         paths = paths or [self.folder / DETECTIONS]
         try:
-            found, _ = read_detections(paths, views=rig.names, pixel_offset=rig.pixel_offset)
+            found, _ = read_detections(
+                paths,
+                views=rig.names,
+                pixel_offset=rig.pixel_offset,
+                frames=None if clip is None else clip.total,
+                used=self.end,
+            )
             found = found.frames(self.frames)
             if found.frame_count != self.frames.stop - self.frames.start:
                 raise InputError(f"{paths[0]}: holds other frames than the capture")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from runs import Command
 from takes import (
     TakeFiles,
@@ -135,16 +136,48 @@ def detections_of_a_shorter_video(take: TakeFiles, at: Path) -> dict[str, Any]:
     return {"detections": at / "a.npz"}
 
 
-@case("hold 10 frames")
+@case("numbers of frames differ")
 def detections_that_end_before_the_part(take: TakeFiles, at: Path) -> dict[str, Any]:
     write_detections(at / "a.npz", take.take.detections.frames(slice(0, 10)))
     return {"detections": at / "a.npz", "frames": "2:24"}
 
 
-@case("hold 10 frames")
+@case("numbers of frames differ")
 def detections_that_end_before_the_part_starts(take: TakeFiles, at: Path) -> dict[str, Any]:
     write_detections(at / "a.npz", take.take.detections.frames(slice(0, 10)))
     return {"detections": at / "a.npz", "frames": "10:12"}
+
+
+@case("has 12, the video has 24")
+def detections_of_every_other_frame_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
+    write_detections(at / "a.npz", take.take.detections.frames(slice(0, 24, 2)))
+    return {"detections": at / "a.npz", "frames": "2:10"}
+
+
+@case("has 48, the video has 24")
+def detections_of_twice_the_rate_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
+    twice = torch.arange(24).repeat_interleave(2)
+    write_detections(at / "a.npz", take.take.detections.frames(twice))
+    return {"detections": at / "a.npz", "frames": "2:10"}
+
+
+@case("has 16, the video has 24")
+def detections_that_start_late_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
+    write_detections(at / "a.npz", take.take.detections.frames(slice(8, 24)))
+    return {"detections": at / "a.npz", "frames": "2:10"}
+
+
+@case("is of 90, the video has 24")
+def detections_of_a_part_of_another_video(take: TakeFiles, at: Path) -> dict[str, Any]:
+    seen = take.take.detections.frames(slice(0, 10))
+    write_detections(at / "a.npz", seen, video_frames=np.array(90))
+    return {"detections": at / "a.npz", "frames": "2:10"}
+
+
+@case("video_frames is array")
+def detections_that_do_not_count_their_video(take: TakeFiles, at: Path) -> dict[str, Any]:
+    write_detections(at / "a.npz", take.take.detections, video_frames=np.array([2, 3]))
+    return {"detections": at / "a.npz"}
 
 
 @case("nobody is detected in any frame")

@@ -7,31 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from openpose_take import write_openpose
 from runs import Command
-from takes import TakeFiles, write_detections, write_json
+from takes import TakeFiles, write_detections
 from written_files import motion
 
 from perfcap.app.capture_folder import last_change, remove_older, spare_inputs
-from perfcap.detect.joint_set import BODY_25, LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
 QUICK = ("--no-overlay", "--until", "initialize", "--frames", "0:6")
-
-
-def write_openpose(folder: Path, take: TakeFiles, shift: float = 0.0) -> None:
-    """The take's joints as OpenPose writes them, in place of what is there."""
-    folder.mkdir(exist_ok=True)
-    names = {"l_big_toe": "l_toe", "r_big_toe": "r_toe"}
-    for f, joints in enumerate(take.take.detections.joints2d[:, 0].numpy()):
-        points = np.zeros((25, 3))
-        for i, name in enumerate(BODY_25.joints):
-            name = names.get(name, name)
-            if name in LANDMARKS:
-                points[i] = (*(joints[LANDMARKS.index(name)] + shift), 0.9)
-        points[8] = (points[9] + points[12]) / 2
-        people = [{"pose_keypoints_2d": points.ravel().tolist()}]
-        write_json(folder / f"take_{f:012d}_keypoints.json", {"people": people})
 
 
 # --- inputs in the folder -------------------------------------------------------------------------
@@ -83,14 +68,14 @@ def test_files_in_a_folder_that_have_changed_since(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
     seen, out = tmp_path / "json", tmp_path / "out"
-    write_openpose(seen, take)
+    write_openpose(seen, take.take, range(24))
     call = take.command(out, *QUICK, "--resume", detections=seen)
     assert perfcap(call).code == 0
     first = motion(out)["joints3d"]
     done = (out / "run.json").stat().st_mtime
     assert perfcap(call).code == 0
     assert (out / "run.json").stat().st_mtime == done  # nothing was to do
-    write_openpose(seen, take, shift=9.0)
+    write_openpose(seen, take.take, range(24), shift=9.0)
     for path in seen.iterdir():
         os.utime(path, (done + 5, done + 5))
     os.utime(seen, (done - 5, done - 5))

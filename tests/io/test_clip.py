@@ -4,6 +4,7 @@ import struct
 import wave
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -13,6 +14,7 @@ from video_files import make_video, number, picture, write_frames
 from perfcap.errors import InputError
 from perfcap.io.clip import Clip
 from perfcap.io.video import VideoFile
+from perfcap.io.video_index import promised_frames
 from perfcap.io.video_writer import VideoWriter
 
 DATA = Path(__file__).parents[2] / "../shared/data"
@@ -72,6 +74,31 @@ def test_a_part_of_a_clip(video: Path) -> None:
     assert clip.timestamps[0] == 0
     assert len(clip.sources[0]) == 30  # nothing after the part was decoded
     assert len(Clip.open(video, frames=slice(70, 100))) == 10
+
+
+def test_a_part_knows_how_long_the_video_is(video: Path, tmp_path: Path) -> None:
+    for part in (slice(20, 30), slice(70, 100), slice(5, None), None):
+        assert Clip.open(video, frames=part).total == 80
+    short = make_video(tmp_path / "short.mp4", 20)
+    assert Clip.open([video, short], frames=slice(0, 5)).total == 20
+    write_frames(tmp_path / "a.mkv", [(picture(i), 33 * i) for i in range(9)], Fraction(1, 1000))
+    # Matroska does not count its frames
+    assert Clip.open(tmp_path / "a.mkv", frames=slice(0, 5)).total is None
+    assert Clip.open(tmp_path / "a.mkv").total == 9
+
+
+def test_a_promise_is_believed_where_the_duration_agrees() -> None:
+    def promise(frames: int, seconds: float | None) -> int | None:
+        duration = None if seconds is None else round(seconds * 1000)
+        return promised_frames(
+            SimpleNamespace(
+                frames=frames, duration=duration, time_base=Fraction(1, 1000), average_rate=30
+            )
+        )
+
+    assert promise(300, 10.0) == promise(300, 10.02) == promise(300, None) == 300
+    assert promise(300, 5.0) is None  # trimmed without being encoded again
+    assert promise(0, 5.0) is None and promise(2**31, None) is None
 
 
 @pytest.mark.parametrize("part", [slice(80, 90), slice(5, 5), slice(-3, 5), slice(0, 8, 2)])

@@ -30,6 +30,7 @@ def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
     assert [number(f) for f in clip.read(0, 3)[:, 0]] == [1, 2, 10]
     assert clip.read(3, 4)[0, 0, 0, 0].tolist() == [255, 0, 0]
     assert clip.fps == 30 and "no frame rate" in clip.warnings[0]
+    assert Clip.open(folder, frames=slice(0, 2)).total == len(clip) == 4
     assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
 
 

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from perfcap.errors import InputError
-from perfcap.io.detections.openpose import choose_joint_set, make_track, parse_triples
+from perfcap.io.detections.openpose import (
+    choose_joint_set,
+    first_frame,
+    make_track,
+    parse_triples,
+)
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
 from perfcap.io.files import read_json
 
@@ -34,7 +39,7 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track:
     by_frame: dict[int, list[Array]] = {}
     for frame, people in pairs:
         by_frame.setdefault(frame, []).extend(people)
-    first = min(by_frame) if numbered else _first_number(by_frame, frames)
+    first = (first_frame if numbered else _first_number)(by_frame, frames)
     last = max(by_frame)
     if last - first >= MAX_FRAMES or first < 0:
         raise InputError(
@@ -45,8 +50,8 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track:
         listed += [[]] * (frames - len(listed))
     joint_set = choose_joint_set(str(path), listed)
     warnings = []
-    if not numbered and frames is not None and first == 0 < min(by_frame):
-        warnings.append(f"{path}: frame numbers start at {min(by_frame)}; counted from 0")
+    if frames is not None and first < min(by_frame) and (numbered or first == 0):
+        warnings.append(f"{path}: frame numbers start at {min(by_frame)}; counted from {first}")
     if max(len(people) for people in listed) > 1:
         warnings.append(f"{path}: several people; the most prominent one is followed")
     return make_track(str(path), listed, joint_set, warnings)

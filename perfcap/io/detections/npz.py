@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,10 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
 
-_ARRAYS = ("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names")
+_ARRAYS = (
+    *("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names"),
+    "video_frames",
+)
 PERSON_MM = (300.0, 20_000.0)  # extent of a 3D pose below which it is not millimetres
 
 
@@ -21,7 +25,8 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
 
     Args:
         path: the archive. ``joints3d_mm`` [F,(C,)J,3] is root-relative, in camera axes;
-            ``joint_names`` [J] defaults to the 16 landmarks.
+            ``joint_names`` [J] defaults to the 16 landmarks; ``video_frames`` says how long the
+            video is, of which the file may hold the first frames only.
         views: names of the cameras wanted, used when the file names its own (``view_names``).
 
     Returns:
@@ -42,18 +47,30 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
         _check_millimetres(path, joints3d)
         joints3d = joints3d / 1000
     joint_set = _joint_set(path, arrays, joints2d.shape[-2])
+    track = Track(
+        str(path), joint_set, joints2d, confidence, joints3d, (), _video_frames(path, arrays)
+    )
     if joints2d.ndim == 3:
-        return [Track(str(path), joint_set, joints2d, confidence, joints3d)]
+        return [track]
     return [
-        Track(
-            f"{path}: view {c + 1}",
-            joint_set,
-            joints2d[:, c],
-            confidence[:, c],
-            None if joints3d is None else joints3d[:, c],
+        replace(
+            track,
+            where=f"{path}: view {c + 1}",
+            joints2d=joints2d[:, c],
+            confidence=confidence[:, c],
+            joints3d=None if joints3d is None else joints3d[:, c],
         )
         for c in _view_order(path, arrays, joints2d.shape[1], views)
     ]
+
+
+def _video_frames(path: Path, arrays: dict[str, np.ndarray]) -> int | None:
+    count = arrays.get("video_frames")
+    if count is None:
+        return None
+    if count.size != 1 or count.dtype.kind not in "iu" or int(count.reshape(())) < 1:
+        raise InputError(f"{path}: video_frames is {count!r:.60}, expected a number of frames")
+    return int(count.reshape(()))
 
 
 def _numbers(path: Path, arrays: dict[str, np.ndarray], name: str) -> Array:

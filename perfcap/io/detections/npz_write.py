@@ -21,6 +21,7 @@ def save_detections(
     *,
     start: int = 0,
     pixel_offset: float = 0.0,
+    video_frames: int | None = None,
 ) -> None:
     """Write the 16 landmarks of C views.
 
@@ -31,6 +32,7 @@ def save_detections(
         start: frames of the video before the first detection; written as unseen, so that frame
             numbers are those of the video.
         pixel_offset: what readers will add to pixels: ``CameraRig.pixel_offset``.
+        video_frames: of the whole video, of which these may be a part; None where not known.
 
     Raises:
         InputError: the place cannot be written.
@@ -50,6 +52,8 @@ def save_detections(
         arrays = {k: v[:, 0] if k != "joint_names" else v for k, v in arrays.items()}
     elif views:
         arrays["view_names"] = np.array(list(views))
+    if video_frames is not None:
+        arrays["video_frames"] = np.array(video_frames)
     with writing(path) as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,22 +30,28 @@ KEYPOINTS = "pose_keypoints_2d"
 BY_COUNT = {len(s): s for s in (COCO17, COCO18, BODY_25, HALPE26, COCO_WHOLEBODY, HALPE136)}
 
 
-def read_openpose(folder: Path) -> Track:
+def read_openpose(folder: Path, video_frames: int | None = None) -> Track:
     """Read one view's folder; the joint set follows from the number of keypoints.
 
-    The last number in a file's name is its frame; the lowest is the first frame, and frames
-    without a file, like files without people, have nothing detected.
+    The last number in a file's name is its frame (see ``first_frame``), and frames without a file,
+    like files without people, have nothing detected.
+
+    Args:
+        folder: one file a frame.
+        video_frames: of the video, where known.
 
     Raises:
         InputError: no JSON files, two files of one frame, broken JSON, unknown keypoint counts.
     """
     files = _by_frame(folder)
-    first, last = min(files), max(files)
+    first, last = first_frame(files, video_frames), max(files)
     frames = [_people(files[f]) if f in files else [] for f in range(first, last + 1)]
     warnings = []
     missing = last - first + 1 - len(files)
     if missing:
         warnings.append(f"{folder}: {missing} frames between {first} and {last} have no file")
+    if first < min(files):
+        warnings.append(f"{folder}: files start at frame {min(files)}; counted from {first}")
     joint_set = choose_joint_set(str(folder), frames)
     people = max(len(candidates) for candidates in frames)
     if people > 1:
@@ -53,6 +59,19 @@ def read_openpose(folder: Path) -> Track:
             f"{folder}: up to {people} people in a frame; the most prominent one is followed"
         )
     return make_track(str(folder), frames, joint_set, warnings)
+
+
+def first_frame(numbers: Collection[int], video_frames: int | None) -> int:
+    """The number of the video's first frame, where detectors tell of every frame.
+
+    That is the lowest, whatever it is, as of images cut from a longer recording; but if it is above
+    1, and all numbers are those of frames of the video counted from 0 or from 1, then what was
+    detected in its first frames is missing.
+    """
+    lowest, highest = min(numbers), max(numbers)
+    if video_frames is None or lowest <= 1:
+        return lowest
+    return next((start for start in (0, 1) if highest < start + video_frames), lowest)
 
 
 def make_track(

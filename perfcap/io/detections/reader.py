@@ -25,6 +25,7 @@ def read_detections(
     views: Sequence[str] | int = 1,
     pixel_offset: float = 0.0,
     frames: int | None = None,
+    used: int | None = None,
 ) -> tuple[Detections, list[str]]:
     """Read the joints of one person, seen in C views.
 
@@ -33,11 +34,13 @@ def read_detections(
             (see ``match_views``) go to these, others are in the order of the cameras.
         views: the cameras' names or their number C.
         pixel_offset: added to pixel coordinates: ``CameraRig.pixel_offset``.
-        frames: frames of the video.
+        frames: frames of the video, where known.
+        used: of these the first that matter, where those behind them do not: all of the video
+            should then have been detected nevertheless, or just these, and nothing is cut.
 
     Returns:
-        Detections in float64, F frames of the shortest view (of the video, if shorter), and
-        warnings for the user.
+        Detections in float64, F frames of the shortest view (of the video, if shorter and all of
+        it matters), and warnings for the user.
 
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
@@ -58,7 +61,9 @@ def read_detections(
             f"--detections: nobody is detected in any frame of {', '.join(map(str, several))}; "
             "expected a visible person"
         )
-    shortest, note = _common_length(tracks, frames)
+    shortest, note = _common_length(tracks, frames if used is None else None)
+    if used is not None and frames is not None:
+        note += _check_part(tracks, frames, used)
     warnings = [warning for track in mapped for warning in track.warnings]
     return _stack(mapped, shortest), warnings + note
 
@@ -67,7 +72,7 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> list[Track
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
     if path.is_dir():
-        return [read_openpose(path)]
+        return [read_openpose(path, frames)]
     if path.suffix.lower() == ".npz":
         return read_npz(path, views)
     if path.suffix.lower() == ".json":
@@ -107,6 +112,26 @@ def _common_length(tracks: Sequence[Track], frames: int | None) -> tuple[int, li
             "frame and view"
         )
     return shortest, [f"numbers of frames differ ({listing}); the first {shortest} are used"]
+
+
+def _check_part(tracks: Sequence[Track], frames: int, used: int) -> list[str]:
+    """Detections are of the video, although only a part of it matters: as long, or made for it."""
+    notes = []
+    for track in tracks:
+        found = len(track.joints2d)
+        if abs((track.video_frames or found) - frames) <= END_SLACK:
+            continue
+        has = f"has {found}" if track.video_frames is None else f"is of {track.video_frames}"
+        differ = f"numbers of frames differ ({track.where} {has}, the video has {frames})"
+        if track.video_frames is None and found == used:
+            notes.append(f"{differ}; they are taken for its first {found} frames")
+            continue
+        first = f"; if they are of its first {found} frames, let --frames end there"
+        raise InputError(
+            f"--detections: {differ}; expected one detection a video frame and view"
+            f"{first if track.video_frames is None and found < frames else ''}"
+        )
+    return notes
 
 
 def _stack(tracks: Sequence[LandmarkTrack], frames: int) -> Detections:

@@ -28,6 +28,7 @@ class Track:
         confidence: (F, J); 0 where nothing was detected.
         joints3d: (F, J, 3), metres in camera axes, NaN where unknown; or None.
         warnings: what a user should know about how the file was read.
+        video_frames: of the video these were detected in, where the file says so.
     """
 
     where: str
@@ -36,6 +37,7 @@ class Track:
     confidence: Array
     joints3d: Array | None = None
     warnings: tuple[str, ...] = ()
+    video_frames: int | None = None
 
 
 @dataclass(frozen=True)

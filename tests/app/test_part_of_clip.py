@@ -1,0 +1,91 @@
+"""``--frames``: which detections belong to a part of a video."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from openpose_take import write_openpose
+from takes import TakeFiles, write_detections, write_json
+
+from perfcap.app.inputs import InputRequest, Inputs, read_inputs
+from perfcap.io.detections import save_detections
+
+PART = "10:16"
+
+
+def read(take: TakeFiles, detections: Path, frames: str | None = PART) -> Inputs:
+    request = InputRequest(
+        videos=(take.video,), cameras=take.camera, detections=(detections,), frames=frames
+    )
+    return read_inputs(request)
+
+
+def neck(inputs: Inputs) -> torch.Tensor:
+    return inputs.detections.joints2d[:, 0, 1]
+
+
+def true_neck(take: TakeFiles, part: slice = slice(10, 16)) -> torch.Tensor:
+    return take.take.detections.joints2d[part, 0, 1]
+
+
+def test_openpose_files_that_start_late_are_not_shifted(take: TakeFiles, tmp_path: Path) -> None:
+    """Files of the frames 4 to 23 of 24, and 8 to 23: of a part, and of all."""
+    for first in (4, 8):
+        folder = tmp_path / f"from_{first}"
+        write_openpose(folder, take.take, range(first, 24))
+        for frames, part in ((PART, slice(10, 16)), (None, slice(None))):
+            inputs = read(take, folder, frames)
+            seen = inputs.detections.confidence2d[:, 0, 1] > 0
+            torch.testing.assert_close(neck(inputs)[seen], true_neck(take, part)[seen])
+            assert (~seen).sum() == (0 if frames else first)
+            told = f"files start at frame {first}; counted from 0"
+            assert any(told in line for line in inputs.warnings)
+
+
+def test_openpose_files_of_images_cut_from_a_recording(take: TakeFiles, tmp_path: Path) -> None:
+    for offset in (1, 101):
+        folder = tmp_path / f"by_{offset}"
+        write_openpose(folder, take.take, range(24), offset)
+        for frames, part in ((PART, slice(10, 16)), (None, slice(None))):
+            inputs = read(take, folder, frames)
+            torch.testing.assert_close(neck(inputs), true_neck(take, part))
+            assert not any("counted from" in line for line in inputs.warnings)
+
+
+def test_detections_made_for_the_part(take: TakeFiles, tmp_path: Path) -> None:
+    """Those that end with it are taken, with a note; a file that counts its video needs none."""
+    plain, counted = tmp_path / "plain.npz", tmp_path / "counted.npz"
+    seen = take.take.detections.frames(slice(0, 16))
+    write_detections(plain, seen)
+    inputs = read(take, plain)
+    torch.testing.assert_close(neck(inputs), true_neck(take))
+    assert any("taken for its first 16 frames" in line for line in inputs.warnings)
+    save_detections(counted, seen, video_frames=24)
+    for frames, part in ((PART, slice(10, 16)), ("2:6", slice(2, 6))):
+        inputs = read(take, counted, frames)
+        torch.testing.assert_close(neck(inputs), true_neck(take, part), atol=1e-3, rtol=0)
+        assert not inputs.warnings
+
+
+def test_a_few_frames_more_or_less_than_the_video_promises(take: TakeFiles, tmp_path: Path) -> None:
+    """Containers miscount: nothing is cut, and nothing is said."""
+    for count in (20, 28):
+        rows = torch.arange(count).clamp(max=23)
+        write_detections(tmp_path / "a.npz", take.take.detections.frames(rows))
+        inputs = read(take, tmp_path / "a.npz")
+        assert inputs.detections.frame_count == 6 and not inputs.warnings
+
+
+def test_results_of_a_part_are_numbered_by_the_video(take: TakeFiles, tmp_path: Path) -> None:
+    """Nobody before frame 12: the lowest number of the results is not the first frame."""
+    entries: list[dict[str, Any]] = []
+    for f in range(12, 24):
+        points = np.full((17, 3), 0.9)
+        points[:, 0], points[:, 1] = f, 6 * np.arange(17)
+        entries.append({"image_id": f"{f}.jpg", "keypoints": points.ravel().tolist()})
+    write_json(tmp_path / "a.json", entries)
+    inputs = read(take, tmp_path / "a.json")
+    seen = (inputs.detections.confidence2d[:, 0] > 0).any(-1)
+    assert seen.tolist() == [False, False, True, True, True, True]
+    assert inputs.detections.joints2d[2, 0, :, 0].max() == 12
