@@ -26,7 +26,7 @@ from perfcap.io.calibration import (
     read_cameras,
     read_pixel_map,
 )
-from perfcap.io.clip import END_SLACK, Clip
+from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
 from perfcap.io.detections import read_detections
 
 
@@ -115,11 +115,12 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     if rig.fps is not None and all(source.fps is None for source in clip.sources):
         clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
+    about = (*clip.warnings, *rig.warnings, *_camera_rate(rig, clip))
     maps = read_pixel_map(request.video_map) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
         chosen = _detect(clip, rig, pixel_map, detecting)
-        told = (*clip.warnings, *rig.warnings, *detecting.detector.warnings)
+        told = (*about, *detecting.detector.warnings)
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
@@ -134,7 +135,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     if clip.lost and part.stop is None:
         # of the frames that the file promises, those count that somebody detected joints in
         lost += min(clip.lost, max(0, read()[0].frame_count - end))
-    return Inputs(clip, rig, chosen, pixel_map, (*clip.warnings, *rig.warnings, *notes), lost)
+    return Inputs(clip, rig, chosen, pixel_map, (*about, *notes), lost)
 
 
 def _lifted(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
@@ -189,6 +190,18 @@ def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:
     )
 
 
+def _camera_rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:
+    """A note on cameras of another frame rate, which matters to moving ones alone."""
+    if rig.fps is None or abs(rig.fps / clip.fps - 1) <= RATE_SLACK:
+        return ()
+    rates = f"--cameras: run at {rig.fps:.4g} frames a second, the video at {clip.fps:.4g}"
+    if rig.cameras.moving:
+        raise InputError(
+            f"{rates}; expected a pose for every frame of the video, and its rate or none"
+        )
+    return (rates,)
+
+
 def _camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
     """The cameras of the clip's part; fixed ones are the same for every frame."""
     if not rig.cameras.moving:
@@ -198,5 +211,10 @@ def _camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
         raise InputError(
             f"--cameras: has {count} frames, the clip needs {clip.start + frames}; give a camera "
             "for every frame"
+        )
+    if clip.total is not None and count > clip.total + END_SLACK:
+        raise InputError(
+            f"--cameras: has {count} frames, the video {clip.total}; expected a camera for every "
+            "frame, counted from the first of the video"
         )
     return replace(rig, cameras=rig.cameras.frames(slice(clip.start, clip.start + frames)))

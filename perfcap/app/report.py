@@ -12,13 +12,9 @@ from rich.console import Console
 
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import parse_frames
-from perfcap.errors import InputError
-from perfcap.io.archive import read_archive
+from perfcap.app.truth import find_truth, read_found, require_rate
 from perfcap.pipeline.performance import REPORT
 from perfcap.report import PAGE, Places, Wanted, make_report
-
-_LANDMARKS = (16, 3)
-_TRUTH_NAMES = ("truth.npz", "gt.npz")
 
 
 @dataclass(frozen=True)
@@ -66,23 +62,14 @@ def write_report(request: ReportRequest) -> Path:
         start=part.start if request.frames is not None else None,
         stop=part.stop,
         places=Places(request.videos, request.cameras),
-        truth=None if request.truth is None else _read_truth(request.truth),
+        truth=None if request.truth is None else _read_truth(request.truth, request.folder),
     )
     with progress_bars() as tell:
         return make_report(request.folder, wanted, tell)
 
 
-def _read_truth(path: Path) -> dict[int, NDArray[np.float64]]:
+def _read_truth(path: Path, folder: Path) -> dict[int, NDArray[np.float64]]:
     """True joints (16, 3) m by number of the frame, as ``perfcap evaluate`` takes them."""
-    if path.is_dir():
-        found = [path / name for name in _TRUTH_NAMES if (path / name).is_file()]
-        path = found[0] if found else path / _TRUTH_NAMES[0]
-    values = read_archive(path, ("joints3d", "frames"), "an npz with joints3d")
-    joints = values.get("joints3d")
-    if joints is None or joints.shape[1:] != _LANDMARKS or not np.isfinite(joints).all():
-        found_shape = "missing" if joints is None else f"of shape {joints.shape} or not finite"
-        raise InputError(f"{path}: joints3d is {found_shape}, expected (F, 16, 3) in metres")
-    numbers = values.get("frames", np.arange(len(joints)))
-    if numbers.shape != joints.shape[:1] or numbers.dtype.kind not in "iu":
-        raise InputError(f"{path}: frames is {numbers.shape}, expected {len(joints)} numbers")
-    return dict(zip(numbers.tolist(), joints.astype(np.float64), strict=True))
+    true = read_found(find_truth(path))
+    require_rate(read_found(folder / "motion.npz"), true.fps, true.path)
+    return dict(zip(true.frames.tolist(), true.joints.numpy(), strict=True))

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.app.truth import FoundJoints, Truth, match_frames
+from perfcap.app.truth import FoundJoints, Truth, match_frames, require_rate
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
@@ -53,6 +53,7 @@ def joint_scores(found: FoundJoints, truth: Truth) -> Scores:
         InputError: the frames do not belong together.
     """
     sequence = truth.sequence
+    require_rate(found, truth.fps, sequence.folder)
     if sequence.joints3d is None:
         return {}
     rows, others = match_frames(found.frames, truth, str(found.path))

@@ -14,6 +14,7 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
+from perfcap.io.clip import RATE_SLACK
 from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
 from perfcap.metrics import Alignment
 
@@ -25,19 +26,24 @@ FILE_PROTOCOL = Protocol(LANDMARKS, tuple(Alignment), {}, "all frames and landma
 
 @dataclass(frozen=True, eq=False)
 class FoundJoints:
-    """The joints of a result.
+    """The joints of a result, or of a file of true ones.
 
     Attributes:
         path: of the file.
         joints: (F, 16, 3), metres, world.
         frames: numbers in the video, (F,).
-        rate: frames a second.
+        fps: frames a second, where the file says so.
     """
 
     path: Path
     joints: Tensor
     frames: NDArray[np.int64]
-    rate: float
+    fps: float | None
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, a common one where the file says nothing."""
+        return _UNKNOWN_FPS if self.fps is None else self.fps
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +54,14 @@ class Truth:
         sequence: cameras, joints, silhouettes, surfaces.
         protocol: what of it counts.
         strict: whether every frame of a result needs truth.
+        fps: frames a second where its files say so, which results must have too; None where a
+            data set is known to have a rate.
     """
 
     sequence: DatasetSequence
     protocol: Protocol
     strict: bool
+    fps: float | None = None
 
 
 def read_truth(path: Path, dataset: str | None = None, sequence: str | None = None) -> Truth:
@@ -77,8 +86,10 @@ def read_truth(path: Path, dataset: str | None = None, sequence: str | None = No
     if path.is_dir() and all((path / name).is_file() for name in _OWN_LAYOUT):
         reader = find_dataset("rendered")
         whole = path.resolve()  # the name of "." is needed
-        return Truth(reader.read(whole.parent, whole.name), reader.protocol, strict=True)
-    return Truth(_of_file(find_truth(path)), FILE_PROTOCOL, strict=True)
+        rendered = reader.read(whole.parent, whole.name)
+        return Truth(rendered, reader.protocol, strict=True, fps=rendered.rate)
+    true = read_found(find_truth(path))
+    return Truth(_of_file(true), FILE_PROTOCOL, strict=True, fps=true.fps)
 
 
 def read_found(path: Path) -> FoundJoints:
@@ -89,8 +100,22 @@ def read_found(path: Path) -> FoundJoints:
     """
     values = _load(path)
     joints = torch.tensor(values["joints3d"].astype(float))
-    rate = float(values.get("fps", np.array(_UNKNOWN_FPS)).reshape(()))
-    return FoundJoints(path, joints, values["frames"].astype(np.int64), rate)
+    fps = float(values["fps"].reshape(())) if "fps" in values else None
+    return FoundJoints(path, joints, values["frames"].astype(np.int64), fps)
+
+
+def require_rate(found: FoundJoints, fps: float | None, where: Path) -> None:
+    """Refuse a truth of another frame rate: frames are matched by number.
+
+    Raises:
+        InputError: both rates are known and differ.
+    """
+    if found.fps is None or fps is None or abs(found.fps / fps - 1) <= RATE_SLACK:
+        return
+    raise InputError(
+        f"{where}: runs at {fps:.4g} frames a second, {found.path} at {found.fps:.4g}; expected "
+        "the truth of every frame of the result, resample it"
+    )
 
 
 def find_truth(path: Path) -> Path:
@@ -127,15 +152,14 @@ def match_frames(found: NDArray[np.int64], truth: Truth, where: str) -> tuple[li
     return kept, [rows[row] for row in kept]
 
 
-def _of_file(path: Path) -> DatasetSequence:
-    values = _load(path)
+def _of_file(true: FoundJoints) -> DatasetSequence:
     return DatasetSequence(
         dataset="file",
-        name=path.stem,
-        folder=path,
-        frames=torch.from_numpy(values["frames"].astype(np.int64)),
-        rate=_UNKNOWN_FPS,
-        joints3d=torch.tensor(values["joints3d"].astype(float)),
+        name=true.path.stem,
+        folder=true.path,
+        frames=torch.from_numpy(true.frames),
+        rate=true.rate,
+        joints3d=true.joints,
     )
 
 

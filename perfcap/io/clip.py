@@ -18,6 +18,7 @@ Frames = NDArray[np.uint8]
 
 # Recordings of one take rarely stop at the same frame: this many may be missing at an end.
 END_SLACK = 5
+RATE_SLACK = 0.01  # share by which frame rates may differ and mean the same
 
 
 class FrameSource(Protocol):
@@ -204,13 +205,13 @@ def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[flo
     if not rates:
         note = f"{sources[0].name}: images have no frame rate; {UNKNOWN_FPS:g} a second assumed"
         return (UNKNOWN_FPS, [note]) if fps is None else (fps, [])
-    if max(rates) / min(rates) > 1.01:
+    if max(rates) / min(rates) > 1 + RATE_SLACK:
         listing = ", ".join(f"{source.name} {source.fps:.3g}" for source in known)
         raise InputError(
             f"videos run at different rates ({listing} frames a second); expected synchronous "
             "views, convert them to one rate"
         )
-    if fps is not None and abs(rates[0] / fps - 1) > 0.01:
+    if fps is not None and abs(rates[0] / fps - 1) > RATE_SLACK:
         note = f"{sources[0].name}: runs at {rates[0]:.3g} frames a second, not {fps:.3g}"
         return rates[0], [note]
     return rates[0], []

@@ -254,6 +254,27 @@ def a_moving_camera_that_ends_early(take: TakeFiles, at: Path) -> dict[str, Any]
     return camera(take, at, t=shifts.tolist())
 
 
+def moving(take: TakeFiles, at: Path, poses: int, **changes: Any) -> dict[str, Any]:
+    shifts = np.tile(take.take.cameras.translation[0].numpy(), (poses, 1))
+    shifts[:, 0] += 0.01 * np.arange(poses)
+    return camera(take, at, t=shifts.tolist(), **changes)
+
+
+@case("has 48 frames, the video 24")
+def a_moving_camera_of_twice_the_rate(take: TakeFiles, at: Path) -> dict[str, Any]:
+    return moving(take, at, 48)
+
+
+@case("has 48 frames, the video 24")
+def a_moving_camera_of_twice_the_rate_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
+    return moving(take, at, 48) | {"frames": "2:10"}
+
+
+@case("run at 60 frames a second, the video at 30")
+def a_moving_camera_that_says_another_rate(take: TakeFiles, at: Path) -> dict[str, Any]:
+    return moving(take, at, 24, fps=60)
+
+
 @case("hold 1 views, the cameras are 2")
 def two_videos_for_one_detections_file(take: TakeFiles, at: Path) -> dict[str, Any]:
     entry = camera_entry(take.take.cameras)

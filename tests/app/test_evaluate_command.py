@@ -82,6 +82,7 @@ def test_frames_are_matched_by_number(
         ({"frames": np.linspace(0, 1, 24)}, "frames is float64"),
         ({"frames": np.arange(7, 31)}, "lacks 7 of the 24 frames"),
         ({"joints3d": None}, "joints3d is missing"),
+        ({"fps": np.array(60.0)}, "runs at 60 frames a second, "),
     ],
 )
 def test_truth_that_cannot_be_used(
@@ -97,6 +98,15 @@ def test_truth_that_cannot_be_used(
     line = perfcap(["evaluate", result, "--truth", tmp_path / "bad.npz"]).refused()
     assert message in line and "bad.npz" in line
     assert not (result / "metrics.json").exists()
+
+
+@pytest.mark.parametrize("fps", [29.97, None])
+def test_truth_of_the_same_rate_or_none(
+    take: TakeFiles, result: Path, tmp_path: Path, perfcap: Command, fps: float | None
+) -> None:
+    values = {k: v for k, v in arrays(take.truth).items() if k != "fps"}
+    np.savez(tmp_path / "truth.npz", **values, **({} if fps is None else {"fps": fps}))
+    assert perfcap(["evaluate", result, "--truth", tmp_path / "truth.npz"]).code == 0
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04 and so on", b"nonsense" * 50])

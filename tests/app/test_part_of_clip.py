@@ -1,4 +1,4 @@
-"""``--frames``: which detections belong to a part of a video."""
+"""Which detections and cameras belong to a video, or to a part of it."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 from openpose_take import write_openpose
-from takes import TakeFiles, write_detections, write_json
+from takes import TakeFiles, camera_entry, write_detections, write_json
 
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.io.detections import save_detections
@@ -14,9 +14,14 @@ from perfcap.io.detections import save_detections
 PART = "10:16"
 
 
-def read(take: TakeFiles, detections: Path, frames: str | None = PART) -> Inputs:
+def read(
+    take: TakeFiles, detections: Path, frames: str | None = PART, cameras: Path | None = None
+) -> Inputs:
     request = InputRequest(
-        videos=(take.video,), cameras=take.camera, detections=(detections,), frames=frames
+        videos=(take.video,),
+        cameras=cameras or take.camera,
+        detections=(detections,),
+        frames=frames,
     )
     return read_inputs(request)
 
@@ -75,6 +80,21 @@ def test_a_few_frames_more_or_less_than_the_video_promises(take: TakeFiles, tmp_
         write_detections(tmp_path / "a.npz", take.take.detections.frames(rows))
         inputs = read(take, tmp_path / "a.npz")
         assert inputs.detections.frame_count == 6 and not inputs.warnings
+
+
+def test_cameras_of_about_the_video_s_rate_and_length(take: TakeFiles, tmp_path: Path) -> None:
+    """29.97 is 30, a few poses more do no harm, and a camera at rest has no rate."""
+    entry = camera_entry(take.take.cameras)
+    shifts = np.tile(np.array(entry["t"]), (28, 1)) + 0.01 * np.arange(28)[:, None]
+    write_json(tmp_path / "moving.json", entry | {"t": shifts.tolist(), "fps": 29.97})
+    for frames, part in ((PART, slice(10, 16)), (None, slice(0, 24))):
+        inputs = read(take, take.detections, frames, tmp_path / "moving.json")
+        assert not inputs.warnings
+        np.testing.assert_allclose(inputs.rig.cameras.translation[:, 0], shifts[part])
+    write_json(tmp_path / "fixed.json", entry | {"fps": 60})
+    inputs = read(take, take.detections, PART, tmp_path / "fixed.json")
+    (warning,) = inputs.warnings
+    assert "run at 60 frames a second, the video at 30" in warning
 
 
 def test_results_of_a_part_are_numbered_by_the_video(take: TakeFiles, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import shutil
 import webbrowser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from runs import Command
 from takes import TakeFiles
@@ -85,6 +86,8 @@ def test_bad_input_is_refused_in_one_line(
     folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
     (tmp_path / "empty").mkdir()
+    with np.load(take.truth) as truth:
+        np.savez(tmp_path / "fast.npz", **{**truth, "fps": 60.0})
     for call, words in (
         (["report", tmp_path / "nothing"], "no such folder"),
         (["view", tmp_path / "empty"], "has no run.json"),
@@ -95,6 +98,7 @@ def test_bad_input_is_refused_in_one_line(
         (["report", folder, "--cameras", tmp_path / "no.json"], "no.json"),
         (["report", folder, "--truth", tmp_path / "empty"], "truth.npz"),
         (["report", folder, "--truth", take.detections], "joints3d"),
+        (["report", folder, "--truth", tmp_path / "fast.npz"], "runs at 60 frames a second"),
     ):
         assert words in perfcap(call).refused(), call
     assert not (folder / PAGE).exists()
