@@ -54,7 +54,7 @@ def search_headings(
     """
     views = _telling_views(detections) & ~_near(known)[:, None]
     between = fill_gaps(motion, known) if bool(known.any() & views.any()) else None
-    motion, found = between or motion, known.clone()
+    motion, found = motion if between is None else between, known.clone()
     for view in torch.nonzero(views.any(0)).flatten().tolist():
         for index in torch.split(torch.nonzero(views[:, view]).flatten(), config.initial_batch):
             some = replace(detections.frames(index).select([view]), joints3d=None)
