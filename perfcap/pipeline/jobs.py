@@ -23,7 +23,7 @@ from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
@@ -96,7 +96,7 @@ def capture(
         windows=tuple(windows),
         stages=tuple(clock.stages),
         bone_scales=start.bones,
-        warnings=(*_warnings(windows), *_doubts(refinement)),
+        warnings=(*_blind_views(detections), *_warnings(windows), *_doubts(refinement)),
         surface=None if refinement is None else refinement.vertices,
         refinement=refinement,
     )
@@ -156,6 +156,11 @@ def _last_stage(until: Stage | None, images: Images | None) -> Stage:
             "images, or end at track_motion"
         )
     return until
+
+
+def _blind_views(detections: Detections) -> Iterator[str]:
+    for view in torch.nonzero(~views_with_person(detections)).flatten().tolist():
+        yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
 
 
 def _warnings(windows: list[WindowReport]) -> Iterator[str]:

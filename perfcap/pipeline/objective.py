@@ -123,6 +123,11 @@ def person_height(detections: Detections) -> Tensor:
     return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
 
 
+def views_with_person(detections: Detections) -> Tensor:
+    """Views in which anything is detected in any frame, (C,), bool."""
+    return (detections.confidence2d > 0).any(-1).any(0)
+
+
 def kernel(scale: float | None) -> Kernel:
     """Geman-McClure with a scale, in units of the residual; quadratic without."""
     return Quadratic() if scale is None else GemanMcClure(scale)

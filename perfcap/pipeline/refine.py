@@ -12,14 +12,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.actor.actor import Actor
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.limbs import limb_of_triangles
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.geometry.camera import NEAR
 from perfcap.geometry.surface_topology import surface_topology
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
@@ -99,7 +103,7 @@ def refine(
     cameras = images.cameras.to(motion.angles)
     weld = actor.template.weld()[0]
     sight = Sight(cameras, faces, weld)
-    heights = _heights(problem, images)
+    heights = image_heights(problem, motion, images)
     mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
 
     def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
@@ -124,15 +128,29 @@ def refine(
     return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 
 
-def _heights(problem: MotionProblem, images: Images) -> Tensor:
-    """Height of the upright person in each image, (C,), pixels."""
+def image_heights(problem: MotionProblem, motion: Motion, images: Images) -> Tensor:
+    """Height of the upright person in each image, (C,), pixels.
+
+    That of the detections; in views that have none, that of the joints of the motion (F,).
+    """
+    seen = views_with_person(problem.detections)
     scale = [
         torch.linalg.det(cameras.intrinsics[..., :2, :2]).abs().sqrt()
         for cameras in (images.cameras.to(problem.pixel_unit), problem.cameras)
     ]
     ratio = scale[0] / scale[1]
     heights: Tensor = 100 * problem.pixel_unit * ratio.reshape(-1, ratio.shape[-1]).mean(0)
-    return heights
+    if bool(seen.all()):
+        return heights
+    return torch.where(seen, heights, person_height(_expected(problem.actor, images, motion)))
+
+
+def _expected(actor: Actor, images: Images, motion: Motion) -> Detections:
+    """Where the joints of the motion (F,) are in the images, whether or not they were detected."""
+    cameras = images.cameras.to(motion.angles)
+    local = cameras.to_camera(actor.joints(motion))
+    in_front = (local[..., 2] > NEAR).to(local)
+    return Detections.from_joints(cameras.project_camera(local), in_front)
 
 
 def _plain(values: NDArray[np.float64]) -> list[float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
+from takes import make_take, without
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -17,8 +18,12 @@ from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.pipeline import CaptureConfig, Performance, Stage, capture
 from perfcap.pipeline.images import Frames, Images
+from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.refine import image_heights
 from perfcap.pipeline.refine_pose import PoseRefinement
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
+from perfcap.pipeline.track_motion import MotionProblem
 
 FRAMES = slice(40, 52)
 # enough to see everything work, in seconds
@@ -118,6 +123,23 @@ def test_a_person_outside_the_image_is_said_to_be(take: dict[str, object]) -> No
     assert any("outside every image" in line for line in found.warnings)
     assert found.surface is not None
     assert bool(found.surface[0 : found.frames].isfinite().all())
+
+
+def test_a_view_that_detects_nobody_knows_how_tall_the_person_is() -> None:
+    """From the motion, in pixels of the images; contours of a 1 px person would find no pair."""
+    made = make_take(6, views=2)
+    blind = without(made.detections, slice(None), slice(1, 2))
+    unit = 0.01 * person_height(blind)
+    assert unit[1] == 0.01
+    seen = prepare(made.actor, made.cameras, blind).detections
+    problem = MotionProblem(made.actor, made.cameras, seen, CONFIG.pose, unit, 30.0)
+    intrinsics = made.cameras.intrinsics * torch.tensor([2.0, 2.0, 1.0]).double()[:, None]
+    large = replace(made.cameras, intrinsics=intrinsics)
+    heights = image_heights(problem, made.truth, Images(Painted(np.zeros(0, np.uint8)), large))
+    torch.testing.assert_close(heights, 2 * person_height(made.detections))
+    found = capture(made.actor, made.cameras, blind, 30.0)
+    assert [line for line in found.warnings if "view 1" in line and "detects nobody" in line]
+    assert not capture(made.actor, made.cameras, made.detections, 30.0).warnings
 
 
 def test_a_stage_that_needs_images_asks_for_them(take: dict[str, object]) -> None:
