@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -126,7 +127,12 @@ class OnnxLifter:
         Returns:
             Joints (F, C, 16, 3), metres, in camera axes, relative to the middle of the hips; and
             the expected distance of each from the truth, (F, C, 16), metres.
+
+        Raises:
+            InputError: the rate is no number of frames a second.
         """
+        if not 0 < rate < math.inf:
+            raise InputError(f"rate is {rate}, expected frames a second, above 0")
         plane = cameras.to_plane(detections.joints2d).transpose(0, 1).float()
         confidence = detections.confidence2d.transpose(0, 1).float()
         if not plane.shape[1]:

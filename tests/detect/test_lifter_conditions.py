@@ -11,6 +11,7 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.lifter import OnnxLifter
+from perfcap.errors import InputError
 from perfcap.geometry.alignment import similarity_align
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import read_cameras
@@ -56,3 +57,10 @@ def test_slow_cameras_are_lifted_nearly_as_well(step: int) -> None:
         return float((moved - truth[::every]).norm(dim=-1).mean())
 
     assert error(step) < 1.1 * error(1)
+
+
+@pytest.mark.parametrize("rate", [0.0, -25.0, math.nan, math.inf])
+def test_a_rate_that_is_none(rate: float) -> None:
+    lifter, camera, found, _ = _demo()
+    with pytest.raises(InputError, match="expected frames a second"):
+        lifter.lift(found, camera, rate)
