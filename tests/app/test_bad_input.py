@@ -1,16 +1,14 @@
 """Every mistake is one line that names it and exit code 2; no traceback, no half result."""
 
 import json
-import os
 import struct
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
+from mistakes import Case, Mistake, register, require_one_line
 from runs import Command
 from takes import (
     TakeFiles,
@@ -22,18 +20,8 @@ from takes import (
     write_video,
 )
 
-Mistake = Callable[[TakeFiles, Path], dict[str, Any]]
-CASES: dict[str, tuple[Mistake, str]] = {}
-
-
-def case(message: str) -> Callable[[Mistake], Mistake]:
-    """Register what to change in a good call, and words of the line expected."""
-
-    def register(mistake: Mistake) -> Mistake:
-        CASES[mistake.__name__] = (mistake, message)
-        return mistake
-
-    return register
+CASES: dict[str, Case] = {}
+case = register(CASES)
 
 
 def put(path: Path, data: bytes = b"") -> Path:
@@ -148,38 +136,6 @@ def detections_that_end_before_the_part_starts(take: TakeFiles, at: Path) -> dic
     return {"detections": at / "a.npz", "frames": "10:12"}
 
 
-@case("has 12, the video has 24")
-def detections_of_every_other_frame_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
-    write_detections(at / "a.npz", take.take.detections.frames(slice(0, 24, 2)))
-    return {"detections": at / "a.npz", "frames": "2:10"}
-
-
-@case("has 48, the video has 24")
-def detections_of_twice_the_rate_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
-    twice = torch.arange(24).repeat_interleave(2)
-    write_detections(at / "a.npz", take.take.detections.frames(twice))
-    return {"detections": at / "a.npz", "frames": "2:10"}
-
-
-@case("has 16, the video has 24")
-def detections_that_start_late_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
-    write_detections(at / "a.npz", take.take.detections.frames(slice(8, 24)))
-    return {"detections": at / "a.npz", "frames": "2:10"}
-
-
-@case("is of 90, the video has 24")
-def detections_of_a_part_of_another_video(take: TakeFiles, at: Path) -> dict[str, Any]:
-    seen = take.take.detections.frames(slice(0, 10))
-    write_detections(at / "a.npz", seen, video_frames=np.array(90))
-    return {"detections": at / "a.npz", "frames": "2:10"}
-
-
-@case("video_frames is array")
-def detections_that_do_not_count_their_video(take: TakeFiles, at: Path) -> dict[str, Any]:
-    write_detections(at / "a.npz", take.take.detections, video_frames=np.array([2, 3]))
-    return {"detections": at / "a.npz"}
-
-
 @case("nobody is detected in any frame")
 def nobody_anywhere(take: TakeFiles, at: Path) -> dict[str, Any]:
     write_detections(at / "a.npz", take.take.detections, confidence2d=np.zeros((24, 16)))
@@ -252,27 +208,6 @@ def a_moving_camera_that_ends_early(take: TakeFiles, at: Path) -> dict[str, Any]
     shifts = np.tile(take.take.cameras.translation[0].numpy(), (10, 1))
     shifts[:, 0] += np.arange(10)
     return camera(take, at, t=shifts.tolist())
-
-
-def moving(take: TakeFiles, at: Path, poses: int, **changes: Any) -> dict[str, Any]:
-    shifts = np.tile(take.take.cameras.translation[0].numpy(), (poses, 1))
-    shifts[:, 0] += 0.01 * np.arange(poses)
-    return camera(take, at, t=shifts.tolist(), **changes)
-
-
-@case("has 48 frames, the video 24")
-def a_moving_camera_of_twice_the_rate(take: TakeFiles, at: Path) -> dict[str, Any]:
-    return moving(take, at, 48)
-
-
-@case("has 48 frames, the video 24")
-def a_moving_camera_of_twice_the_rate_for_a_part(take: TakeFiles, at: Path) -> dict[str, Any]:
-    return moving(take, at, 48) | {"frames": "2:10"}
-
-
-@case("run at 60 frames a second, the video at 30")
-def a_moving_camera_that_says_another_rate(take: TakeFiles, at: Path) -> dict[str, Any]:
-    return moving(take, at, 24, fps=60)
 
 
 @case("hold 1 views, the cameras are 2")
@@ -384,13 +319,4 @@ def a_video_map_of_another_kind(take: TakeFiles, at: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_one_line_and_code_2(take: TakeFiles, tmp_path: Path, perfcap: Command, name: str) -> None:
-    mistake, message = CASES[name]
-    changes = mistake(take, tmp_path)
-    out = changes.pop("out", tmp_path / "out")
-    more = changes.pop("more", [])
-    call = take.command(out, "--no-overlay", **changes)
-    line = perfcap([*call[:2], *more, *call[2:]]).refused()
-    assert message in line
-    assert ";" in line or "expected" in line  # says what to do
-    if out == tmp_path / "out" and out.exists():
-        assert os.listdir(out) == []
+    require_one_line(CASES[name], take, tmp_path, perfcap)
