@@ -125,8 +125,8 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
     read = partial(read_detections, list(request.detections), views=rig.names)
-    fit = (end, None) if part.stop is None else (clip.total, end)
-    found, notes = read(pixel_offset=rig.pixel_offset, frames=fit[0], used=fit[1])
+    whole, used = (end, None) if part.stop is None else (clip.total, end)
+    found, notes = read(pixel_offset=rig.pixel_offset, frames=whole, used=used)
     chosen = _part_of(found, clip)
     if request.detections_in == "video":
         chosen = _to_calibration(chosen, pixel_map)

@@ -18,10 +18,10 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
-from perfcap.pipeline.fit import require_fit
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance, StageReport
@@ -71,7 +71,7 @@ def capture(
     Raises:
         InputError: nobody is detected, the shapes do not fit, or a stage needs images.
     """
-    require_fit(cameras, detections, rate, images)
+    require_matching(cameras, detections, rate, images)
     until = _last_stage(until, images)
     clock = _Clock(progress or (lambda stage, done, total: None))
     start = _start(actor, cameras, detections, rate, config or CaptureConfig(), solve_bones, clock)

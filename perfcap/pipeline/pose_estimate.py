@@ -10,13 +10,13 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.input_checks import require_poses
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
-
-_EXTENT = (0.2, 20.0)  # m, around somebody's joints: only the unit is to be told
 
 
 @dataclass(frozen=True)
@@ -150,10 +150,7 @@ def _estimate(
             f"{len(joint_set)} joints of {joint_set.name!r}; add the view axis, or name the joint "
             "set of the estimator"
         )
-    if cameras.moving and cameras.intrinsics.shape[0] != frames:
-        raise InputError(
-            f"moving cameras have {cameras.intrinsics.shape[0]} frames but the clip has {frames}"
-        )
+    require_poses("cameras", cameras, frames)
     whole = (frames, views, len(LANDMARKS))
     pixels, seen = like.new_zeros(*whole, 2), like.new_zeros(whole)
     if "joints2d" in given:
@@ -192,10 +189,8 @@ def _require_metres(poses: Tensor) -> None:
     if not len(poses):
         return
     extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median())
-    low, high = _EXTENT
-    if not low < extent < high:
-        unit = "millimetres" if low < extent / 1000 < high else "another unit"
+    if (unit := unit_of(extent)) != "metres":
         raise InputError(
-            f"joints3d span {extent:.3g} from end to end, expected metres, {low} to {high}; they "
-            f"look like {unit}: scale them first"
+            f"joints3d span {extent:.3g} from end to end, expected metres; they look like {unit}: "
+            "scale them first"
         )

@@ -281,7 +281,7 @@ def test_wrong_input_is_named() -> None:
     with pytest.raises(InputError, match="lengths are"):
         layer(VIEWS, PIXELS[None], lengths=[FRAMES + 1])
     for factor, unit in ((1000, "millimetres"), (1e-3, "another unit"), (39.4, "another unit")):
-        with pytest.raises(InputError, match=f"expected metres, .* look like {unit}"):
+        with pytest.raises(InputError, match=f"expected metres; they look like {unit}"):
             layer(VIEWS, joints3d=factor * LOCAL)
     with pytest.raises(InputError, match="in no frame"):
         layer(VIEWS, torch.full_like(PIXELS, math.nan))

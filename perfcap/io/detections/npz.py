@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, LANDMARKS16, JointSet, canonical_name
+from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
@@ -17,7 +18,6 @@ _ARRAYS = (
     *("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names"),
     "video_frames",
 )
-PERSON_MM = (300.0, 20_000.0)  # extent of a 3D pose below which it is not millimetres
 
 
 def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
@@ -144,8 +144,7 @@ def _check_millimetres(path: Path, joints3d: Array) -> None:
     if not len(extent):
         return
     size = float(np.median(extent))
-    if not PERSON_MM[0] < size < PERSON_MM[1]:
-        guess = "metres" if 0.3 < size < 20 else "another unit"
+    if (guess := unit_of(size)) != "millimetres":
         raise InputError(
             f"{path}: joints3d_mm spans {size:.3g}, expected a person in millimetres; it looks "
             f"like {guess}"

@@ -61,7 +61,7 @@ def test_cameras_of_other_views(take: Take, views: list[int]) -> None:
 
 @pytest.mark.parametrize("frames", [5, 7])
 def test_cameras_that_move_for_another_time(take: Take, frames: int) -> None:
-    with pytest.raises(InputError, match=f"move for {frames} frames, detections have 6"):
+    with pytest.raises(InputError, match=f"moving cameras have {frames} frames but the clip has 6"):
         capture(take.actor, moved(take.cameras, frames), take.detections, 30.0)
 
 

@@ -7,15 +7,20 @@ import math
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.clip import END_SLACK
 from perfcap.pipeline.images import Images
 
-_MORE = 5  # images beyond the last detections: decoders and detectors count a little differently
 
-
-def require_fit(
+def require_matching(
     cameras: Camera, detections: Detections, rate: float, images: Images | None
 ) -> None:
     """Refuse what would be taken frame by frame, or view by view, for what it is not.
+
+    Args:
+        cameras: expected as (C,) or (F, C).
+        detections: expected as (F, C).
+        rate: frames a second.
+        images: of as many frames and views, or none; decoders count up to five frames more.
 
     Raises:
         InputError: detections are of several clips, cameras or images of other views or frames
@@ -34,10 +39,23 @@ def require_fit(
         return
     _require_cameras("cameras of the images", images.cameras, detections)
     count = len(images.reader)
-    if not 0 <= count - shape[0] <= _MORE:
+    if not 0 <= count - shape[0] <= END_SLACK:
         raise InputError(
             f"images are {count} frames, detections {shape[0]}; give those that were detected in "
             "(Images.frames takes a part)"
+        )
+
+
+def require_poses(what: str, cameras: Camera, frames: int) -> None:
+    """Refuse moving cameras (F, C) that have not one pose a frame; ``what`` names them.
+
+    Raises:
+        InputError: there are more or fewer.
+    """
+    if cameras.moving and len(cameras.intrinsics) != frames:
+        raise InputError(
+            f"moving {what} have {len(cameras.intrinsics)} frames but the clip has {frames}; give "
+            "as many poses as frames"
         )
 
 
@@ -48,8 +66,4 @@ def _require_cameras(what: str, cameras: Camera, detections: Detections) -> None
             f"{what} are of {cameras.views} views, detections of {views}; give one camera a view, "
             "in the same order"
         )
-    if cameras.moving and len(cameras.intrinsics) != frames:
-        raise InputError(
-            f"{what} move for {len(cameras.intrinsics)} frames, detections have {frames}; give as "
-            "many poses as frames"
-        )
+    require_poses(what, cameras, frames)
