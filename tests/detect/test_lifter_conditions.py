@@ -46,6 +46,29 @@ def test_a_camera_on_its_side_is_told_from_somebody_who_lies(quarters: int) -> N
     torch.testing.assert_close(other, doubt, atol=2e-3, rtol=0)
 
 
+@pytest.mark.parametrize(("share", "turned"), [(0.9, False), (0.5, True)])
+def test_a_turned_view_is_believed_where_errors_are_much_smaller(
+    share: float, turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lifter, camera, found, _ = _demo()
+    middle, focal = camera.intrinsics[..., :2, 2], camera.intrinsics[0, 0, 0]
+    lying = camera.to_plane(found.joints2d) @ torch.tensor([[0.0, 1.0], [-1.0, 0.0]]).double()
+    found = replace(found, joints2d=focal * lying + middle)
+    calls: list[float] = []
+
+    def answer(plane: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
+        calls.append(share if calls else 1.0)  # as it is, then turned
+        joints = torch.tensor([1.0, 2.0, 3.0]).expand(*plane.shape[:-1], 3).clone()
+        return joints, torch.full(plane.shape[:-1], calls[-1])
+
+    monkeypatch.setattr(lifter, "lift_tracks", answer)
+    joints, spread = lifter.lift(found, camera, 30.0)
+    assert len(calls) == 2
+    assert torch.all(spread == (torch.tensor(share).double() if turned else 1.0))
+    assert (joints[0, 0, 0].tolist() == [1, 2, 3]) is not turned
+    assert sorted(joints[0, 0, 0].abs().tolist()) == [1, 2, 3]  # turned back by a quarter
+
+
 @pytest.mark.parametrize("step", [2, 3, 5])
 def test_slow_cameras_are_lifted_nearly_as_well(step: int) -> None:
     lifter, camera, found, truth = _demo()
