@@ -39,6 +39,7 @@ def box_steps(
     newton: Tensor,
     box: StepBox,
     held: Tensor,
+    unit: Tensor,
     tolerance: Tensor,
     limits: tuple[int, int],
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -49,12 +50,13 @@ def box_steps(
         newton: the unconstrained minimiser, (B, N).
         box: bounds on the step.
         held: sides of the bounds to begin with, 0 for none, (B, N).
-        tolerance: violations that are rounding, (B, 1).
+        unit: in which violations of different unknowns are compared, (B, N).
+        tolerance: violations that are rounding, in these units, (B, 1).
         limits: most rounds of joining bounds, and of each nonnegative program.
     """
     step, multipliers = newton.clone(), torch.zeros_like(newton)
     exact = torch.zeros_like(newton[:, 0], dtype=torch.bool)
-    given = (plain(x) for x in (newton, box.lowest, box.highest, held.clone(), tolerance))
+    given = (plain(x) for x in (newton, box.lowest, box.highest, held.clone(), unit, tolerance))
     outcome = step.numpy(), multipliers.numpy(), exact.numpy()
     _solve_all(factorization.arrays, *given, *limits, *outcome)
     return step, multipliers, exact
@@ -67,6 +69,7 @@ def _solve_all(
     lowest: Floats,
     highest: Floats,
     held: Floats,
+    unit: Floats,
     tolerance: Floats,
     rounds: int,
     pivots: int,
@@ -89,6 +92,7 @@ def _solve_all(
                     lowest[b],
                     highest[b],
                     held[b],
+                    unit[b],
                     joins,
                     tolerance[b, 0],
                     pivots,
@@ -96,7 +100,8 @@ def _solve_all(
                 )
                 _copy(newton[b], step[b])
                 _pull_back(model, b, columns, multipliers[b], step[b])
-            fresh = _join(step[b], lowest[b], highest[b], held[b], joins, tolerance[b, 0], dim)
+            sides = lowest[b], highest[b], held[b]
+            fresh = _join(step[b], *sides, unit[b], joins, tolerance[b, 0], dim)
             joining = joins.any()
             if not joining:
                 break
@@ -200,6 +205,7 @@ def _hold(
     lowest: Floats,
     highest: Floats,
     held: Floats,
+    unit: Floats,
     joins: NDArray[np.bool_],
     tolerance: float,
     pivots: int,
@@ -213,14 +219,15 @@ def _hold(
     for i in range(size):
         n = index[i]
         bound = highest[n] if held[n] > 0 else lowest[n]
-        excess[i] = held[n] * (newton[n] - bound)
+        excess[i] = held[n] * (newton[n] - bound) / unit[n]
         support[i] = joins[n] or multipliers[n] != 0
         for j in range(size):
-            matrix[i, j] = held[n] * held[index[j]] * columns.block[i, j]
+            sides = held[n] * held[index[j]] / (unit[n] * unit[index[j]])
+            matrix[i, j] = sides * columns.block[i, j]
     exact: bool = solve_nonnegative(matrix, excess, tolerance, support, pivots, value)
     multipliers[:] = 0
     for i in range(size):
-        multipliers[index[i]] = held[index[i]] * value[i]
+        multipliers[index[i]] = held[index[i]] * value[i] / unit[index[i]]
     return exact
 
 
@@ -255,6 +262,7 @@ def _join(
     lowest: Floats,
     highest: Floats,
     held: Floats,
+    unit: Floats,
     joins: NDArray[np.bool_],
     tolerance: float,
     dim: int,
@@ -268,7 +276,7 @@ def _join(
     for n in range(size):
         violation[n] = max(step[n] - highest[n], lowest[n] - step[n])
     for n in range(size):
-        worst = violation[n] > tolerance
+        worst = violation[n] > tolerance * unit[n]
         worst = worst and (n < dim or violation[n] >= violation[n - dim])
         worst = worst and (n + dim >= size or violation[n] >= violation[n + dim])
         side = 1 if step[n] - highest[n] > lowest[n] - step[n] else -1

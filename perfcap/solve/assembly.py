@@ -119,7 +119,7 @@ class _Blocks:
             weights = weight.unsqueeze(-1).expand_as(residual).flatten(2)
             weighted = weights.unsqueeze(-1) * shared
             self.border += jacobian.flatten(2, 3).mT @ weighted
-            self.shared_curvature += (shared.mT @ weighted).sum(1)
+            self.shared_curvature += shared.flatten(1, 2).mT @ weighted.flatten(1, 2)
             self.shared_gradient += apply_transposed(weighted, residual.flatten(2)).sum(1)
 
 

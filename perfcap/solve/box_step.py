@@ -7,6 +7,8 @@ smoothness prior ties the frames of one angle together. With multipliers m on th
 the step is ``d0 - H^-1 m``, and the multipliers solve a nonnegative program in the small matrix
 ``E' H^-1 E``. Its solution may leave or push other coordinates over their bounds; the worst of
 them join, and the dual objective rises each time, so this ends at the exact solution.
+
+Violations of unknowns in different units are compared in that of their damping, d^-1/2.
 """
 
 from __future__ import annotations
@@ -51,7 +53,8 @@ def box_step(
     """
     none = torch.zeros_like(newton)
     held = none if warm is None else _bounded_sides(warm, box)
-    step, multipliers, solved = _hold_bounds(factorization, newton, box, held)
+    unit = torch.where(damping > 0, damping, 1).rsqrt()
+    step, multipliers, solved = _hold_bounds(factorization, newton, box, held, unit)
     # what a multiplier holds is on its bound but for rounding; put it there
     step = torch.where(multipliers > 0, box.highest, step)
     step = box.clamp(torch.where(multipliers < 0, box.lowest, step))
@@ -62,15 +65,15 @@ def box_step(
 
 
 def _hold_bounds(
-    factorization: Factorization, newton: Tensor, box: StepBox, held: Tensor
+    factorization: Factorization, newton: Tensor, box: StepBox, held: Tensor, unit: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Step and multipliers (B, N), from bounds held at first, and whether they are exact (B,)."""
-    tolerance, layout = _tolerance(newton, box), factorization.layout
+    tolerance, layout = _tolerance(newton, box, unit), factorization.layout
     if is_plain(newton, box.lowest, box.highest) and factorization.shared is None:
         from perfcap.solve import _box_numba
 
         limits = _ROUNDS, _PIVOTS
-        return _box_numba.box_steps(factorization, newton, box, held, tolerance, limits)
+        return _box_numba.box_steps(factorization, newton, box, held, unit, tolerance, limits)
     step, multipliers, columns = newton, torch.zeros_like(newton), None
     joining = fresh = held != 0
     solved = torch.ones_like(joining[:, 0])
@@ -78,10 +81,10 @@ def _hold_bounds(
         if bool(joining.any()):
             columns = _with_columns(columns, factorization, fresh)
             support = joining | (multipliers != 0)
-            multipliers, solved = _multipliers(columns, newton, box, held, support, tolerance)
+            multipliers, solved = _multipliers(columns, newton, box, held, unit, support, tolerance)
             step = newton - factorization.solve(multipliers)
         side = _side(step, box)
-        joining = _peaks(_violation(step, box), tolerance, layout) & (side != held)
+        joining = _peaks(_violation(step, box), tolerance * unit, layout) & (side != held)
         if not bool(joining.any()):
             break
         fresh = joining & (held == 0)
@@ -119,12 +122,16 @@ def _peaks(violation: Tensor, tolerance: Tensor, layout: Layout) -> Tensor:
     return torch.cat((peak.flatten(1), shared), -1) & (violation > tolerance)
 
 
-def _tolerance(newton: Tensor, box: StepBox) -> Tensor:
-    """Violations that are rounding: relative to the largest one, and to the bounded coordinates."""
+def _tolerance(newton: Tensor, box: StepBox, unit: Tensor) -> Tensor:
+    """Violations that are rounding, in units (B, N) of the unknowns: (B, 1).
+
+    Relative to the largest one, and to the bounded coordinates.
+    """
     precision = torch.finfo(newton.dtype).eps
     bounded = (box.lower > -torch.inf) | (box.upper < torch.inf)
-    size = torch.where(bounded, box.at.abs(), 0).amax(-1, keepdim=True)
-    worst = _violation(newton, box).nan_to_num(0).amax(-1, keepdim=True).clamp(min=0)
+    size = (torch.where(bounded, box.at.abs(), 0) / unit).amax(-1, keepdim=True)
+    violation = _violation(newton, box) / unit
+    worst = violation.nan_to_num(0).amax(-1, keepdim=True).clamp(min=0)
     return math.pow(precision, 2 / 3) * worst + 8 * precision * size
 
 
@@ -143,12 +150,13 @@ def _multipliers(
     newton: Tensor,
     box: StepBox,
     held: Tensor,
+    unit: Tensor,
     support: Tensor,
     tolerance: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Multipliers (B, N) that keep the ``held`` bounds, and whether they are exact (B,)."""
     index, usable = columns.index, columns.usable
-    side = held.gather(1, index)
+    side = held.gather(1, index) / unit.gather(1, index)
     bound = torch.where(side > 0, box.highest.gather(1, index), box.lowest.gather(1, index))
     excess = torch.where(usable, side * (newton.gather(1, index) - bound), 0)
     matrix = columns.block() * (side.unsqueeze(-1) * side.unsqueeze(-2))

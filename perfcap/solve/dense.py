@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
+import torch
 from torch import Tensor
 
-from perfcap.solve.energy import Energy, Residual, State, Step
+from perfcap.errors import InputError
+from perfcap.solve.bounds import Bounds
+from perfcap.solve.energy import Energy, Objective, Residual, State, Step
 from perfcap.solve.kernels import Kernel
+
+Function = Callable[[Tensor], Tensor]
+Sides = tuple[Tensor | float | None, Tensor | float | None]
 
 
 @dataclass(frozen=True)
@@ -62,15 +68,77 @@ class ResidualFunction(Energy[Vector]):
     """
 
     def __init__(
-        self,
-        function: Callable[[Tensor], Tensor],
-        weight: float | Tensor = 1.0,
-        kernel: Kernel | None = None,
+        self, function: Function, weight: float | Tensor = 1.0, kernel: Kernel | None = None
     ) -> None:
         super().__init__(weight, kernel)
         self.function = function
 
     def residual(self, state: State) -> Residual:
-        """Each residual is a group of its own, (*b, 1, m, 1)."""
-        values = self.function(cast(Vector, state).values)
+        """Each residual is a group of its own, (*b, 1, m, 1).
+
+        Raises:
+            InputError: the function returned something else than rows of residuals.
+        """
+        unknowns = cast(Vector, state).values
+        values = self.function(unknowns)
+        _require_rows(values, unknowns)
         return Residual(values.unsqueeze(-2).unsqueeze(-1))
+
+
+def _require_rows(values: object, unknowns: Tensor) -> None:
+    if not isinstance(values, Tensor):
+        raise InputError(
+            f"the residual function returned a {type(values).__name__}, expected a tensor of "
+            "residuals (*b, m); use torch operations, so that it can be differentiated"
+        )
+    if values.ndim != unknowns.ndim or values.shape[:-1] != unknowns.shape[:-1]:
+        raise InputError(
+            f"the residual function returned shape {tuple(values.shape)} for unknowns "
+            f"{tuple(unknowns.shape)}, expected (*b, m): a row of residuals for a row of unknowns"
+        )
+    if values.dtype != unknowns.dtype:
+        raise InputError(
+            f"the residual function returned {values.dtype} for unknowns of {unknowns.dtype}; "
+            "make its constants the type of the unknowns"
+        )
+
+
+def pose(function: Function, initial: object, bounds: object) -> tuple[Objective, Vector, Any]:
+    """The objective, state and bounds that a bare function and tensors stand for.
+
+    Raises:
+        InputError: unknowns that are no floating-point vector, or bounds that do not fit them.
+    """
+    if not isinstance(initial, Tensor) or not initial.is_floating_point() or not initial.ndim:
+        kind = f" {initial.dtype} {tuple(initial.shape)}" if isinstance(initial, Tensor) else ""
+        raise InputError(
+            f"initial is a {type(initial).__name__}{kind}, expected a floating-point tensor (n,), "
+            "or (*b, n) for a batch, beside a function; any other state goes with an Objective"
+        )
+    return Objective(function=ResidualFunction(function)), Vector(initial), _box(bounds, initial)
+
+
+def _box(bounds: object, initial: Tensor) -> Bounds | None:
+    if bounds is None:
+        return None
+    if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
+        raise InputError(
+            f"bounds are a {type(bounds).__name__}, expected a pair (lower, upper) of tensors "
+            "(n,), numbers, or None where a side is free"
+        )
+    return Bounds.on_frames(
+        _side(bounds[0], -torch.inf, "lower", initial),
+        _side(bounds[1], torch.inf, "upper", initial),
+    )
+
+
+def _side(given: Any, free: float, name: str, initial: Tensor) -> Tensor:
+    try:
+        side = torch.as_tensor(free if given is None else given, device=initial.device)
+        precise = side if side.dtype == torch.float64 else side.to(initial.dtype)
+        return precise.expand(initial.shape).unsqueeze(-2)
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise InputError(
+            f"the {name} bound is a {type(given).__name__} that does not broadcast to the unknowns "
+            f"{tuple(initial.shape)}; expected a number, a tensor (n,), or None where it is free"
+        ) from error

@@ -147,6 +147,16 @@ class WindowPart:
         """``M^-1 U S^-1`` times vectors (B, sum K E), as frames (B, F, D)."""
         return apply(self.solved, self.from_basis(_cholesky_solve(right, self.cholesky)))
 
+    def corrections(self, features: Tensor) -> Tensor:
+        """``M^-1 U S^-1 U'`` of features of many columns, (B, F, E, S), as frames (B, F, D, S)."""
+        batch, frames, size, columns = features.shape
+        apart = features.movedim(-1, 1).reshape(-1, frames, size)  # BS F E
+        right = self.to_basis(apart).reshape(batch, columns, -1).mT  # B R S
+        spread = torch.cholesky_solve(right, self.cholesky).mT.flatten(0, 1)  # BS R
+        back = self.from_basis(spread).reshape(batch, columns, frames, size).movedim(1, -1)
+        corrections: Tensor = self.solved @ back  # B F D S
+        return corrections
+
     def half_rows(self, batch: Tensor, frame: Tensor, inner: Tensor) -> Tensor:
         """``L^-1 U' M^-1 e`` for unit vectors e, with S = L L': (B, m, sum K E)."""
         features = torch.split(self.solved[batch, frame, inner], self.sizes, -1)  # B m E
@@ -258,9 +268,10 @@ def _shared_part(
     equations: NormalEquations, cholesky: Tensor, window: WindowPart | None, damping: Tensor
 ) -> tuple[SharedPart, Tensor]:
     border = equations.border
-    columns = [_solve_frames(cholesky, window, column) for column in border.unbind(-1)]
-    solved = torch.stack(columns, -1)  # B F D S
-    schur = equations.shared_curvature - (border.mT @ solved).sum(1)
+    solved = torch.cholesky_solve(border, cholesky)  # B F D S
+    if window is not None:
+        solved = solved + window.corrections(window.jacobian @ solved)
+    schur = equations.shared_curvature - border.flatten(1, 2).mT @ solved.flatten(1, 2)
     schur.diagonal(dim1=-2, dim2=-1).add_(damping)
     root, info = torch.linalg.cholesky_ex(schur)
     valid = info == 0

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from perfcap.solve.bounds import Bounds, step_box
-from perfcap.solve.damping import damping_scale
+from perfcap.solve.damping import added_damping, damping_scale
 from perfcap.solve.energy import State
 from perfcap.solve.factorization import Factorization, factorize
 from perfcap.solve.layout import Layout
@@ -74,7 +74,7 @@ def invert(
         good: elements to be inverted at all, (B,).
         damping: always added, in the same proportion.
     """
-    scale = free * damping_scale(approximate)
+    scale = free * added_damping(torch.ones_like(free[:, 0]), damping_scale(approximate))
     equations = restrict(approximate, free)
     least = torch.finfo(free.dtype).eps ** 0.5
     tries = [(equations, damping, Sensitivity.GAUSS_NEWTON)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -11,35 +12,39 @@ from torch import Tensor
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.box_step import box_step
-from perfcap.solve.damping import Damping, damping_scale
+from perfcap.solve.damping import added_damping, damping_scale
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.factorization import factorize
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
+from perfcap.solve.progress import Outcome, Progress
 from perfcap.solve.solution import Solution, Status
 
-_LARGEST_DAMPING = 1e20
+_NEGLIGIBLE = 4  # units in the last place of the unknowns
 
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
     """Settings of the damped Gauss-Newton method (Levenberg 1944, Marquardt 1963).
 
-    Robust kernels are reweighted: their slope at the last linearization scales the rows, and
-    steps are judged by the true robust energy.
+    Every unknown is damped by the largest curvature that the data have shown it (Moré 1978), and
+    an element ends by what an undamped step promises: neither depends on the units of the
+    unknowns. Robust kernels are reweighted: their slope at the last linearization scales the
+    rows, and steps are judged by the true robust energy.
+
+    ``LevenbergMarquardt(max_steps=1000, tolerance=0, damping=1e-2)`` goes on to the last digit.
 
     Args:
         max_steps: most steps tried, accepted or not.
-        tolerance: an element has converged when an undamped step promises a relative decrease of
-            the energy below this. Raised to what the precision can resolve: 32 rounding units.
-        step_tolerance: it has also converged when the step is below this times
-            (1 + largest coordinate), for energies that end at zero.
+        tolerance: an element has converged when an undamped step within the bounds promises a
+            relative decrease of the energy below this; the cosine between the residual and any
+            column of the Jacobian, over unknowns free to move, is then below its square root.
+            Raised to what the precision can resolve: 32 rounding units.
         damping: initial damping, relative to the curvature of the data.
     """
 
     max_steps: int = 50
     tolerance: float = 1e-6
-    step_tolerance: float = 1e-10
     damping: float = 0.1
 
     def minimize(
@@ -47,116 +52,124 @@ class LevenbergMarquardt:
     ) -> Solution[StateType]:
         """Minimise from an initial state within the bounds; see ``solve``."""
         with torch.no_grad():
-            run = _start(self, objective, initial, bounds)
-            for _ in range(self.max_steps):
-                if not bool(run.running.any()):
-                    break
-                run = _advance(run, self, objective)
+            run = begin(self, objective, initial, bounds)
+            for _, after in advance(self, run, objective):
+                run = after
         return run.solution()
 
 
 @dataclass(frozen=True)
-class _Run(Generic[StateType]):
-    """Where every batch element is; tensors are (B,) unless said otherwise.
+class Run(Generic[StateType]):
+    """Where every batch element is.
 
-    ``terms`` and ``energy`` belong to ``state``. ``equations`` do too while an element runs, and
-    are finite in any case. ``multipliers`` (B, N) warm-start the bounds, which ``box`` holds as
-    seen from some state. ``smooth`` says that no step of the last round was rejected.
+    ``terms`` and ``energy`` (B,) belong to ``state``; ``first`` is the energy of the initial one.
+    ``equations`` belong to it too while an element runs, and are finite in any case. ``here``
+    (B, N) is the scale of their unknowns, ``scale`` the largest so far: what a damping of one adds
+    to the diagonal. ``multipliers`` (B, N) warm-start the bounds, which ``box`` holds as seen from
+    some state. ``smooth`` says that no step of the last round was rejected.
     """
 
     state: StateType
     layout: Layout
     box: StepBox | None
     equations: NormalEquations
+    here: Tensor
+    scale: Tensor
     terms: dict[str, Tensor]
     energy: Tensor
-    start_energy: Tensor
-    damping: Damping
+    first: list[float]
+    progress: tuple[Progress, ...]
     multipliers: Tensor
-    steps: Tensor
-    status: Tensor
-    running: Tensor
     smooth: bool
 
+    @property
+    def running(self) -> list[bool]:
+        """Which elements go on."""
+        return [each.running for each in self.progress]
+
     def solution(self) -> Solution[StateType]:
-        return Solution.over_batch(
-            self.layout.batch, self.state, self.terms, self.steps, self.status
-        )
+        """What has been found."""
+        like, device = self.layout.batch, self.energy.device
+        steps = torch.tensor([each.steps for each in self.progress], device=device)
+        status = torch.tensor([int(each.status) for each in self.progress], device=device)
+        return Solution.over_batch(like, self.state, self.terms, steps, status)
 
 
 @dataclass(frozen=True)
-class _Trial(Generic[StateType]):
+class Trial(Generic[StateType]):
     """A tried step (B, N), where it leads, and what came of it, (B,).
 
-    ``valid`` says whether a step was found at all; the others are zero, as are those of elements
-    that no longer run. ``equations`` are those of ``state`` if it was linearized.
+    ``damping`` (B, N) was added to the diagonal. Steps are zero where none was found, and for
+    elements that no longer run. ``equations`` are those of ``state`` if it was linearized.
+    ``progress`` is what follows for every element, and ``accepted`` says which go there: where the
+    energy fell, or where it ends, the last Newton step, which the energy is too coarse to show.
     """
 
     step: Tensor
+    damping: Tensor
     multipliers: Tensor
-    valid: Tensor
     state: StateType
     equations: NormalEquations | None
     terms: dict[str, Tensor]
     energy: Tensor
-    promised: Tensor
-    gained: Tensor
     accepted: Tensor
+    progress: tuple[Progress, ...]
+    smooth: bool
 
 
-def _start(
+def begin(
     settings: LevenbergMarquardt, objective: Objective, state: StateType, bounds: Bounds | None
-) -> _Run[StateType]:
+) -> Run[StateType]:
+    """A run at its initial state."""
     equations = assemble(objective, state)
-    finite, energy = equations.finite(), equations.energy
-    status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
-    return _Run(
+    finite = equations.finite()
+    fresh = Progress(settings.damping)
+    lost = replace(fresh, status=Status.NOT_FINITE, running=False)
+    progress = tuple(fresh if good else lost for good in finite.tolist())
+    terms, energy = equations.terms, equations.energy
+    equations = equations.where(finite, equations.zeros())
+    here = damping_scale(equations)
+    return Run(
         state=state,
         layout=equations.layout,
         box=step_box(bounds, state, equations.layout),
-        equations=equations.where(finite, equations.zeros()),
-        terms=equations.terms,
+        equations=equations,
+        here=here,
+        scale=here,
+        terms=terms,
         energy=energy,
-        start_energy=energy,
-        damping=Damping.start(settings.damping, energy),
+        first=energy.tolist(),
+        progress=progress,
         multipliers=torch.zeros_like(equations.gradient()),
-        steps=torch.zeros_like(status),
-        status=status,
-        running=finite,
         smooth=True,
     )
 
 
-def _advance(
-    run: _Run[StateType], settings: LevenbergMarquardt, objective: Objective
-) -> _Run[StateType]:
-    """Try one step of every running element."""
-    trial = _try(run, objective)
-    status = _judge(run, trial, settings)
-    rejected = run.running & ~trial.accepted
-    moved = replace(
-        run,
-        damping=run.damping.update(run.running, trial.accepted, trial.gained / trial.promised),
-        multipliers=trial.multipliers,
-        steps=run.steps + run.running,
-        status=status,
-        running=run.running & (status == Status.MAX_STEPS),
-        smooth=not bool(rejected.any()),
-    )
-    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
+def advance(
+    settings: LevenbergMarquardt, run: Run[StateType], objective: Objective
+) -> Iterator[tuple[Trial[StateType], Run[StateType]]]:
+    """Trials and the runs after them, until every element has ended."""
+    for _ in range(settings.max_steps):
+        if not any(run.running):
+            return
+        trial = _try(run, objective, settings.tolerance)
+        run = _follow(run, trial, objective)
+        yield trial, run
 
 
-def _try(run: _Run[StateType], objective: Objective) -> _Trial[StateType]:
+def _try(run: Run[StateType], objective: Objective, tolerance: float) -> Trial[StateType]:
     """Solve the damped model within the bounds and evaluate the energy at its minimum.
 
     While steps succeed the trial is linearized at once, which gives its energy too; after a
     rejected one it is only evaluated, until a step succeeds again.
     """
     layout = run.layout
-    damping = run.damping.value.unsqueeze(-1) * damping_scale(run.equations)
+    damping = _damping(run)
     factorization = factorize(run.equations, damping)
     newton = factorization.newton_step(run.equations)
-    valid = run.running & factorization.valid & newton.isfinite().all(-1)
+    valid = factorization.valid & newton.isfinite().all(-1)
+    if not all(run.running):
+        valid = valid & torch.tensor(run.running, device=valid.device)
     newton = torch.where(valid.unsqueeze(-1), newton, 0)
     step, multipliers = newton, run.multipliers
     if run.box is not None:
@@ -169,19 +182,57 @@ def _try(run: _Run[StateType], objective: Objective) -> _Trial[StateType]:
     equations = assemble(objective, state) if run.smooth else None
     terms = equations.terms if equations is not None else _evaluate(objective, state, layout)
     energy = torch.stack(list(terms.values())).sum(0)
-    promised, gained = run.equations.decrease(step), run.energy - energy
-    accepted = valid & (gained > 0) & (promised > 0)
-    return _Trial(
+    outcomes = _outcomes(run, step, damping, energy, valid)
+    eps = torch.finfo(step.dtype).eps
+    progress = tuple(
+        each.after(outcome, tolerance, eps)
+        for each, outcome in zip(run.progress, outcomes, strict=True)
+    )
+    accepted = [
+        outcome.accepted or (each.status is Status.CONVERGED and outcome.level(eps))
+        for each, outcome in zip(progress, outcomes, strict=True)
+    ]
+    return Trial(
         step=step,
+        damping=damping,
         multipliers=multipliers,
-        valid=valid,
         state=state,
         equations=equations,
         terms=terms,
         energy=energy,
-        promised=promised,
-        gained=gained,
-        accepted=accepted,
+        accepted=torch.tensor(accepted, device=energy.device),
+        progress=progress,
+        smooth=all(taken or not on for taken, on in zip(accepted, run.running, strict=True)),
+    )
+
+
+def _damping(run: Run[StateType]) -> Tensor:
+    """What is added to the diagonal, (B, N): where an undamped step is tried, a share of what the
+    unknowns show here, however much that has been elsewhere.
+    """
+    value = run.energy.new_tensor([each.damping for each in run.progress])
+    checking = [each.back is not None for each in run.progress]
+    scale = run.scale
+    if any(checking):
+        undamped = torch.tensor(checking, device=value.device).unsqueeze(-1)
+        scale = torch.where(undamped & (run.here > 0), run.here, scale)
+    return added_damping(value, scale)
+
+
+def _outcomes(
+    run: Run[StateType], step: Tensor, damping: Tensor, energy: Tensor, valid: Tensor
+) -> tuple[Outcome, ...]:
+    """What came of steps (B, N) that lead to energies (B,), brought to the host at once."""
+    size = (run.scale * step.square()).sum(-1)
+    reach = (run.scale * run.layout.flatten(run.state.coordinates()).square()).sum(-1)
+    negligible = size <= (_NEGLIGIBLE * torch.finfo(step.dtype).eps) ** 2 * reach
+    promised = run.equations.decrease(step)
+    share = torch.where(run.here > 0, damping / run.here, 0).amax(-1)
+    flags = valid.to(energy), negligible.to(energy)
+    rows = torch.stack((share, promised, run.energy, energy, *flags), -1).tolist()
+    return tuple(
+        Outcome(share, bool(found), promise, before - after, before, after, first, bool(tiny))
+        for (share, promise, before, after, found, tiny), first in zip(rows, run.first, strict=True)
     )
 
 
@@ -190,32 +241,15 @@ def _evaluate(objective: Objective, state: StateType, layout: Layout) -> dict[st
     return {name: layout.per_element(value) for name, value in objective.report(state).items()}
 
 
-def _judge(run: _Run[StateType], trial: _Trial[StateType], settings: LevenbergMarquardt) -> Tensor:
-    """New status of every element.
-
-    A short step under heavy damping is no sign of convergence, so promises and steps are scaled
-    up to what the undamped model could give: at most (1 + damping) times as much. A rejected step
-    counts only where the promise is below what the precision of the energy can show.
-    """
-    resolution = 32 * torch.finfo(trial.step.dtype).eps
-    undamped = 1 + run.damping.value
-    promise = trial.promised * undamped
-    enough = max(settings.tolerance, resolution) * run.energy
-    size = trial.step.abs().amax(-1) * undamped
-    reach = 1 + run.layout.flatten(run.state.coordinates()).abs().amax(-1)
-    converged = trial.valid & (
-        (trial.accepted & (promise <= enough) & (trial.gained <= enough))
-        | (trial.accepted & (trial.energy <= resolution**2 * run.start_energy))
-        | (promise <= resolution * run.energy)
-        | (size <= settings.step_tolerance * reach)
+def _follow(run: Run[StateType], trial: Trial[StateType], objective: Objective) -> Run[StateType]:
+    """Go to the trial state where it was accepted."""
+    moved = replace(
+        run, progress=trial.progress, multipliers=trial.multipliers, smooth=trial.smooth
     )
-    stuck = run.running & ~trial.accepted & (run.damping.value > _LARGEST_DAMPING)
-    dead_end = torch.where(trial.energy.isfinite(), Status.STALLED, Status.NOT_FINITE)
-    status = torch.where(stuck, dead_end, run.status)
-    return torch.where(converged, Status.CONVERGED, status)
+    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
 
 
-def _move(run: _Run[StateType], trial: _Trial[StateType], objective: Objective) -> _Run[StateType]:
+def _move(run: Run[StateType], trial: Trial[StateType], objective: Objective) -> Run[StateType]:
     """Go to the trial state where it was accepted, and have its equations."""
     accepted, state = trial.accepted, trial.state
     if not run.smooth:
@@ -227,14 +261,16 @@ def _move(run: _Run[StateType], trial: _Trial[StateType], objective: Objective) 
         terms={n: torch.where(accepted, trial.terms[n], run.terms[n]) for n in run.terms},
         energy=torch.where(accepted, trial.energy, run.energy),
     )
-    if not bool(run.running.any()):
+    if not any(run.running):
         return run
     equations = trial.equations or assemble(objective, state)
     finite = equations.finite()
-    lost = run.running & accepted & ~finite
-    return replace(
-        run,
-        equations=equations.where(accepted & finite, run.equations),
-        status=torch.where(lost, Status.NOT_FINITE, run.status),
-        running=run.running & ~lost,
+    lost = (accepted & ~finite).tolist()
+    progress = tuple(
+        replace(each, status=Status.NOT_FINITE, running=False) if each.running and gone else each
+        for each, gone in zip(run.progress, lost, strict=True)
     )
+    equations = equations.where(accepted & finite, run.equations)
+    here = damping_scale(equations)
+    scale = torch.maximum(run.scale, here)
+    return replace(run, equations=equations, here=here, scale=scale, progress=progress)

@@ -2,44 +2,94 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any, overload
+
 import torch
+from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.solve.adjoint import Adjoint, Detached
 from perfcap.solve.bounds import Bounds, project
-from perfcap.solve.energy import Objective, StateType, Step
+from perfcap.solve.dense import Function, Sides, pose
+from perfcap.solve.energy import Energy, Objective, StateType, Step
 from perfcap.solve.layout import Layout
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
 from perfcap.solve.method import Method
 from perfcap.solve.solution import Solution
 
 
+@overload
 def solve(
     objective: Objective,
     initial: StateType,
     method: Method | None = None,
     bounds: Bounds | None = None,
     adjoint: Adjoint | None = None,
-) -> Solution[StateType]:
+) -> Solution[StateType]: ...
+
+
+@overload
+def solve(
+    objective: Function,
+    initial: Tensor,
+    method: Method | None = None,
+    bounds: Sides | None = None,
+    adjoint: Adjoint | None = None,
+) -> Solution[Any]: ...
+
+
+def solve(
+    objective: Objective | Function,
+    initial: Any,
+    method: Method | None = None,
+    bounds: Any = None,
+    adjoint: Adjoint | None = None,
+) -> Solution[Any]:
     """Minimise an objective over a state, each batch element on its own.
 
     Args:
-        objective: the energies.
-        initial: where to start, (*b); moved into the bounds if it is outside.
+        objective: the energies; or a function that takes a tensor (*b, n) to residuals (*b, m),
+            whose sum of squares is minimised.
+        initial: where to start, (*b); moved into the bounds if it is outside. A tensor (*b, n)
+            beside a function.
         method: settings of a minimiser, ``LevenbergMarquardt()`` by default.
-        bounds: box on the coordinates of the state; every state visited stays in it.
+        bounds: box on the coordinates of the state; every state visited stays in it. Beside a
+            function a pair (lower, upper) of tensors, numbers or None.
         adjoint: whether and how the state of the solution carries gradients to what the energies
             hold: ``Detached()`` by default, ``Implicit()`` or ``Unrolled()``.
 
     Returns:
-        The solution. The solve runs in the precision of the state, whatever autocast says, and
-        carries no gradient but for the one that ``adjoint`` attaches. An element that meets a
-        value that is not finite keeps its last finite state and says so in its status; it never
-        stops the others.
+        The solution; its state is what ``initial`` was. The solve runs in the precision of the
+        state, whatever autocast says, and carries no gradient but for the one that ``adjoint``
+        attaches. An element that meets a value that is not finite keeps its last finite state and
+        says so in its status; it never stops the others.
 
     Raises:
-        InputError: the state has no unknowns, or the bounds do not fit it.
+        InputError: something is of another kind than this says, the state has no unknowns, or
+            the bounds do not fit it.
     """
+    _require_settings(method, adjoint)
+    if isinstance(objective, Objective):
+        _require_state(initial, bounds)
+        return _solve(objective, initial, method, bounds, adjoint)
+    if isinstance(objective, Energy) or not callable(objective):
+        raise InputError(
+            f"objective is a {type(objective).__name__}, expected an Objective of named energies, "
+            "as in Objective(data=energy), or a function from a tensor (n,) to residuals (m,)"
+        )
+    posed, start, box = pose(objective, initial, bounds)
+    solution: Solution[Any] = _solve(posed, start, method, box, adjoint)
+    return replace(solution, state=solution.state.values)
+
+
+def _solve(
+    objective: Objective,
+    initial: StateType,
+    method: Method | None,
+    bounds: Bounds | None,
+    adjoint: Adjoint | None,
+) -> Solution[StateType]:
     layout = Layout.of(initial)
     if layout.unknowns == 0 or layout.batch_size == 0:
         raise InputError(
@@ -56,6 +106,32 @@ def solve(
     with torch.autocast(here.frame.device.type, enabled=False):
         way = adjoint or Detached()
         return way.solve(objective, start, method or LevenbergMarquardt(), bounds)
+
+
+def _require_settings(method: object, adjoint: object) -> None:
+    if method is not None and not hasattr(method, "minimize"):
+        raise InputError(
+            f"method is a {type(method).__name__}, expected settings of a minimiser such as "
+            "LevenbergMarquardt() or Adam()"
+        )
+    if adjoint is not None and not isinstance(adjoint, Adjoint):
+        raise InputError(
+            f"adjoint is a {type(adjoint).__name__}, expected Detached(), Implicit() or Unrolled()"
+        )
+
+
+def _require_state(initial: object, bounds: object) -> None:
+    missing = [n for n in ("coordinates", "retract", "frame_dim") if not hasattr(initial, n)]
+    if missing:
+        raise InputError(
+            f"initial is a {type(initial).__name__} without {', '.join(missing)}, expected a state "
+            "such as Motion beside an Objective; a bare tensor goes with a function of it"
+        )
+    if bounds is not None and not isinstance(bounds, Bounds):
+        raise InputError(
+            f"bounds are a {type(bounds).__name__}, expected Bounds beside an Objective, as in "
+            "Bounds.on_frames(lower, upper)"
+        )
 
 
 def _keep_freed_memory() -> None:

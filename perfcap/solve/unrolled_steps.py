@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Generic
 
 import torch
 from torch import Tensor
 
 from perfcap.solve.assembly import assemble
-from perfcap.solve.bounds import Bounds, step_box
-from perfcap.solve.box_step import box_step
-from perfcap.solve.damping import Damping, damping_scale
+from perfcap.solve.bounds import Bounds
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.factorization import factorize
 from perfcap.solve.implicit_step import ReducedInverse, attach, restrict
 from perfcap.solve.layout import Layout
-from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.levenberg_marquardt import LevenbergMarquardt, advance, begin
 from perfcap.solve.normal_equations import NormalEquations
-from perfcap.solve.solution import Sensitivity, Solution, Status
+from perfcap.solve.solution import Sensitivity, Solution
 
 
 @dataclass(frozen=True)
@@ -47,87 +45,16 @@ class Record(Generic[StateType]):
 def record(
     objective: Objective, initial: StateType, settings: LevenbergMarquardt, bounds: Bounds | None
 ) -> Record[StateType]:
-    """Minimise, keeping every step that was taken by any element.
-
-    The same method as ``LevenbergMarquardt.minimize``, written for keeping rather than for speed;
-    it ends at a relative decrease below ``settings.tolerance``.
-    """
-    run, kept = _start(objective, initial, settings), []
-    for _ in range(settings.max_steps):
-        if not bool(run.running.any()):
-            break
-        move = _try(run, bounds)
-        run, taken = _judge(run, move, objective, settings)
-        if taken is not None:
-            kept.append(taken)
-    found = Solution.over_batch(
-        run.equations.layout.batch, run.state, run.equations.terms, run.steps, run.status
-    )
-    return Record(tuple(kept), found)
-
-
-@dataclass(frozen=True)
-class _Run(Generic[StateType]):
-    """Where every element is; tensors are (B,)."""
-
-    state: StateType
-    equations: NormalEquations
-    damping: Damping
-    steps: Tensor
-    status: Tensor
-    running: Tensor
-
-
-def _start(objective: Objective, state: StateType, settings: LevenbergMarquardt) -> _Run[StateType]:
-    equations = assemble(objective, state)
-    finite = equations.finite()
-    equations = equations.where(finite, equations.zeros())
-    status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
-    damping = Damping.start(settings.damping, equations.energy)
-    return _Run(state, equations, damping, torch.zeros_like(status), status, finite)
-
-
-def _judge(
-    run: _Run[StateType],
-    move: RecordedStep[StateType],
-    objective: Objective,
-    settings: LevenbergMarquardt,
-) -> tuple[_Run[StateType], RecordedStep[StateType] | None]:
-    """Go where the energy fell; the step as it was taken, None if no element took it."""
-    before, layout = run.equations, run.equations.layout
-    after = assemble(objective, run.state.retract(layout.unflatten(move.step)))
-    promised, gained = before.decrease(move.step), before.energy - after.energy
-    taken = move.taken & after.finite() & (gained > 0) & (promised > 0)
-    enough = max(settings.tolerance, 32 * torch.finfo(gained.dtype).eps)
-    small = promised * (1 + run.damping.value) <= enough * before.energy
-    converged = run.running & small & (taken | ~(gained > 0))
-    step = torch.where(taken.unsqueeze(-1), move.step, 0)
-    moved = replace(
-        run,
-        state=run.state.retract(layout.unflatten(step)),
-        equations=after.where(taken, before),
-        damping=run.damping.update(run.running, taken, gained / promised),
-        steps=run.steps + run.running,
-        status=torch.where(converged, Status.CONVERGED, run.status),
-        running=run.running & ~converged,
-    )
-    return moved, replace(move, step=step, taken=taken) if bool(taken.any()) else None
-
-
-def _try(run: _Run[StateType], bounds: Bounds | None) -> RecordedStep[StateType]:
-    """The minimum of the damped model within the bounds; ``taken`` where there is one."""
-    equations = run.equations
-    added = run.damping.value.unsqueeze(-1) * damping_scale(equations)
-    factorization = factorize(equations, added)
-    step = factorization.newton_step(equations)
-    valid = run.running & factorization.valid & step.isfinite().all(-1)
-    step = torch.where(valid.unsqueeze(-1), step, 0)
-    held = torch.zeros_like(step, dtype=torch.bool)
-    box = step_box(bounds, run.state, equations.layout)
-    if box is not None:
-        step, multipliers = box_step(equations, factorization, added, step, box)
-        held = multipliers != 0
-    return RecordedStep(run.state, step, added, held, valid)
+    """Minimise, keeping every step that was taken by any element."""
+    run, kept = begin(settings, objective, initial, bounds), []
+    for trial, after in advance(settings, run, objective):
+        taken = trial.accepted
+        if bool(taken.any()):
+            step = torch.where(taken.unsqueeze(-1), trial.step, 0)
+            held = trial.multipliers != 0
+            kept.append(RecordedStep(run.state, step, trial.damping, held, taken))
+        run = after
+    return Record(tuple(kept), run.solution())
 
 
 def replay(

@@ -88,7 +88,7 @@ def far_away(take: Take) -> Detections:
 @pytest.mark.parametrize(
     ("fault", "allowed"),
     [
-        (swapped, 5.0),
+        (swapped, 5.5),  # 5.27 at the minimum itself, solved to the last digit
         (swapped_all, 60.0),  # everything says so for a tenth of a second
         (elsewhere, 10.0),
         (scattered, 10.0),

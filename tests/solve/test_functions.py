@@ -1,0 +1,94 @@
+"""``solve`` on bare functions and tensors, and what it says of input of another kind."""
+
+import pytest
+import torch
+
+from perfcap.errors import InputError
+from perfcap.solve import (
+    Bounds,
+    Implicit,
+    Objective,
+    ResidualFunction,
+    Status,
+    Vector,
+    solve,
+)
+
+START = torch.tensor([-1.2, 1.0], dtype=torch.float64)
+
+
+def rosenbrock(x):
+    return torch.stack((10 * (x[..., 1] - x[..., 0] ** 2), 1 - x[..., 0]), -1)
+
+
+def test_a_function_is_what_its_energy_is():
+    bare = solve(rosenbrock, START)
+    whole = solve(Objective(sum=ResidualFunction(rosenbrock)), Vector(START))
+    assert torch.equal(bare.state, whole.state.values)
+    assert int(bare.steps) == int(whole.steps)
+    torch.testing.assert_close(bare.state, torch.ones(2).double())
+
+
+@pytest.mark.parametrize("upper", [0.5, torch.tensor([0.5, 9.0]), torch.tensor(0.5)])
+def test_bounds_are_a_pair_of_anything_that_broadcasts(upper):
+    found = solve(rosenbrock, START, bounds=(None, upper))
+    torch.testing.assert_close(found.state, torch.tensor([0.5, 0.25]).double())
+    assert found.status == Status.CONVERGED
+
+
+def test_a_batch_is_a_loop():
+    starts = START + torch.linspace(-1, 1, 5).double()[:, None]
+    together = solve(rosenbrock, starts, bounds=(-1.5, None))
+    for k, start in enumerate(starts):
+        alone = solve(rosenbrock, start, bounds=(-1.5, None))
+        torch.testing.assert_close(together.state[k], alone.state)
+        assert int(together.steps[k]) == int(alone.steps)
+
+
+def test_gradients_reach_what_a_function_holds():
+    target = torch.tensor(3.0, dtype=torch.float64, requires_grad=True)
+    found = solve(lambda x: x**2 - target, torch.ones(1).double(), adjoint=Implicit())
+    (slope,) = torch.autograd.grad(found.state.sum(), target)
+    assert float(slope) == pytest.approx(0.5 / 3**0.5, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((3, START), "objective is a int"),
+        ((ResidualFunction(rosenbrock), START), "as in Objective"),
+        ((rosenbrock, [1.0, 2.0]), "initial is a list"),
+        ((rosenbrock, torch.tensor([1, 2])), "initial is a Tensor torch.int64"),
+        ((rosenbrock, torch.tensor(1.0)), r"Tensor torch.float32 \(\)"),
+        ((lambda x: [x, x], START), "returned a list"),
+        ((lambda x: x.sum(), START), r"returned shape \(\)"),
+        ((lambda x: x.float(), START), "returned torch.float32"),
+        ((Objective(sum=ResidualFunction(rosenbrock)), START), "without coordinates"),
+    ],
+)
+def test_input_of_another_kind_is_named(given, message):
+    with pytest.raises(InputError, match=message):
+        solve(*given)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"bounds": 3}, "bounds are a int"),
+        ({"bounds": Bounds.on_frames(START, START)}, "bounds are a Bounds"),
+        ({"bounds": ("low", None)}, "lower bound is a str"),
+        ({"bounds": (torch.zeros(3), None)}, "lower bound is a Tensor"),
+        ({"bounds": (1.0, 0.0)}, "above its upper bound"),
+        ({"method": 30}, "method is a int"),
+        ({"adjoint": "implicit"}, "adjoint is a str"),
+    ],
+)
+def test_arguments_of_another_kind_are_named(keywords, message):
+    with pytest.raises(InputError, match=message):
+        solve(rosenbrock, START, **keywords)
+
+
+def test_bounds_of_another_kind_beside_an_objective_are_named():
+    objective = Objective(sum=ResidualFunction(rosenbrock))
+    with pytest.raises(InputError, match="bounds are a tuple"):
+        solve(objective, Vector(START), bounds=(0.0, 1.0))
