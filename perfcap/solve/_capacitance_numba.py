@@ -1,7 +1,7 @@
 """The capacitance matrix of window energies and its factor, for plain tensors on the CPU.
 
 Says the same as ``factorization.py`` in torch, which tests hold it equal to: half of the pairs of
-basis rows, written straight to their places, and a factorization in place.
+basis rows, written straight to their places.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.linalg import get_lapack_funcs
 from torch import Tensor
 
 Floats = NDArray[np.floating[Any]]
@@ -29,16 +28,13 @@ def factorize_capacitance(
     left, right = torch.triu_indices(len(size), len(size))
     pairs = stacked[left] * stacked[right]  # P F
     upper = defect.new_zeros(len(defect), len(seen), len(seen))
-    valid = torch.empty(len(defect), dtype=torch.bool)
-    (factorize,) = get_lapack_funcs(("potrf",), dtype=upper.numpy().dtype)
     places = left.numpy(), right.numpy(), np.cumsum(size) - size, feature, size
     for b, matrix in enumerate(upper.numpy()):
         summed = (pairs @ defect[b].flatten(1)).reshape(-1, *defect.shape[-2:])
         _place(summed.numpy(), *places, seen.numpy(), matrix)
-        # its transpose, column by column: the upper triangle is that one's lower one
-        _, info = factorize(matrix.T, lower=1, clean=0, overwrite_a=1)
-        valid[b] = info == 0
-    return upper.mT, valid
+    # torch keeps to its own number of threads; a BLAS that does not stands still on busy cores
+    root, info = torch.linalg.cholesky_ex(upper.mT)
+    return root, info == 0
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
