@@ -20,9 +20,11 @@ SMALL: dict[str, tuple[str, ...]] = {
     "multi_view": (),
     "noise_sweep": ("--seeds", "1", "--levels", "0", "2", "--frames", "60"),
     "occlusion": ("--seeds", "1", "--lengths", "5", "--frames", "60"),
+    "bundle_adjustment": (),
     "own_skeleton": (),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
+    "solver_classics": (),
     "solver_speed": ("--windows", "2", "--slow", "0"),
     "template_quality": (
         "--seeds", "1", "--frames", "6", "--smooth", "20", "--sizes", "1.1",
@@ -44,8 +46,8 @@ LONG = (
 
 # make what they need themselves
 _NO_DATA = (
-    "adjoint_speed", "body_fit", "deformation_speed", "long_clip", "own_skeleton",
-    "paired_or_soft", "silhouette_speed", "solver_speed",
+    "adjoint_speed", "body_fit", "bundle_adjustment", "deformation_speed", "long_clip",
+    "own_skeleton", "paired_or_soft", "silhouette_speed", "solver_classics", "solver_speed",
 )  # fmt: skip
 
 
