@@ -9,6 +9,7 @@ from perfcap.geometry.alignment import (
 )
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.dual_quaternion import DualQuaternion
+from perfcap.geometry.plain import torch_only
 from perfcap.geometry.rotation import (
     compose_rotvec,
     matrix_to_quaternion,
@@ -41,6 +42,7 @@ __all__ = [
     "rotvec_to_quaternion",
     "similarity_align",
     "skew",
+    "torch_only",
     "triangulate",
     "unwrapped",
 ]

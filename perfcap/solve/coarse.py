@@ -14,7 +14,8 @@ from types import ModuleType
 import torch
 from torch import Tensor
 
-from perfcap.solve.sparse import CoarseSpace, is_compiled
+from perfcap.geometry.plain import is_plain
+from perfcap.solve.sparse import CoarseSpace
 from perfcap.solve.sparse_problem import SparseEquations
 
 
@@ -79,7 +80,7 @@ def _inverse(matrix: Tensor) -> Tensor:
 
 def _twin(like: Tensor) -> ModuleType:
     """Compiled loops on the CPU, torch on GPUs."""
-    if is_compiled(like):
+    if is_plain(like):
         from perfcap.solve import _coarse_numba
 
         return _coarse_numba

@@ -8,8 +8,8 @@ from types import ModuleType
 import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.coarse import CoarseCorrection
-from perfcap.solve.sparse import is_compiled
 from perfcap.solve.sparse_problem import SparseEquations
 
 
@@ -124,7 +124,7 @@ def _start(equations: SparseEquations, damping: Tensor, running: Tensor, worth: 
 
 def _twin(like: Tensor) -> ModuleType:
     """Compiled loops on the CPU, torch on GPUs."""
-    if is_compiled(like):
+    if is_plain(like):
         from perfcap.solve import _search_numba
 
         return _search_numba

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-import torch
 from torch import Tensor
 
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Residual
-
-_FLOATS = (torch.float32, torch.float64)
 
 
 @dataclass(frozen=True)
@@ -108,15 +106,10 @@ class BlockLinearization:
             self.residual.value.flatten(0, -3),
             weight.expand(lead[:-1]).flatten(0, -2),
         )
-        if is_compiled(self.jacobian):
+        if is_plain(self.jacobian):
             from perfcap.solve._blocks_numba import BlockCurvature
 
             return BlockCurvature.of(*parts)
         from perfcap.solve._blocks_torch import BlockCurvature as Plain
 
         return Plain(*parts)
-
-
-def is_compiled(tensor: Tensor) -> bool:
-    """Whether compiled loops stand in for torch: solvers see tensors without gradients only."""
-    return tensor.is_cpu and tensor.dtype in _FLOATS

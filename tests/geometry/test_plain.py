@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_plain, torch_only
 from perfcap.geometry.product import multiply_views
 
 
@@ -28,6 +28,12 @@ def test_recorded_gradients_are_seen() -> None:
     with torch.no_grad():
         assert is_plain(leaf, 2 * leaf)
     assert is_plain(leaf.detach())
+
+
+def test_kernels_can_be_left_out() -> None:
+    with torch_only():
+        assert not is_plain(torch.zeros(3))
+    assert is_plain(torch.zeros(3))
 
 
 def test_forward_mode_is_seen() -> None:

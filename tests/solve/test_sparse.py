@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import torch
@@ -9,6 +11,7 @@ from block_toy import Blocks, StiffChain, block_toy, dense
 from toy import toy
 
 from perfcap.errors import InputError
+from perfcap.geometry import torch_only
 from perfcap.solve import Bounds, GemanMcClure, Objective, TruncatedNewton, solve
 from perfcap.solve import _blocks_torch as plain
 from perfcap.solve._blocks_numba import BlockCurvature
@@ -90,25 +93,21 @@ def test_coarse_matrix_is_the_restricted_one():
     torch.testing.assert_close(found.reshape(6, 6).tril(), expected.tril())
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("kernels", [nullcontext, torch_only])
 @pytest.mark.parametrize("kind", [None, StiffChain])
-def test_conjugate_gradients_solve_the_damped_equations(compiled, kind, monkeypatch):
-    from perfcap.solve import coarse, conjugate_gradient, sparse
-
-    if not compiled:
-        for module in (sparse, coarse, conjugate_gradient):
-            monkeypatch.setattr(module, "is_compiled", lambda _: False)
-    objective, state = block_toy(chain=kind) if kind else block_toy()
-    equations = SparseProblem.of(objective, state).linearize(state)
-    damping = torch.full_like(equations.gradient, 1e-3)
-    correction = None
-    if kind is not None:
-        space = objective.energies["chain"].coarse_space(state)
-        correction = coarse_correction(space, equations, damping)
-    running = torch.tensor([True, False, True])
-    descent = conjugate_gradients(
-        equations, damping, running, torch.zeros(3).double(), 1e-12, 60, correction
-    )
+def test_conjugate_gradients_solve_the_damped_equations(kernels, kind):
+    with kernels():
+        objective, state = block_toy(chain=kind) if kind else block_toy()
+        equations = SparseProblem.of(objective, state).linearize(state)
+        damping = torch.full_like(equations.gradient, 1e-3)
+        correction = None
+        if kind is not None:
+            space = objective.energies["chain"].coarse_space(state)
+            correction = coarse_correction(space, equations, damping)
+        running = torch.tensor([True, False, True])
+        descent = conjugate_gradients(
+            equations, damping, running, torch.zeros(3).double(), 1e-12, 60, correction
+        )
     gradient, matrix = dense(objective, state)
     damped = matrix + 1e-3 * torch.eye(18, dtype=torch.float64)
     expected = torch.linalg.solve(damped, -gradient)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from block_toy import Blocks, Chain, Sight, StiffChain, block_toy
 
+from perfcap.geometry import torch_only
 from perfcap.solve import (
     Energy,
     GemanMcClure,
@@ -113,14 +114,11 @@ def test_twice_is_the_same():
     assert torch.equal(first.energy, second.energy)
 
 
-def test_plain_torch_takes_the_same_way(monkeypatch):
-    from perfcap.solve import coarse, conjugate_gradient, sparse
-
+def test_plain_torch_takes_the_same_way():
     objective, state = block_toy(frames=2, chain=StiffChain)
     compiled = solve(objective, state, STRICT)
-    for module in (sparse, coarse, conjugate_gradient):
-        monkeypatch.setattr(module, "is_compiled", lambda _: False)
-    plain = solve(objective, state, STRICT)
+    with torch_only():
+        plain = solve(objective, state, STRICT)
     assert torch.equal(plain.steps, compiled.steps)
     torch.testing.assert_close(plain.state.values, compiled.state.values, rtol=0, atol=1e-8)
 
