@@ -9,7 +9,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from perfcap.solve.bounds import Bounds, step_box
 from perfcap.solve.damping import added_damping, damping_scale
@@ -133,9 +132,14 @@ class _Attach(torch.autograd.Function):
         return torch.zeros_like(rows)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, slope: Tensor) -> tuple[Tensor, None]:
         (_,) = ctx.saved_tensors
+        if torch.is_grad_enabled():  # once_differentiable refuses only if the slope has a graph
+            raise RuntimeError(
+                "create_graph=True was asked of a gradient through a solve, whose second "
+                "derivatives perfcap does not have: the inverse Hessian in it counts as a "
+                "constant; use create_graph=False, or finite differences of first derivatives"
+            )
         with torch.autocast(slope.device.type, enabled=False):
             return -ctx.inverse.solve(slope), None
 

@@ -79,6 +79,13 @@ def test_refines_pixels_of_several_views() -> None:
     assert ((refined.motion.angles >= lower) & (refined.motion.angles <= upper)).all()
 
 
+def test_second_derivatives_are_refused() -> None:
+    pixels = PIXELS[:6].clone().requires_grad_()
+    moved = refiner()(VIEWS, pixels).joints.sum()
+    with pytest.raises(RuntimeError, match="second derivatives"):
+        torch.autograd.grad(moved, pixels, create_graph=True)
+
+
 def test_refines_places_alone() -> None:
     """A third of the error and more, most of the jitter; also where the root is the origin."""
     places = VIEWS.select([0]).to_camera(JOINTS) + 0.04 * normal(FRAMES, 1, 16, 3)
