@@ -59,6 +59,8 @@ class Experiment:
     """Deviation of the error that lasts about ten frames."""
     seed: int = 0
     """Of noise and cameras."""
+    only: str = ""
+    """Estimators whose name contains this; all when empty."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,8 @@ def run(config: Experiment) -> Report:
     rows, worst = [], []
     for label, clips in sets.items():
         for name, estimator in estimators.items():
+            if config.only not in name:
+                continue
             scores = [_score(clip, estimator, config, i) for i, clip in enumerate(clips)]
             rows.append(_row(f"{label}, {len(clips)}", name, scores))
             worse = [c.name for c, s in zip(clips, scores, strict=True) if s.worse]

@@ -24,10 +24,11 @@ def linearize_features(energy: Trajectory, motion: Motion) -> tuple[Tensor, Tens
     *lead, frames, count = motion.angles.shape
     features = motion.angles.new_empty(*lead, frames, 7 + count)
     jacobian = motion.angles.new_zeros(*lead, frames, 7 + count, 6 + count)
-    scales = motion.angles.new_empty(7 + count)
-    scales[:3], scales[3:7], scales[7:] = energy.translation, 2 * energy.rotation, energy.angles
+    scales = motion.angles.new_empty(*lead, 1, 7 + count)
+    scales[..., :3], scales[..., 3:7] = energy.translation, 2 * energy.rotation
+    scales[..., 7:] = energy.angles
     _linearize(
-        scales.numpy(),
+        scales.numpy().reshape(-1, 7 + count),
         *(_rows(x, frames) for x in (motion.translation, motion.rotation, motion.angles)),
         features.numpy().reshape(-1, frames, 7 + count),
         jacobian.numpy().reshape(-1, frames, 7 + count, 6 + count),
@@ -54,17 +55,17 @@ def _linearize(
     for n in range(len(angles)):
         for f in range(angles.shape[1]):
             for i in range(3):
-                features[n, f, i] = scales[i] * translation[n, f, i]
-                jacobian[n, f, i, i] = scales[i]
+                features[n, f, i] = scales[n, i] * translation[n, f, i]
+                jacobian[n, f, i, i] = scales[n, i]
             for i in range(count):
-                features[n, f, 7 + i] = scales[7 + i] * angles[n, f, i]
-                jacobian[n, f, 7 + i, 6 + i] = scales[7 + i]
+                features[n, f, 7 + i] = scales[n, 7 + i] * angles[n, f, i]
+                jacobian[n, f, 7 + i, 6 + i] = scales[n, 7 + i]
             w, x, y, z = quaternion_of(rotation[n], f)
             if f > 0:
                 before = features[n, f - 1, 3:7]
                 if w * before[0] + x * before[1] + y * before[2] + z * before[3] < 0:
                     w, x, y, z = -w, -x, -y, -z
-            _place_quaternion(scales[3], w, x, y, z, features[n, f], jacobian[n, f])
+            _place_quaternion(scales[n, 3], w, x, y, z, features[n, f], jacobian[n, f])
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -28,13 +28,15 @@ class Trajectory(WindowEnergy[Motion]):
         frames: F, the length of the window.
         rank: K, the number of DCT vectors that stay free.
         weight: of the energy; the paper's 1 / |B| belongs in here.
-        translation: lambda_t, per metre.
-        rotation: lambda_R, per radian.
-        angles: lambda_Theta, per radian, a number or (A,).
+        translation: lambda_t, per metre, a number or (*b, 1, 1) of each window.
+        rotation: lambda_R, per radian, likewise.
+        angles: lambda_Theta, per radian, a number, (A,) or (*b, 1, A).
         keep: (K',) how much of each DCT component is left unpenalised, a soft edge instead of
             the sharp one; overrides ``rank``.
     """
 
+    translation: Tensor
+    rotation: Tensor
     angles: Tensor
 
     def __init__(
@@ -43,14 +45,15 @@ class Trajectory(WindowEnergy[Motion]):
         rank: int = 8,
         weight: float | Tensor = 1.0,
         *,
-        translation: float = 1.0,
-        rotation: float = 1.0,
+        translation: float | Tensor = 1.0,
+        rotation: float | Tensor = 1.0,
         angles: float | Tensor = 1.0,
         keep: Tensor | None = None,
     ) -> None:
         kept = torch.ones(min(rank, frames), dtype=torch.float64) if keep is None else keep
         super().__init__(dct_basis(frames, len(kept), dtype=kept.dtype), kept, weight)
-        self.translation, self.rotation = translation, rotation
+        for name, scale in (("translation", translation), ("rotation", rotation)):
+            self.register_buffer(name, torch.as_tensor(scale, dtype=kept.dtype))
         self.register_buffer("angles", torch.as_tensor(angles, dtype=kept.dtype))
 
     def features(self, motion: Motion) -> Tensor:
@@ -67,17 +70,18 @@ class Trajectory(WindowEnergy[Motion]):
 
     def linearize_features(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Features and their derivative (*b, F, 3 + 4 + A, 6 + A), block-diagonal."""
-        if is_plain(motion.translation, motion.rotation, motion.angles) and is_plain(self.angles):
+        scales = (self.translation, self.rotation, self.angles)
+        if is_plain(motion.translation, motion.rotation, motion.angles) and is_plain(*scales):
             from perfcap.energy import _trajectory_numba
 
             return _trajectory_numba.linearize_features(self, motion)
         features = self.features(motion)
         count = motion.angles.shape[-1]
         jacobian = features.new_zeros(*features.shape, 6 + count)
-        jacobian[..., :3, :3] = self.translation * torch.eye(3).to(features)
+        moving = self.translation.to(features).expand(*motion.translation.shape)
+        jacobian[..., :3, :3] = torch.diag_embed(moving)
         jacobian[..., 3:7, 3:6] = _quaternion_derivative(features[..., 3:7])
-        diagonal = self.angles.to(features).expand(count).diag()
-        jacobian[..., 7:, 6:] = diagonal
+        jacobian[..., 7:, 6:] = torch.diag_embed(self.angles.to(features).expand_as(motion.angles))
         return features, jacobian
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:

@@ -50,6 +50,22 @@ class TrajectoryConfig:
 
 
 @dataclass(frozen=True)
+class EvidenceConfig:
+    """What the second solve of a window takes from the first: the prior, and the sizes of errors.
+
+    The trajectory prior of the second solve is ``TrajectoryConfig`` with this rank and edge, and
+    with a weight for each of its features that maximises the evidence (docs/method.md).
+    """
+
+    enabled: bool = True
+    rank: int = 24  # of 50 frames at 30 Hz
+    edge: float = 1.25
+    share: float = 0.7  # of the weight that the evidence asks for: motion comes in bursts
+    strength: float = 10.0  # cosines that the weights of the first solve count as
+    tolerance: float = 1e-2  # relative decrease that ends a window of the first solve
+
+
+@dataclass(frozen=True)
 class PriorConfig:
     """Weak preference for the neutral pose; keeps unseen twists at rest."""
 
@@ -87,6 +103,7 @@ class PoseConfig:
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     position: PositionConfig = field(default_factory=PositionConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
     bones: BoneConfig = field(default_factory=BoneConfig)
 
@@ -107,5 +124,6 @@ MONOPERFCAP_POSE = PoseConfig(
         angles=600.0,
     ),
     prior=PriorConfig(weight=1e-6),
+    evidence=EvidenceConfig(enabled=False),
     clean=0.0,
 )

@@ -17,6 +17,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.adapt import track_twice
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
@@ -29,7 +30,7 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import MotionProblem, WindowReport, track_motion
+from perfcap.pipeline.track_motion import MotionProblem, WindowReport
 from perfcap.solve import Status
 
 # called with a stage's name, what is done and what there is to do
@@ -79,7 +80,7 @@ def capture(
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion") as tell:
-            motion, windows = track_motion(problem, motion, tell)
+            motion, windows, problem = track_twice(problem, motion, tell)
     refinement: Refinement | None = None
     if images is not None and until.needs_images:
         with torch.no_grad():

@@ -62,11 +62,19 @@ def pose_objective(
     return Objective(energies).to(actor.skeleton.lower)
 
 
-def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Trajectory:
+def trajectory_prior(
+    config: TrajectoryConfig, frames: int, rate: float, stiffness: Tensor | None = None
+) -> Trajectory:
     """The temporal prior of a window of ``frames`` at ``rate`` frames a second.
 
     A rank is a frequency: K of 50 frames at 30 Hz end at 0.3 K Hz. Shorter windows and other
     frame rates keep that frequency, except for the paper's sharp edge, which keeps K.
+
+    Args:
+        config: weights, rank and edge.
+        frames: of a window.
+        rate: frames a second.
+        stiffness: factors on the weights of translation, rotation and each angle, (N, 2 + A).
     """
     rank = config.rank
     if config.edge != float("inf"):
@@ -79,13 +87,14 @@ def trajectory_prior(config: TrajectoryConfig, frames: int, rate: float) -> Traj
         if config.edge != float("inf")
         else order * 0 + 1
     )
+    factor = keep.new_ones(3) if stiffness is None else stiffness.sqrt().unsqueeze(-2)
     return Trajectory(
         frames,
         weight=config.weight,
-        translation=config.translation,
-        rotation=config.rotation,
-        angles=config.angles,
-        keep=keep,
+        translation=config.translation * factor[..., :1],
+        rotation=config.rotation * factor[..., 1:2],
+        angles=config.angles * factor[..., 2:],
+        keep=keep.to(factor.device),
     )
 
 

@@ -17,6 +17,7 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
+from perfcap.pipeline.second_start import second_start, tells_depth
 from perfcap.pipeline.start_clip import StartedClip, start_clip
 from perfcap.pipeline.track_motion import select
 from perfcap.pipeline.window_batch import WEIGHTS, WindowBatch
@@ -54,8 +55,9 @@ class PoseRefiner(nn.Module):
     gradients go through the solves to whatever made the joints, to cameras and to the actor's
     bones; in ``eval`` mode, and under ``torch.no_grad``, nothing is recorded. What is measured on
     the joints before a solve, the person's height in the image, the jitter, and which 3D poses are
-    trusted, is a constant of it. It computes in the type and on the device of the actor, whatever
-    autocast says and whatever type joints have.
+    trusted, is a constant of it, and so is what a first solve tells the second: the sizes of errors
+    and the stiffness of the trajectory prior. It computes in the type and on the device of the
+    actor, whatever autocast says and whatever type joints have.
 
     Args:
         actor: the rigged person; part of the module, so ``.to()`` moves it.
@@ -135,15 +137,34 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             clips = [start_clip(self.actor, each, self.config) for each in estimates]
-            motions, status = self._solve(clips, rate or self.rate)
+            motions, status = self._solve_twice(clips, rate or self.rate)
             refined = self._pad(motions, status)
         return refined if batched else _single(refined)
 
-    def _solve(self, clips: list[StartedClip], rate: float) -> tuple[list[Motion], list[int]]:
+    def _solve_twice(self, clips: list[StartedClip], rate: float) -> tuple[list[Motion], list[int]]:
+        """Motion (F,) and worst status of each clip; the first solve is a constant."""
+        adjoint = self.adjoint if self.training else Detached()
+        ready = (
+            [each for each in clips if tells_depth(each)] if self.config.evidence.enabled else []
+        )
+        if ready:
+            with torch.no_grad():
+                weights = self.log_weights.exp()
+                first, _ = self._solve(ready, rate, Detached(), self.config.evidence.tolerance)
+            known = (
+                second_start(self.actor, clip, motion, self.config, rate, weights)
+                for clip, motion in zip(ready, first, strict=True)
+            )
+            clips = [next(known) if tells_depth(each) else each for each in clips]
+        return self._solve(clips, rate, adjoint)
+
+    def _solve(
+        self, clips: list[StartedClip], rate: float, adjoint: Adjoint, tolerance: float = 0.0
+    ) -> tuple[list[Motion], list[int]]:
         """Motion (F,) and worst status of each clip."""
         config = self.config
-        method = LevenbergMarquardt(config.max_steps, tolerance=config.tolerance)
-        adjoint = self.adjoint if self.training else Detached()
+        tolerance = max(tolerance, config.tolerance)
+        method = LevenbergMarquardt(config.max_steps, tolerance=tolerance)
         weights = self.log_weights.exp()
         bounds = angle_bounds(self.actor)
         blenders = [MotionBlender() for _ in clips]

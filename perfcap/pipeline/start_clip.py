@@ -25,6 +25,7 @@ from perfcap.pipeline.objective import (
 )
 from perfcap.pipeline.pose_estimate import ClipEstimate
 from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.track_motion import FittedPrior
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 
 _FIT_POINTS = 3  # joints that fix a pose in space
@@ -41,6 +42,7 @@ class StartedClip:
         trusted3d: 3D poses that agree with the 2D joints, (F, C).
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
         preference: share of the weight of trajectory and prior that the clip's jitter asks for.
+        second: what a first solve tells the second; None before it.
     """
 
     estimate: ClipEstimate
@@ -48,6 +50,22 @@ class StartedClip:
     trusted3d: Tensor
     pixel_unit: Tensor
     preference: float
+    second: SecondSolve | None = None
+
+
+@dataclass(frozen=True)
+class SecondSolve:
+    """What a first solve of a clip tells the second.
+
+    Attributes:
+        fitted: the trajectory prior of each window.
+        weight3d: factor on the weight of 3D joints.
+        width3d: share of the variance in which their robust kernel is stated.
+    """
+
+    fitted: FittedPrior
+    weight3d: float
+    width3d: float
 
 
 @torch.no_grad()

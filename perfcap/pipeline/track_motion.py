@@ -34,6 +34,26 @@ class WindowReport:
 
 
 @dataclass(frozen=True)
+class FittedPrior:
+    """Stiffness of the trajectory prior of each window of a clip.
+
+    Attributes:
+        starts: first frame of every window.
+        stiffness: factors on the weights of translation, rotation and each angle, (W, 2 + A).
+    """
+
+    starts: tuple[int, ...]
+    stiffness: Tensor
+
+    def at(self, index: slice | Tensor) -> Tensor:
+        """Of the window of some frames, (2 + A,), or of several (N, W), (N, 2 + A)."""
+        if isinstance(index, slice):
+            return self.stiffness[self.starts.index(index.start)]
+        rows = [self.starts.index(start) for start in index[..., 0].flatten().tolist()]
+        return self.stiffness[rows].reshape(*index.shape[:-1], -1)
+
+
+@dataclass(frozen=True)
 class MotionProblem:
     """What the motion of a clip is found from.
 
@@ -44,6 +64,7 @@ class MotionProblem:
         config: windows, weights, units.
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
         rate: frames a second.
+        fitted: the prior of each window, where a first solve found it; else that of ``config``.
     """
 
     actor: Actor
@@ -52,6 +73,7 @@ class MotionProblem:
     config: PoseConfig
     pixel_unit: Tensor
     rate: float
+    fitted: FittedPrior | None = None
 
     def objective(self, index: slice | Tensor) -> Objective:
         """E_pose of a window (W,) of frames, or of several (N, W)."""
@@ -64,7 +86,8 @@ class MotionProblem:
             detections.trusted3d[index],
         )
         frames = seen.joints2d.shape[-4]
-        prior = trajectory_prior(self.config.trajectory, frames, self.rate)
+        stiffness = None if self.fitted is None else self.fitted.at(index)
+        prior = trajectory_prior(self.config.trajectory, frames, self.rate, stiffness)
         cameras = self.cameras.frames(index)
         return pose_objective(self.actor, cameras, seen, self.config, self.pixel_unit, prior)
 

@@ -11,11 +11,15 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.energy.joint_position import JointPosition
+from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.adapt import fine
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.objective import pose_objective, trajectory_prior
 from perfcap.pipeline.start_clip import StartedClip, targets_energy
 from perfcap.solve import Objective
+from perfcap.solve.energy import Energy
 from perfcap.temporal.window import Window
 
 WEIGHTS = ("joints2d", "joints3d", "targets", "trajectory", "prior")
@@ -54,7 +58,7 @@ class WindowBatch:
             rate: frames a second.
             weights: factors, in the order of ``WEIGHTS``.
         """
-        prior = trajectory_prior(config.trajectory, len(self.windows[0]), rate)
+        prior = self._trajectory(config, rate)
         seen = self._detections()
         unit = torch.stack([clip.pixel_unit for clip in self.clips])[:, None]  # N 1 C
         objective = pose_objective(actor, self._cameras(), seen, config, unit, prior)
@@ -67,6 +71,8 @@ class WindowBatch:
         if len(known) == len(points):
             certain = self.stack([clip.estimate.certain for clip in self.clips])
             energies["targets"] = targets_energy(actor, self.stack(known), certain, config)
+        if "joints3d" in energies:
+            self._resize(energies["joints3d"])
         preference = weights.new_tensor([clip.preference for clip in self.clips])
         for name, energy in energies.items():
             factor = weights[WEIGHTS.index(name)]
@@ -74,6 +80,32 @@ class WindowBatch:
                 factor = factor * preference
             energy.weight = energy.weight.to(factor) * factor
         return Objective(energies)
+
+    def _trajectory(self, config: PoseConfig, rate: float) -> Trajectory:
+        """The temporal prior, or what first solves made of it."""
+        frames = len(self.windows[0])
+        seconds = [clip.second for clip in self.clips]
+        if any(each is None for each in seconds):
+            return trajectory_prior(config.trajectory, frames, rate)
+        pairs = zip(seconds, self.windows, strict=True)
+        rows = [each.fitted.at(window.index) for each, window in pairs if each is not None]
+        settled = fine(config.trajectory, config.evidence)
+        return trajectory_prior(settled, frames, rate, torch.stack(rows))
+
+    def _resize(self, energy: Energy[Motion]) -> None:
+        """Give 3D joints the weight and the kernel of their clip's errors.
+
+        A kernel of squared width w is that of width 1 of residuals divided by w, times w.
+        """
+        assert isinstance(energy, JointPosition)
+        seconds = [clip.second for clip in self.clips]
+        if any(each is None for each in seconds):
+            return
+        known = [each for each in seconds if each is not None]
+        width = energy.confidence.new_tensor([each.width3d for each in known])
+        gain = energy.weight.new_tensor([each.weight3d for each in known])
+        energy.confidence = energy.confidence / width[:, None, None]
+        energy.weight = energy.weight * gain * width
 
     def _detections(self) -> Detections:
         detections = [clip.estimate.detections for clip in self.clips]
