@@ -7,7 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.io.files import MEBIBYTE, require_file
 
-LIMIT = 2048 * MEBIBYTE  # unpacked
+LIMIT = 2048 * MEBIBYTE  # of a file, and of what it unpacks to
+SMALL = 192 * MEBIBYTE  # of arrays that a file of any size may hold
+_PROPORTION = 3  # of arrays to their file beyond that
+_NUMBER = 8  # bytes of a number once it is used
 _HEADER_LIMIT = 4096  # bytes of an array's header
 _MEMBER_HEADER = 30  # bytes before a member's name and extra field
 
@@ -32,7 +35,10 @@ _UNREADABLE = (
 
 
 def read_archive(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
-    """Those of the named arrays that an archive has, checked for size before they are unpacked.
+    """Those of the named arrays that an archive has.
+
+    Headers are judged before anything is unpacked: the arrays, with numbers counted as the eight
+    bytes that they will have, may take ``SMALL`` bytes, or more in proportion to the file.
 
     Args:
         path: the archive.
@@ -43,15 +49,47 @@ def read_archive(path: Path, names: Sequence[str], what: str) -> dict[str, NDArr
         InputError: it is missing, too large, damaged, or holds objects.
     """
     require_file(path, LIMIT, what)
-    with _reporting(path, what):
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > LIMIT:
+    return _read(path, names, what)
+
+
+def _read(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
+    with _reporting(path, what), zipfile.ZipFile(path) as archive:
+        members = {entry.filename: entry for entry in archive.infolist()}
+        found = {name: members[f"{name}.npy"] for name in names if f"{name}.npy" in members}
+        _require_modest(path, archive, found)
+        return {name: _load(archive, entry) for name, entry in found.items()}
+
+
+def _require_modest(
+    path: Path, archive: zipfile.ZipFile, members: Mapping[str, zipfile.ZipInfo]
+) -> None:
+    """Refuse arrays that would be out of proportion to their file, by their headers alone."""
+    size = path.stat().st_size
+    allowed = min(LIMIT, SMALL + _PROPORTION * size)
+    made = 0
+    for name, entry in members.items():
+        with archive.open(entry) as member:
+            shape, _, dtype = _array_header(member)
+        made += math.prod(shape) * max(dtype.itemsize, _NUMBER)
+        if made > allowed:
             raise InputError(
-                f"{path}: unpacks to {unpacked / MEBIBYTE:.0f} MB, expected at most "
-                f"{LIMIT / MEBIBYTE:.0f} MB; split the clip"
+                f"{path}: {name} is {dtype} {shape}; the file unpacks to {made / MEBIBYTE:.0f} MB "
+                f"from {size / MEBIBYTE:.1f}, expected at most {allowed / MEBIBYTE:.0f}; split it"
             )
-        return _load(path, names)
+
+
+def _load(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """One array, with no byte read beyond those that its header asks for."""
+    with archive.open(entry) as member:
+        shape, column_major, dtype = _array_header(member)
+        if dtype.hasobject:
+            raise ValueError(f"{entry.filename} holds objects")
+        size = math.prod(shape) * dtype.itemsize
+        data = member.read(size)
+        if len(data) != size or member.read(1):
+            raise ValueError(f"{entry.filename} says {dtype} {shape}, which are {size} bytes")
+    values = np.frombuffer(bytearray(data), dtype)  # of a copy that may be written to
+    return values.reshape(shape, order="F" if column_major else "C")
 
 
 def map_archive(
@@ -72,20 +110,14 @@ def map_archive(
         InputError: as ``read_archive``; the limits there hold for everything that is not mapped.
     """
     require_file(path, limit, what)
+    with _reporting(path, what), zipfile.ZipFile(path) as archive:
+        members = {entry.filename: entry for entry in archive.infolist()}
+    entry = members.get(f"{large}.npy")
+    if entry is None or entry.compress_type != zipfile.ZIP_STORED:
+        return read_archive(path, [large, *names], what)
+    others = _read(path, names, what)
     with _reporting(path, what):
-        with zipfile.ZipFile(path) as archive:
-            members = {entry.filename: entry for entry in archive.infolist()}
-        entry = members.pop(f"{large}.npy", None)
-        if entry is None or entry.compress_type != zipfile.ZIP_STORED:
-            return read_archive(path, [large, *names], what)
-        if sum(member.file_size for member in members.values()) > LIMIT:
-            raise InputError(f"{path}: unpacks to more than expected of {what}; write it again")
-        return {large: _map(path, entry), **_load(path, names)}
-
-
-def _load(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    with np.load(path, allow_pickle=False) as data:
-        return {name: data[name] for name in names if name in data.files}
+        return {large: _map(path, entry), **others}
 
 
 def _map(path: Path, entry: zipfile.ZipInfo) -> NDArray[Any]:
@@ -107,9 +139,16 @@ def _map(path: Path, entry: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 def _array_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    if np.lib.format.read_magic(file) != (1, 0):
+    readers = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    version = np.lib.format.read_magic(file)
+    if version not in readers:
         raise ValueError("an array in a format of its own")
-    shape, column_major, dtype = np.lib.format.read_array_header_1_0(file, _HEADER_LIMIT)
+    shape, column_major, dtype = readers[version](file, _HEADER_LIMIT)
+    if min(shape, default=0) < 0:
+        raise ValueError(f"an array of shape {shape}")
     return shape, column_major, dtype
 
 
