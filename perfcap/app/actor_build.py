@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from perfcap.actor.actor import Actor
 from perfcap.actor.measurements import Measurements
 from perfcap.app.actor_inspect import run_inspect
@@ -22,6 +20,7 @@ from perfcap.app.actor_make import (
     require_no_source,
     rigged_mesh,
 )
+from perfcap.app.console import PlainConsole
 from perfcap.app.measures import save_measures
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
@@ -80,7 +79,7 @@ def run_build(request: BuildRequest) -> int:
     if measurements is not None:
         save_measures(request.out, measurements, None, provenance)
     code = run_inspect(str(request.out), None, request.out)
-    Console().print(f"capture with --actor {request.out}", soft_wrap=True, markup=False)
+    PlainConsole().print(f"capture with --actor {request.out}", soft_wrap=True)
     return code
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from rich.console import Console
 
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
+from perfcap.app.console import PlainConsole
 from perfcap.app.fit_sheet import FIT_SHEET, save_fit_sheet
 from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person, read_masks
 from perfcap.app.inputs import InputRequest, read_inputs
@@ -62,9 +62,9 @@ def run_fit(request: FitRequest) -> int:
     print_measures(fit.measurements, fit.deviations)
     for line in (*inputs.warnings, *_doubts(request, fit, inputs.clip.views)):
         _LOG.warning("%s", line)
-    console = Console()
-    console.print(f"look at {request.out / FIT_SHEET}", soft_wrap=True, markup=False)
-    console.print(f"capture with --actor {request.out}", soft_wrap=True, markup=False)
+    console = PlainConsole()
+    console.print(f"look at {request.out / FIT_SHEET}", soft_wrap=True)
+    console.print(f"capture with --actor {request.out}", soft_wrap=True)
     return code
 
 

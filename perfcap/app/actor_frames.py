@@ -10,9 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
@@ -72,7 +71,7 @@ def run_frames(request: FramesRequest) -> int:
     _save_picture(request.out / PREVIEW, np.concatenate(shown, 1), ".jpg", _PREVIEW_QUALITY)
     for line in (*clip.warnings, *_doubts(request, stills, chosen)):
         _LOG.warning("%s", line)
-    Console().print(
+    PlainConsole().print(
         f"{len(chosen)} of {len(clip)} frames in {request.out}; look at {request.out / PREVIEW}",
         soft_wrap=True,
         markup=False,

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from perfcap.app.actor_sheet import SHEET, save_sheet
+from perfcap.app.console import PlainConsole
 from perfcap.app.doctor import COLORS
 from perfcap.io.actor import Examination, examine
 from perfcap.io.atomic import unwritable
@@ -24,10 +24,10 @@ def run_inspect(actor: str, mapping: Path | None, out: Path | None) -> int:
         InputError: the actor cannot be read, or its joints cannot be found.
     """
     found = examine(actor, mapping)
-    console = Console(highlight=False)
+    console = PlainConsole()
     print_summary(console, found)
     for finding in found.findings:
-        console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True, markup=False)
+        console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True)
     errors = sum(finding.severity is Severity.ERROR for finding in found.findings)
     console.print(f"{errors} errors, {len(found.findings) - errors} other findings")
     if out is not None:
@@ -36,11 +36,11 @@ def run_inspect(actor: str, mapping: Path | None, out: Path | None) -> int:
         except OSError as error:
             raise unwritable(out, error) from None
         save_sheet(found.actor, out / SHEET)
-        console.print(f"look at {out / SHEET}", soft_wrap=True, markup=False)
+        console.print(f"look at {out / SHEET}", soft_wrap=True)
     return 2 if errors else 0
 
 
-def print_summary(console: Console, found: Examination) -> None:
+def print_summary(console: PlainConsole, found: Examination) -> None:
     """What an actor is, as two tables."""
     table = Table(show_header=False)
     for fact in _facts(found):

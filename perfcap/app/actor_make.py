@@ -6,11 +6,10 @@ import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rich.console import Console
-
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.measurements import Measurements
+from perfcap.app.console import PlainConsole
 from perfcap.app.measures import print_measures
 from perfcap.app.networks import DETECTORS, find_model
 from perfcap.detect.joint_set import LANDMARKS
@@ -99,7 +98,7 @@ def _detector(name: str) -> OnnxDetector:
 
 
 def _print_rig(report: RigReport) -> None:
-    console = Console(highlight=False)
+    console = PlainConsole()
     upright, fit = report.upright, report.fit
     if upright is not None and fit is not None:
         console.print(
@@ -121,4 +120,4 @@ def _print_rig(report: RigReport) -> None:
         console.print("the body in it, under its clothes:")
         print_measures(report.measurements)
     for warning in report.warnings:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True, markup=False)
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)

@@ -1,12 +1,25 @@
-"""Progress bars, for people at a terminal only."""
+"""The terminal: plain text as it is, and progress bars for people only."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from perfcap.errors import printable
+
+
+class PlainConsole(Console):
+    """Prints strings letter for letter: names of files and texts in them are never markup."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Also cells of tables come through here."""
+        options |= {"markup": False, "emoji": False, "highlight": False}
+        return super().render_str(printable(text, keep="\n"), **options)
 
 
 @contextmanager

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Console
-
 from perfcap.app.capture import CaptureRequest, run_capture
+from perfcap.app.console import PlainConsole
 from perfcap.app.evaluate import error_table, evaluate
 from perfcap.io.actor import models_folder
 
@@ -27,11 +26,11 @@ def run_demo(out: Path) -> int:
             until="track_motion",
         )
     )
-    console = Console()
+    console = PlainConsole()
     console.print(error_table(evaluate(out / "motion.npz", source / "truth.npz")))
     for line in (
         f"look at {out / 'overlay.mp4'}; open {out / 'capture.glb'} in Blender",
         f"perfcap view {out} plays it in a browser",
     ):
-        console.print(line, soft_wrap=True, markup=False)
+        console.print(line, soft_wrap=True)
     return code

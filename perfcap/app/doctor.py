@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from perfcap.app.console import PlainConsole
 from perfcap.errors import InputError
 from perfcap.io.doctor import Severity, examine_inputs, examine_installation
 
@@ -32,9 +31,9 @@ def run_doctor(
     findings = list(examine_installation())
     if cameras is not None:
         findings += examine_inputs(cameras, list(detections), list(videos), video_map)
-    console = Console(highlight=False)
+    console = PlainConsole()
     for finding in findings:
-        console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True, markup=False)
+        console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True)
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     console.print(f"{errors} errors, {len(findings) - errors} other findings")
     return 2 if errors else 0

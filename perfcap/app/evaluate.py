@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
+from perfcap.app.console import PlainConsole
 from perfcap.app.scores import joint_scores, joint_tables, mask_scores, surface_scores
 from perfcap.app.truth import Truth, find_truth, read_found, read_truth
 from perfcap.errors import InputError
@@ -79,10 +79,10 @@ def run_evaluate(request: EvaluateRequest) -> int:
     metrics = compare(request.folder, truth, request.every)
     with writing(request.out or request.folder / "metrics.json") as file:
         file.write((json.dumps(metrics, indent=1) + "\n").encode())
-    console = Console()
+    console = PlainConsole()
     console.print(error_table(metrics))
     for note in metrics["notes"]:
-        console.print(note, style="yellow", soft_wrap=True, highlight=False)
+        console.print(note, style="yellow", soft_wrap=True)
     return 0
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from rich.console import Console
 
+from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Options, Recording, publishing, upright_from
@@ -60,7 +60,7 @@ def run_export(request: ExportRequest) -> int:
             options = Options(unit, request.surface, request.markers, request.order)
             chosen.write(scratch, recording.facing_up(up), options)
         written = sorted(entry.name for entry in scratch.iterdir())
-    console = Console(soft_wrap=True, highlight=False, markup=False)
+    console = PlainConsole(soft_wrap=True)
     if not np.array_equal(recording.upright, np.eye(3)):
         console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
     for entry in written:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from perfcap.actor.measurements import Measurements
+from perfcap.app.console import PlainConsole
 from perfcap.io.atomic import writing
 
 FILE = "measurements.json"
@@ -25,7 +25,7 @@ def print_measures(
     for name, value in asdict(found).items():
         spread = [] if known is None else [f"{100 * known[name]:.1f}"]
         table.add_row(name, f"{100 * value:.1f}", *spread)
-    console = Console(highlight=False)
+    console = PlainConsole()
     console.print(table)
     if weight is not None:
         console.print(f"weight {weight:.1f} kg")

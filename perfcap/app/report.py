@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.truth import find_truth, read_found, require_rate
 from perfcap.pipeline.performance import REPORT
@@ -36,7 +35,7 @@ def run_report(request: ReportRequest) -> int:
     """
     page = write_report(request)
     size = page.stat().st_size / 1e6
-    Console().print(f"{page} ({size:.1f} MB); perfcap view {request.folder} opens it", markup=False)
+    PlainConsole().print(f"{page} ({size:.1f} MB); perfcap view {request.folder} opens it")
     return 0
 
 
@@ -47,7 +46,7 @@ def run_view(folder: Path) -> int:
     if not fresh or page.stat().st_mtime < report.stat().st_mtime:
         page = write_report(ReportRequest(folder))
     if not webbrowser.open(page.resolve().as_uri()):
-        Console().print(f"no browser was found; open {page} in one", markup=False)
+        PlainConsole().print(f"no browser was found; open {page} in one")
     return 0
 
 

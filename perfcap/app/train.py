@@ -9,11 +9,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from rich.console import Console
 from rich.table import Table
 from torch import distributed
 
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
 from perfcap.train.checkpoint import start_from
@@ -116,7 +115,7 @@ def _finish(
         for person in (*config.held_out, *config.validation)
     }
     write_lifter_card(folder, config, learned, scores, 1 + len(request.together_with))
-    console = Console(highlight=False)
+    console = PlainConsole()
     table = Table("person", *next(iter(scores.values())))
     for person, values in scores.items():
         table.add_row(person, *(f"{value:.1f}" for value in values.values()))

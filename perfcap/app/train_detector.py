@@ -7,10 +7,9 @@ from pathlib import Path
 
 import cv2
 import torch
-from rich.console import Console
 from torch import distributed
 
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.train import MODEL, make_folder, processes, tensorboard
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
@@ -166,7 +165,7 @@ def _finish(
     scores = score_detector(trained, validation, config, device)
     scores["calibration error"] = expected_error(peaks, hits, calibration)
     write_detector_card(folder, config, learned, scores)
-    console = Console(highlight=False)
+    console = PlainConsole()
     for name, value in scores.items():
         console.print(f"{name}: {value:.3g}")
     console.print(f"written to {folder}", soft_wrap=True)

@@ -13,7 +13,7 @@ from perfcap.cli.actor import ActorTools
 from perfcap.cli.capture import Capture, Demo, Doctor
 from perfcap.cli.results import Evaluate, Export, Render, Report, View
 from perfcap.cli.train import Train
-from perfcap.errors import InputError
+from perfcap.errors import InputError, one_line, sentence
 
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
@@ -39,19 +39,39 @@ class Runnable(Protocol):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: 0 done, 2 wrong call or input (one line says what), 3 captured with gaps."""
-    logging.basicConfig(level=logging.WARNING, format="perfcap: %(message)s")
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Line())
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
+    try:
+        code = _run(given)
+    except KeyboardInterrupt:
+        sys.stderr.write("perfcap: interrupted\n")
+        code = 130
+    except Exception as error:
+        told = sentence(error)
+        if told is None:
+            raise
+        sys.stderr.write(f"perfcap: {told}\n")
+        code = 2
+    sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
+    for text in arguments:
+        if "\0" in text:
+            raise InputError(f"{text}: holds a zero character; expected none in names and options")
     command: Runnable = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,
         description="Human performance capture: skeleton motion and deforming surface from video.",
     )
-    try:
-        code = command.run()
-    except InputError as error:
-        sys.stderr.write(f"perfcap: {error}\n")
-        code = 2
-    except KeyboardInterrupt:
-        sys.stderr.write("perfcap: interrupted\n")
-        code = 130
-    sys.exit(code)
+    return command.run()
+
+
+class _Line(logging.Formatter):
+    """One printable line a message, whatever it quotes."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return f"perfcap: {one_line(record.getMessage())}"

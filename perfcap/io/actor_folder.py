@@ -23,8 +23,8 @@ from perfcap.actor.rig import Rig, with_limits
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.actor_mapping import read_toml
 from perfcap.io.atomic import unwritable, writing
+from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
 from perfcap.io.gltf_write import save_animation
@@ -216,7 +216,7 @@ def read_manifest(path: Path) -> Manifest:
     """
     if not path.is_file():
         return Manifest()
-    values = read_toml(path, "the manifest of an actor")
+    values = read_toml(path, "the manifest of an actor", MEBIBYTE)
     joints = _table(path, values, "joints", lambda bone: isinstance(bone, str))
     if joints and joints.keys() != set(JOINTS):
         raise InputError(f"{path}: joints are {', '.join(joints)}; expected {', '.join(JOINTS)}")

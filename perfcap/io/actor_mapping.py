@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_names import ENDS
 from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, read_text
+from perfcap.io.files import MEBIBYTE, read_toml
 
 _UNIT = "metres_per_unit"
 
@@ -36,7 +34,7 @@ def read_mapping(path: Path) -> ActorMapping:
     Raises:
         InputError: the file is not TOML, or says something else.
     """
-    values = read_toml(path, "a mapping file")
+    values = read_toml(path, "a mapping file", MEBIBYTE)
     unit = values.pop(_UNIT, None)
     if unit is not None and not (
         isinstance(unit, float | int) and math.isfinite(unit) and 1e-6 < unit < 1e6
@@ -49,17 +47,3 @@ def read_mapping(path: Path) -> ActorMapping:
         if not isinstance(bone, str):
             raise InputError(f"{path}: {joint} is {bone!r:.40}; expected the name of a bone")
     return ActorMapping(values, unit)
-
-
-def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The values of a small TOML file.
-
-    Raises:
-        InputError: it is missing, too large, or not TOML.
-    """
-    try:
-        return tomllib.loads(read_text(path, what, MEBIBYTE))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not TOML ({error}); correct or restore it") from None
-    except RecursionError:
-        raise InputError(f"{path}: is nested too deep; expected {what}") from None

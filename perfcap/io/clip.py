@@ -92,6 +92,8 @@ class Clip:
                 part.
         """
         several = [paths] if isinstance(paths, str | Path) else list(paths)
+        if not several:
+            raise InputError("VIDEO: is missing; expected a video or a folder of images a view")
         start, stop = _bounds(frames)
         sources = [open_source(Path(path), stop) for path in several]
         rate, rate_notes = _common_rate(sources, fps)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,16 @@ def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
         raise InputError(f"{path}: JSON nested too deep; expected {what}") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: is not usable JSON ({error}); expected {what}") from error
+
+
+def read_toml(path: Path, what: str, limit: int = TEXT_LIMIT) -> dict[str, Any]:
+    """The values of a TOML file."""
+    try:
+        return tomllib.loads(read_text(path, what, limit))
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deep; expected {what}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not TOML ({error}); expected {what}") from None
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

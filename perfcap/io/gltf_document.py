@@ -169,6 +169,8 @@ def objects(path: Path, tree: Object, kind: str) -> list[Object]:
 
 def _read_bounded(path: Path) -> bytes:
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise InputError(f"{path}: cannot be read (it is not a file)")
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(f"{path}: {size} bytes; files up to {MAX_BYTES} bytes are read")

@@ -23,6 +23,7 @@ Integers = NDArray[np.int64]
 
 _LOG = logging.getLogger(__name__)
 _PLAIN = 1e-5  # parts of one: less scale or turn than this is rounding of the file
+_SMALLEST = 1e-12  # scale of a bone that is not damage
 _EVEN = 1e-2  # difference of a bone's scales along its axes that is put up with
 
 
@@ -141,7 +142,7 @@ def _space(
     """Units and frame of the bones; None where they are metres in the world."""
     linear = tree.world[bones][:, :3, :3]
     sizes = np.linalg.svd(linear, compute_uv=False)
-    uneven = np.any(sizes[:, 2] < (1 - _EVEN) * sizes[:, 0])
+    uneven = np.any(sizes[:, 2] < (1 - _EVEN) * sizes[:, 0]) or not sizes.min() > _SMALLEST
     holder = int(tree.parents[bones[int(np.argmax(parents < 0))]])
     frame = np.eye(4) if holder < 0 else tree.world[holder].copy()
     if uneven or np.any(np.linalg.det(linear) < 0) or not is_similarity(frame):

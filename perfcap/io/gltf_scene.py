@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _BIND_TOLERANCE = 1e-3  # metres, and parts of one: below it the nodes stand in the bind pose
+_FARTHEST = 1e12  # units: what is beyond is damage, and overflows when it is multiplied
+_SHORTEST = 1e-6  # quaternion that still has a direction
 _ROUNDING = 1e-5  # below it they differ by what inverse binds, in float32, cannot express
 
 
@@ -53,6 +55,8 @@ def read_tree(document: Document) -> NodeTree:
         local = _local_matrix(document, nodes[number])
         parent = parents[number]
         world[number] = local if parent < 0 else world[parent] @ local
+        if not np.abs(world[number]).max() < _FARTHEST:
+            raise document.error(f"node {number} lies or is scaled beyond {_FARTHEST:g} units")
     return NodeTree(parents, world, order)
 
 
@@ -72,15 +76,22 @@ def _topological_order(document: Document, parents: Integers) -> tuple[int, ...]
 
 def _local_matrix(document: Document, node: Object) -> Floats:
     if "matrix" in node:
-        return document.numbers(node["matrix"], 16, "node.matrix").reshape(4, 4).T
+        return _bounded(document, node["matrix"], 16, "node.matrix").reshape(4, 4).T
     matrix = np.eye(4)
-    matrix[:3, 3] = document.numbers(node.get("translation", [0, 0, 0]), 3, "node.translation")
-    quaternion = document.numbers(node.get("rotation", [0, 0, 0, 1]), 4, "node.rotation")
-    if not quaternion.any():
+    matrix[:3, 3] = _bounded(document, node.get("translation", [0, 0, 0]), 3, "node.translation")
+    quaternion = _bounded(document, node.get("rotation", [0, 0, 0, 1]), 4, "node.rotation")
+    if not np.linalg.norm(quaternion) > _SHORTEST:
         raise document.error("damaged file, node.rotation is a zero quaternion")
-    scale = document.numbers(node.get("scale", [1, 1, 1]), 3, "node.scale")
+    scale = _bounded(document, node.get("scale", [1, 1, 1]), 3, "node.scale")
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix() * scale
     return matrix
+
+
+def _bounded(document: Document, value: object, count: int, what: str) -> Floats:
+    numbers = document.numbers(value, count, what)
+    if np.abs(numbers).max() > _FARTHEST:
+        raise document.error(f"damaged file, {what} holds numbers beyond {_FARTHEST:g}")
+    return numbers
 
 
 def read_skin(

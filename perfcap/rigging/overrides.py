@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, read_text
+from perfcap.io.files import MEBIBYTE, read_toml
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -78,10 +77,7 @@ def read_overrides(path: Path) -> tuple[Override, ...]:
         InputError: the file cannot be read, or a region is not as above.
     """
     what = "regions and their bones (TOML)"
-    try:
-        tables = tomllib.loads(read_text(path, what, _LIMIT)).get("region", [])
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not TOML ({error}); expected {what}") from error
+    tables = read_toml(path, what, _LIMIT).get("region", [])
     if not isinstance(tables, list) or not 0 < len(tables) <= _MOST:
         raise InputError(f"{path}: has no [[region]] tables; expected 1 to {_MOST} of them")
     return tuple(_override(path, number, table) for number, table in enumerate(tables, 1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ import cv2
 import numpy as np
 
 from perfcap.errors import InputError
+from perfcap.io import files
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import Array, View, make_view, to_numbers
-from perfcap.io.files import read_text
 
 
 def read_toml(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None) -> CameraRig:
@@ -22,10 +21,7 @@ def read_toml(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None
     OpenCV's conventions, world to camera, metres, pixel centres at integers; views in the order
     of the file.
     """
-    try:
-        data = tomllib.loads(read_text(path, "a camera file"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not valid TOML ({error}); expected Calib*.toml") from error
+    data = files.read_toml(path, "Calib*.toml")
     sections = {
         name: section
         for name, section in data.items()

@@ -35,11 +35,11 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             )
         points = np.array([[float(value) for value in row[:3]] for row in rows[1 : vertices + 1]])
         corners = [_corners(row) for row in rows[vertices + 1 : vertices + faces + 1]]
-    except (ValueError, IndexError) as error:
+        triangles = np.array([t for polygon in corners for t in polygon], np.int64).reshape(-1, 3)
+    except (ValueError, IndexError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: holds a line that is no {_WHAT[3:]} ({error})") from error
-    triangles = np.array([t for polygon in corners for t in polygon], np.int64).reshape(-1, 3)
     if points.shape != (vertices, 3) or not np.isfinite(points).all():
         raise InputError(f"{path}: has vertices that are not three finite numbers")
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= vertices:
