@@ -48,7 +48,9 @@ class VideoWriter:
         self.path = Path(path)
         self._partial = partial_path(self.path)
         self._rate = Fraction(fps).limit_denominator(1001)
-        self._options = {"crf": str(crf), "preset": preset}
+        # with its tree of macroblocks x264 reads memory that nobody set: the same frames would
+        # not always make the same file
+        self._options = {"crf": str(crf), "preset": preset, "x264-params": "mbtree=0"}
         self._container: Any = None
         self._stream: Any = None
         self._size: tuple[int, int] | None = None

@@ -43,3 +43,19 @@ def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:
         writer.write(picture(0, 32))
     writer.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_equal_frames_make_equal_files(tmp_path: Path) -> None:
+    """Also where memory was used by others before."""
+    rng = np.random.default_rng(0)
+    smooth = rng.random((5, 20, 20, 3)).repeat(8, 1).repeat(8, 2)
+    frames = (255 * smooth).astype(np.uint8)
+    made, used = set(), []
+    for number in range(12):
+        with VideoWriter(tmp_path / "a.mp4", 30) as writer:
+            for frame in frames:
+                writer.write(frame)
+        made.add((tmp_path / "a.mp4").read_bytes())
+        used.append(np.full(40_000 * (number % 5 + 1), number, np.uint8))
+        used = used[number % 3 :]
+    assert len(made) == 1
