@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import platform
 import resource
@@ -19,14 +18,7 @@ import torch
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
-from perfcap.app.capture_folder import (
-    DETECTIONS,
-    OVERLAY,
-    TEXTURED,
-    last_change,
-    remove_older,
-    spare_inputs,
-)
+from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
@@ -36,12 +28,30 @@ from perfcap.errors import InputError
 from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.actor_folder import MANIFEST
 from perfcap.io.detections import save_detections
+from perfcap.io.files import read_json
+from perfcap.io.mask_files import view_folders
+from perfcap.io.result import require_one_capture
+from perfcap.io.result_folder import (
+    DETECTIONS,
+    FILES,
+    OVERLAY,
+    REPORT,
+    SURFACE,
+    TEXTURED,
+    finish,
+    holds_result,
+    locked,
+    own_file,
+    replacing,
+    require_places,
+)
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
-from perfcap.pipeline.performance import FILES, REPORT, SURFACE, Performance, make_folder
+from perfcap.pipeline.performance import Performance, make_folder
 from perfcap.pipeline.presets import PRESETS
+from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
@@ -63,6 +73,7 @@ class CaptureRequest(InputRequest):
     overlay: bool = True
     report: bool = False
     resume: bool = False
+    overwrite: bool = False
 
 
 def run_capture(request: CaptureRequest) -> int:
@@ -78,22 +89,31 @@ def run_capture(request: CaptureRequest) -> int:
 
 
 def _capture(request: CaptureRequest) -> int:
-    started = time.perf_counter()
     folder = make_folder(request.out)
-    source = find_actor(request.actor)
-    used = list(_used(request, source.path))
-    spare_inputs(folder, used, detected=any(_networks(request)))
-    if request.resume and _finished(folder, request, used):
-        return DONE
+    with locked(folder):
+        finish(folder)  # what a killed run had complete
+        source = find_actor(request.actor)
+        used = list(_used(request, source.path))
+        spare_inputs(folder, used, detected=any(_networks(request)))
+        require_places(folder)
+        known = _known_result(folder, request, used)
+        return _run(request, folder, source.generic) if known is None else known
+
+
+def _run(request: CaptureRequest, folder: Path, generic: bool) -> int:
+    started = time.perf_counter()
     actor = load_actor(request.actor)
     inputs = read_inputs(request)
-    solve_bones = _solve_bones(request.bones, source.generic, inputs.detections)
-    performance = replace(_perform(request, folder, actor, inputs, solve_bones), lost=inputs.lost)
-    wall = time.perf_counter() - started
-    run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
-    if any(_networks(request)):
-        _save_detections(folder, inputs)
-    performance.save(folder, inputs.clip.start, run, inputs.rig.names)
+    require_places(folder, view_folders(list(inputs.rig.names)))
+    solve_bones = _solve_bones(request.bones, generic, inputs.detections)
+    performance = replace(_perform(request, actor, inputs, solve_bones), lost=inputs.lost)
+    with replacing(folder, last=True) as scratch:
+        _draw(request, scratch, performance, inputs)
+        if any(_networks(request)):
+            _save_detections(scratch, inputs)
+        wall = time.perf_counter() - started
+        run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
+        write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
     for line in (
         *inputs.warnings,
         *performance.warnings,
@@ -134,13 +154,11 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
 
 
 def _perform(
-    request: CaptureRequest, folder: Path, actor: Actor, inputs: Inputs, solve_bones: bool
+    request: CaptureRequest, actor: Actor, inputs: Inputs, solve_bones: bool
 ) -> Performance:
-    """Capture and, if wanted, draw; the folder no longer tells of an older result."""
     # stages that look at images run a thread a core; more inside each would only be in the way
     torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=_device(request.device))
-    until = Stage[request.until.upper()]
     cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
     with progress_bars() as tell:
         performance = capture(
@@ -150,14 +168,17 @@ def _perform(
             inputs.clip.fps,
             PRESETS[request.preset],
             images=Images(inputs.clip, cameras),
-            until=until,
+            until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             progress=tell,
         )
-        performance = performance.to(like.cpu())
-        videos = _videos(request)
-        remove_older(folder, videos)
-        for name, save in videos.items():
+    return performance.to(like.cpu())
+
+
+def _draw(request: CaptureRequest, folder: Path, performance: Performance, inputs: Inputs) -> None:
+    """The videos that a request asks for."""
+    with progress_bars() as tell:
+        for name, save in _videos(request).items():
             save(
                 folder / name,
                 performance,
@@ -165,7 +186,6 @@ def _perform(
                 inputs.pixel_map,
                 partial(tell, name.removesuffix(".mp4")),
             )
-    return performance
 
 
 def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
@@ -193,27 +213,48 @@ def environment(inputs: Inputs) -> dict[str, Any]:
 def describe(request: CaptureRequest) -> dict[str, Any]:
     """The request as plain values."""
     values = {k: getattr(request, k) for k in request.__dataclass_fields__}
-    del values["resume"], values["report"]
+    del values["resume"], values["report"], values["overwrite"]
     return {
         k: [str(p) for p in v] if isinstance(v, tuple) else str(v) if isinstance(v, Path) else v
         for k, v in values.items()
     }
 
 
-def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> bool:
-    """Whether the folder holds the complete result of the same request on the same files."""
+def _known_result(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> int | None:
+    """Exit code of the result of this very call, where ``--resume`` finds it; None of no result.
+
+    Raises:
+        InputError: another result lies there, and may not be overwritten.
+    """
+    if not holds_result(folder):
+        return None
+    known = _finished(folder, request, used) if request.resume else None
+    if known is None and not request.overwrite:
+        whose = "of another call, or of inputs that have changed since" if request.resume else ""
+        raise InputError(
+            f"--out {folder}: holds a result already{whose and f', {whose}'}; add --overwrite to "
+            "replace it, or choose another folder"
+        )
+    return known
+
+
+def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> int | None:
+    """Exit code of the whole result of the same request on the same files."""
     try:
-        done = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        require_one_capture(folder)
+        done = read_json(folder / REPORT, "the report of a capture")
         written = (folder / REPORT).stat().st_mtime
         changed = any(last_change(path) > written for path in used)
-    except (OSError, ValueError):
-        return False
+    except (OSError, InputError):
+        return None
     expected = (*FILES, *_videos(request))
     expected += (DETECTIONS,) if any(_networks(request)) else ()
     expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
-    there = all((folder / name).is_file() for name in expected)
-    return same and done["complete"] is True and there and not changed
+    there = all(own_file(folder, name) is not None for name in expected)
+    if not same or not there or changed:
+        return None
+    return DONE if done.get("complete") is True else INCOMPLETE
 
 
 def _solve_bones(choice: str, generic: bool, detections: Detections) -> bool:

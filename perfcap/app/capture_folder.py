@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from perfcap.errors import InputError
-from perfcap.io.atomic import unwritable
-from perfcap.pipeline.performance import FILES, MASKS, REPORT, SURFACE
-from perfcap.report import PAGE
+from perfcap.io.result_folder import ABOUT, DETECTIONS, FILES, MASKS, SURFACE
 
-OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
-MOTION, METRICS = "motion.npz", "metrics.json"
-_ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE)  # tell of one result; saving it writes none of them
 _MOST_FILES = 1_000_000  # that are looked at in one folder
 
 
@@ -29,7 +24,7 @@ def spare_inputs(folder: Path, inputs: Iterable[Path], detected: bool) -> None:
     Raises:
         InputError: an input has the place of a result.
     """
-    names = (*FILES, SURFACE, MASKS, *_ABOUT, *((DETECTIONS,) if detected else ()))
+    names = (*FILES, SURFACE, MASKS, *ABOUT, *((DETECTIONS,) if detected else ()))
     for path in inputs:
         for name in names:
             if _same(path, folder / name):
@@ -37,25 +32,6 @@ def spare_inputs(folder: Path, inputs: Iterable[Path], detected: bool) -> None:
                     f"--out {folder}: {name} of the result would replace the input {path}; choose "
                     "another folder"
                 )
-
-
-def remove_older(folder: Path, written: Collection[str]) -> None:
-    """Remove the report of an older result, and what tells of that result and is not ``written``.
-
-    ``detections.npz`` tells of the video and stays; so do files where no result lies.
-
-    Raises:
-        InputError: a file cannot be removed.
-    """
-    if not any((folder / name).is_file() for name in (REPORT, MOTION)):
-        return
-    # the report goes first: where it lies, everything it speaks of lies too
-    for path in (folder / REPORT, *(folder / name for name in _ABOUT if name not in written)):
-        try:
-            if path.is_file():
-                path.unlink()
-        except OSError as error:
-            raise unwritable(path, error) from error
 
 
 def last_change(path: Path) -> float:

@@ -12,7 +12,7 @@ from perfcap.io.actor import models_folder
 ACTOR = "sam"
 
 
-def run_demo(out: Path) -> int:
+def run_demo(out: Path, overwrite: bool = False) -> int:
     """Capture the demo clip and print its errors; returns the exit code."""
     source = models_folder() / "demo"
     code = run_capture(
@@ -24,6 +24,8 @@ def run_demo(out: Path) -> int:
             out=out,
             bones="template",
             until="track_motion",
+            resume=True,
+            overwrite=overwrite,
         )
     )
     console = PlainConsole()

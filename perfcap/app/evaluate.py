@@ -15,6 +15,7 @@ from perfcap.app.scores import joint_scores, joint_tables, mask_scores, surface_
 from perfcap.app.truth import Truth, find_truth, read_found, read_truth
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.result import require_one_capture
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (
@@ -94,6 +95,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     Raises:
         InputError: a file is missing or holds something else, or nothing can be compared.
     """
+    require_one_capture(folder)
     found = read_found(folder / "motion.npz")
     scores = joint_scores(found, truth)
     notes = list(truth.sequence.warnings)

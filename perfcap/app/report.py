@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.truth import find_truth, read_found, require_rate
-from perfcap.pipeline.performance import REPORT
-from perfcap.report import PAGE, Places, Wanted, make_report
+from perfcap.io.result_folder import PAGE, REPORT
+from perfcap.report import Places, Wanted, make_report
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,15 @@ class Demo:
     """Capture the shipped clip with the shipped actor and print the errors against its truth."""
 
     out: Path = Path("demo")
-    """Folder for the results."""
+    """Folder for the results; an earlier demo there is shown again."""
+    overwrite: bool = False
+    """Replace another result that lies in the folder."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
         from perfcap.app.demo import run_demo
 
-        return run_demo(self.out)
+        return run_demo(self.out, self.overwrite)
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,10 @@ class Capture:
     """Write overlay.mp4 and textured.mp4."""
     report: bool = False
     """Write report.html, which plays the result in a browser, from disk."""
+    overwrite: bool = False
+    """Replace the result that lies in the folder; it stays until the new one is complete."""
     resume: bool = False
-    """Do nothing if the folder already holds the complete result of this very call."""
+    """Do nothing if the folder already holds the result of this very call."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""

@@ -32,6 +32,7 @@ def save_animation(
     bone_transforms: Floats,
     fps: float,
     surface: Iterable[NDArray[Any]] | None = None,
+    capture: str | None = None,
 ) -> bool:
     """Write an actor in motion; the file appears complete or not at all.
 
@@ -44,6 +45,7 @@ def save_animation(
         surface: vertices in the world in blocks of consecutive frames, (f, V, 3) m each, F in all,
             for morph targets on top of the skinning. They are left out, and ``surface`` is not
             touched, where they would make a file that viewers refuse (``gltf_morph.fits``).
+        capture: identity of the capture that the motion belongs to.
 
     Returns:
         Whether the file shows all that was given: False where the surface was left out.
@@ -63,7 +65,7 @@ def save_animation(
         mesh["extras"] = {"targetNames": [f"frame_{i}" for i in range(len(targets))]}
         tracks.append((len(template.bone_names), "weights", gltf_morph.one_hot(len(targets))))
     tree: Object = {
-        "asset": {"version": "2.0", "generator": "perfcap"},
+        "asset": _asset(capture),
         "scene": 0,
         "scenes": [{"nodes": _top(template)}],
         "nodes": _nodes(template),
@@ -255,6 +257,11 @@ def _animation(buffer: Buffer, tracks: list[_Track], times: Floats) -> Object:
         animation["samplers"].append(sampler)
         animation["channels"].append({"sampler": number, "target": {"node": node, "path": path}})
     return animation
+
+
+def _asset(capture: str | None) -> Object:
+    asset: Object = {"version": "2.0", "generator": "perfcap"}
+    return asset if capture is None else asset | {"extras": {"capture": capture}}
 
 
 def _distance(values: Floats, resting: Floats, path: str) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,6 +32,8 @@ def save_masks(folder: Path, views: Mapping[str, Iterable[bytes]], start: int = 
     Raises:
         InputError: the folder cannot be written, or an image is no PNG.
     """
+    if folder.is_symlink():
+        raise _elsewhere(folder)
     remove_masks(folder)
     return sum(
         _save_view(folder / name, images, start)
@@ -46,21 +48,28 @@ def view_folders(views: list[str]) -> list[str]:
     return [n if _PLAIN.fullmatch(n) else f"view_{i}" for i, n in enumerate(views)]
 
 
-def remove_masks(folder: Path) -> None:
+def remove_masks(folder: Path, kept: Collection[str] = ()) -> None:
     """Remove masks from a folder and from the folders in it, then those of them that are empty.
 
-    Files of other names stay, and links to other folders are not followed.
+    Files of other names stay, and links to other folders are not followed: not even ``folder``.
+
+    Args:
+        folder: with masks, or folders of them.
+        kept: masks that stay, relative to ``folder``.
 
     Raises:
         InputError: a file cannot be removed.
     """
+    if folder.is_symlink():
+        return
     try:
         inner = [entry for entry in folder.iterdir() if entry.is_dir() and not entry.is_symlink()]
         for place in (*inner, folder):
             for entry in list(place.iterdir()):
-                if _FILE.fullmatch(entry.name) and not entry.is_dir():
+                is_mask = _FILE.fullmatch(entry.name) and not entry.is_dir()
+                if is_mask and entry.relative_to(folder).as_posix() not in kept:
                     entry.unlink()
-            with suppress(OSError):  # holds something else, or is a link
+            with suppress(OSError):  # holds something else
                 place.rmdir()
     except FileNotFoundError:
         return
@@ -69,6 +78,8 @@ def remove_masks(folder: Path) -> None:
 
 
 def _save_view(folder: Path, images: Iterable[bytes], start: int) -> int:
+    if folder.is_symlink():
+        raise _elsewhere(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -80,3 +91,7 @@ def _save_view(folder: Path, images: Iterable[bytes], start: int) -> int:
         with writing(folder / f"{number - 1:06d}.png") as file:
             file.write(data)
     return number - start
+
+
+def _elsewhere(folder: Path) -> InputError:
+    return InputError(f"{folder}: is a link to another folder, where nothing is written; remove it")

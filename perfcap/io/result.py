@@ -20,9 +20,10 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.files import read_json
 from perfcap.io.gltf_animation import read_bone_transforms
-from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_read import read_template
-from perfcap.io.surface_file import BLOCK, SurfaceFile, open_surface
+from perfcap.io.result_folder import MOTION, REPORT, SURFACE, is_between, own_file
+from perfcap.io.surface_file import BLOCK, SurfaceFile, open_surface, read_identity
 
 _AGAIN = "run perfcap capture again"
 _LANDMARKS = 16
@@ -115,14 +116,24 @@ def read_result(folder: str | Path) -> Result:
     """
     folder = Path(folder)
     report = _read_report(folder)
-    motion = _read_motion(folder / "motion.npz")
+    motion = _read_motion(_present(folder, MOTION))
     frames = len(motion["frames"])
     if report.get("frames", frames) != frames:
         raise InputError(
             f"{folder / 'motion.npz'}: has {frames} frames, run.json says {report['frames']!r:.20}"
             f"; {_AGAIN}"
         )
-    document = open_document(_present(folder / "capture.glb"))
+    document = open_document(_present(folder, "capture.glb"))
+    surface = _open_surface(folder, report)
+    _require_one_capture(
+        folder,
+        {
+            REPORT: report.get("capture"),
+            MOTION: read_identity(motion.get("capture")),
+            "capture.glb": _capture_of(document),
+            **({} if surface is None else {SURFACE: surface.capture}),
+        },
+    )
     template = read_template(document)
     return Result(
         folder=folder,
@@ -132,16 +143,59 @@ def read_result(folder: str | Path) -> Result:
         frame_numbers=motion["frames"].astype(np.int64),
         rate=float(motion["fps"].reshape(())),
         report=report,
-        surface=_read_surface(folder / "surface.npz", report, template, motion["frames"]),
+        surface=surface and _fitting(surface, template, motion["frames"]),
     )
+
+
+def require_one_capture(folder: Path) -> None:
+    """Refuse a folder whose motion, surface and report are of different captures.
+
+    Raises:
+        InputError: names them; or the folder of a capture that is just being put into place.
+    """
+    found: dict[str, object] = {}
+    _require_in_place(folder)
+    if own_file(folder, REPORT) is not None:
+        found[REPORT] = _read_report(folder).get("capture")
+    if own_file(folder, MOTION) is not None:
+        motion = read_archive(folder / MOTION, ("capture",), "the motion.npz of a capture")
+        found[MOTION] = read_identity(motion.get("capture"))
+    if own_file(folder, SURFACE) is not None:
+        found[SURFACE] = open_surface(folder / SURFACE).capture
+    _require_one_capture(folder, found)
+
+
+def _require_one_capture(folder: Path, found: Mapping[str, object]) -> None:
+    told = {name: str(known) for name, known in found.items() if known is not None}
+    if len(set(told.values())) > 1:  # files of older versions say nothing
+        listing = ", ".join(f"{name} {known[:8]}" for name, known in told.items())
+        raise InputError(
+            f"{folder}: holds files of different captures ({listing}), expected those of one; "
+            f"{_AGAIN}"
+        )
+
+
+def _capture_of(document: Document) -> object:
+    asset = document.tree.get("asset")
+    extras = asset.get("extras") if isinstance(asset, dict) else None
+    return extras.get("capture") if isinstance(extras, dict) else None
+
+
+def _require_in_place(folder: Path) -> None:
+    if is_between(folder):
+        raise InputError(
+            f"{folder}: a capture was interrupted while it put its files into place; perfcap "
+            "capture --resume with the options of that call finishes it"
+        )
 
 
 def _read_report(folder: Path) -> dict[str, Any]:
     """The report comes last when a capture is saved: without it nothing is whole."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected the --out of a capture")
-    path = folder / "run.json"
-    if not path.exists():
+    _require_in_place(folder)
+    path = own_file(folder, REPORT)
+    if path is None:
         raise InputError(
             f"{folder}: has no run.json, so it is not the folder of a finished capture; {_AGAIN}"
         )
@@ -153,7 +207,7 @@ def _read_report(folder: Path) -> dict[str, Any]:
 
 def _read_motion(path: Path) -> dict[str, NDArray[Any]]:
     names = ("joints3d", "frames", "fps")
-    motion = read_archive(_present(path), names, "the motion.npz of a capture")
+    motion = read_archive(path, (*names, "capture"), "the motion.npz of a capture")
     missing = [name for name in names if name not in motion]
     if missing:
         raise InputError(f"{path}: lacks {', '.join(missing)}; {_AGAIN}")
@@ -174,24 +228,27 @@ def _read_motion(path: Path) -> dict[str, NDArray[Any]]:
     return motion
 
 
-def _read_surface(
-    path: Path, report: Mapping[str, Any], template: Template, frames: NDArray[Any]
-) -> SurfaceFile | None:
+def _open_surface(folder: Path, report: Mapping[str, Any]) -> SurfaceFile | None:
     """The captured surface; None for results of the skeleton alone."""
-    if not path.exists() and report.get("surface") is None:
+    if not (folder / SURFACE).exists() and report.get("surface") is None:
         return None
-    surface = open_surface(_present(path))
+    return open_surface(_present(folder, SURFACE))
+
+
+def _fitting(surface: SurfaceFile, template: Template, frames: NDArray[Any]) -> SurfaceFile:
     shape = (len(frames), len(template.vertices), 3)
     same = surface.vertices.shape == shape and np.array_equal(surface.frames, frames)
     if not same or not np.array_equal(surface.faces, template.faces):
         raise InputError(
-            f"{path}: has vertices {surface.vertices.shape}, expected {shape} with the faces of "
-            f"capture.glb and the frames of motion.npz; {_AGAIN}"
+            f"{surface.path}: has vertices {surface.vertices.shape}, expected {shape} with the "
+            f"faces of capture.glb and the frames of motion.npz; {_AGAIN}"
         )
     return surface
 
 
-def _present(path: Path) -> Path:
-    if not path.is_file():
-        raise InputError(f"{path.parent}: lacks {path.name}; {_AGAIN}")
+def _present(folder: Path, name: str) -> Path:
+    """A file of the folder itself: what a link leads to is not the result's."""
+    path = own_file(folder, name)
+    if path is None:
+        raise InputError(f"{folder}: lacks {name}; {_AGAIN}")
     return path

@@ -39,6 +39,7 @@ class SurfaceFile:
         faces: (T, 3) int64.
         frames: numbers of the frames in the video, (F,) int64.
         rate: frames a second.
+        capture: identity of the capture, where the file says so.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class SurfaceFile:
     faces: NDArray[np.int64]
     frames: NDArray[np.int64]
     rate: float
+    capture: str | None = None
 
     def read(self, span: slice) -> Floats:
         """Vertices of a span of frames, (f, V, 3) m, a copy.
@@ -70,6 +72,7 @@ def save_surface(
     faces: NDArray[Any],
     frames: NDArray[Any],
     rate: float,
+    capture: str | None = None,
 ) -> None:
     """Write a surface in constant memory; the file appears complete or not at all.
 
@@ -79,6 +82,7 @@ def save_surface(
         faces: (T, 3).
         frames: numbers of the frames in the video, (F,).
         rate: frames a second.
+        capture: identity of the capture that the surface belongs to.
 
     Raises:
         InputError: blocks that do not fit or are not finite, or a place that cannot be written.
@@ -88,6 +92,8 @@ def save_surface(
         "frames": np.asarray(frames, dtype=np.int64),
         "fps": np.array(float(rate)),
     }
+    if capture is not None:
+        small["capture"] = np.array(capture)
     save_vertices(path, blocks, len(frames), small)
 
 
@@ -119,7 +125,7 @@ def open_surface(path: Path) -> SurfaceFile:
     Raises:
         InputError: it is missing, damaged, or holds something else.
     """
-    arrays = map_archive(path, "vertices", ("faces", "frames", "fps"), WHAT, LIMIT)
+    arrays = map_archive(path, "vertices", ("faces", "frames", "fps", "capture"), WHAT, LIMIT)
     vertices, faces = arrays.get("vertices"), arrays.get("faces")
     if vertices is None or vertices.ndim != 3 or vertices.shape[2] != 3 or not vertices.size:
         raise _unexpected(path, "vertices", vertices, "(F, V, 3) metres")
@@ -133,7 +139,16 @@ def open_surface(path: Path) -> SurfaceFile:
     if frames.shape != (len(vertices),) or frames.dtype.kind not in "iu":
         raise _unexpected(path, "frames", frames, f"{len(vertices)} frame numbers")
     rate = _rate(path, arrays.get("fps"))
-    return SurfaceFile(path, vertices, faces.astype(np.int64), frames.astype(np.int64), rate)
+    numbers = frames.astype(np.int64)
+    known = read_identity(arrays.get("capture"))
+    return SurfaceFile(path, vertices, faces.astype(np.int64), numbers, rate, known)
+
+
+def read_identity(value: NDArray[Any] | None) -> str | None:
+    """Which capture an array file belongs to; None where it says nothing of use."""
+    if value is None or value.dtype.kind != "U" or value.shape != ():
+        return None
+    return str(value)
 
 
 def _member(name: str) -> zipfile.ZipInfo:

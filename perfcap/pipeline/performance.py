@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import copy
-import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import torch
-import yaml
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -20,20 +18,15 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.atomic import writing
-from perfcap.io.bvh import bvh_motion, save_bvh
-from perfcap.io.gltf import save_animation
-from perfcap.io.mask_files import remove_masks, save_masks
-from perfcap.io.surface_file import save_surface
+from perfcap.io.result_folder import finish, locked, replacing
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
-from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames, surface_blocks
+from perfcap.pipeline.result_files import write_result
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.solve import Status
 
-REPORT, SURFACE, MASKS = "run.json", "surface.npz", "masks"
-FILES = ("motion.npz", "motion.bvh", "capture.glb", "config.yaml", REPORT)
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
 
 
@@ -142,11 +135,9 @@ class Performance:
         run: Mapping[str, Any] | None = None,
         view_names: Sequence[str] | None = None,
     ) -> None:
-        """Write motion.npz, motion.bvh, capture.glb, config.yaml and run.json into a folder.
+        """Write the files of the result into a folder; an older result there is replaced.
 
-        With a captured surface also surface.npz, masks/ and the surface in capture.glb. Every file
-        appears complete or not at all; run.json comes last and an old one goes first, so that where
-        it lies, everything it speaks of lies too.
+        They appear together, once all are complete, and what is left of an older result goes.
 
         Args:
             folder: made if it does not exist.
@@ -155,66 +146,13 @@ class Performance:
             view_names: of the views, for folders of masks where there are several.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: the folder cannot be written, or somebody else writes into it.
         """
         folder = make_folder(folder)
-        (folder / REPORT).unlink(missing_ok=True)
-        self._save_motion(folder / "motion.npz", first_frame)
-        transforms = self.bone_transforms()
-        template = self.actor.template
-        save_bvh(folder / "motion.bvh", bvh_motion(template, transforms, self.rate))
-        self._save_surface(folder / SURFACE, first_frame)
-        self._save_masks(folder / MASKS, first_frame, view_names)
-        blocks = None if self.surface is None else surface_blocks(self.surface)
-        whole = save_animation(folder / "capture.glb", template, transforms, self.rate, blocks)
-        with writing(folder / "config.yaml") as file:
-            file.write(yaml.safe_dump(plain(asdict(self.config)), sort_keys=False).encode())
-        report = {**(run or {}), **self.report(first_frame)}
-        if self.surface is not None:
-            report["surface"] = {"vertices": len(template.vertices), "in_glb": whole}
-        with writing(folder / REPORT) as file:
-            file.write(json.dumps(plain(report), indent=1).encode())
-
-    def _save_masks(self, folder: Path, first_frame: int, names: Sequence[str] | None) -> None:
-        """The silhouettes, or none of an older result."""
-        if self.refinement is None:
-            remove_masks(folder)
-            return
-        silhouettes = self.refinement.evidence.silhouettes
-        names = names or [f"view_{view}" for view in range(silhouettes.views)]
-        masks = {name: silhouettes.png(view) for view, name in enumerate(names)}
-        save_masks(folder, masks, first_frame)
-
-    def _save_surface(self, path: Path, first_frame: int) -> None:
-        """The captured surface, or no surface of an older result."""
-        if self.surface is None:
-            path.unlink(missing_ok=True)
-            return
-        numbers = np.arange(first_frame, first_frame + self.frames)
-        blocks = surface_blocks(self.surface)
-        save_surface(path, blocks, self.actor.template.faces, numbers, self.rate)
-
-    def _save_motion(self, path: Path, first_frame: int) -> None:
-        skeleton = self.actor.skeleton
-
-        def array(values: Tensor) -> np.ndarray:
-            numbers: np.ndarray = values.detach().cpu().double().numpy()
-            return numbers
-
-        with writing(path) as file:
-            np.savez_compressed(
-                file,
-                joints3d=array(self.joints()),
-                joint_names=np.array(skeleton.rig.landmarks),
-                root_translation=array(self.motion.translation),
-                root_rotation=array(self.motion.rotation),
-                angles=array(self.motion.angles),
-                angle_names=np.array(skeleton.angle_names),
-                angle_lower=array(skeleton.lower),
-                angle_upper=array(skeleton.upper),
-                frames=np.arange(first_frame, first_frame + self.frames),
-                fps=np.array(self.rate),
-            )
+        with locked(folder):
+            finish(folder)
+            with replacing(folder) as scratch:
+                write_result(self, scratch, first_frame, run, view_names)
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """What happened, as plain values: gaps, windows, times, bone lengths, warnings."""
@@ -269,21 +207,11 @@ def make_folder(folder: str | Path) -> Path:
     path = Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(
-            f"--out {path}: cannot make the folder ({error.strerror}); choose another place"
+            f"--out {path}: cannot make the folder ({reason}); choose another place"
         ) from None
     if not os.access(path, os.W_OK):
         raise InputError(f"--out {path}: the folder is not writable; choose another place")
     return path
-
-
-def plain(value: Any) -> Any:
-    """Nested dicts, lists and plain numbers, as YAML and JSON know them."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return str(value)
-    return value if isinstance(value, str | int | float | bool) or value is None else str(value)

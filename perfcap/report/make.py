@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
+from perfcap.io.result_folder import METRICS, PAGE, own_file
 from perfcap.pipeline.scene import Scene
 from perfcap.report import sections
 from perfcap.report.curves import Measured, charts
@@ -26,8 +27,8 @@ from perfcap.report.page import assemble
 from perfcap.report.sources import Places, find_sources
 from perfcap.report.views import Views, build_views
 
-PAGE = "report.html"
 LONGEST = 3000  # frames in a page
+_METRICS_LIMIT = 4 * MEBIBYTE
 
 # called with what is being done, how much of it is, and how much there is
 Progress = Callable[[str, int, int], None]
@@ -167,8 +168,11 @@ def _sections(result: Result, rows: slice, found: list[Any], notes: list[str]) -
 
 def _metrics(folder: Path) -> dict[str, Any]:
     """What ``perfcap evaluate`` wrote, if it did."""
+    path = own_file(folder, METRICS)
+    if path is None:
+        return {}
     try:
-        value = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        value = read_json(path, "what perfcap evaluate writes", _METRICS_LIMIT)
+    except InputError:
         return {}
     return value if isinstance(value, dict) else {}

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.geometry.camera import Camera
+from perfcap.io.image_folder import IMAGE_LIMIT
 from perfcap.io.mask_files import view_folders
 from perfcap.io.result import Result
+from perfcap.io.result_folder import MASKS, own_file
 from perfcap.render import rasterize
 from perfcap.workers import ordered_map
 
@@ -82,22 +84,20 @@ def mask_outlines(
     """Outlines of a view's masks; None where no frame has one.
 
     Args:
-        folder: ``masks`` of a result.
+        folder: of a result.
         names: of the views.
         view: which.
         numbers: of the frames.
         size: shown height and width.
     """
-    place = folder / view_folders(list(names))[view]
+    place = Path(MASKS, view_folders(list(names))[view])
 
     def traced(number: int) -> list[Ring] | None:
-        mask = _read_mask(place / f"{number:06d}.png")
+        mask = _read_mask(own_file(folder, (place / f"{number:06d}.png").as_posix()))
         if mask is None or abs(mask.shape[0] * size[1] - mask.shape[1] * size[0]) > sum(size):
             return None
         return trace(mask, size[0] / mask.shape[0])
 
-    if not place.is_dir():
-        return None
     frames = [traced(number) for number in numbers]
     if all(frame is None for frame in frames):
         return None
@@ -151,7 +151,9 @@ def _projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
     return cameras.project_camera(local), local[..., 2]
 
 
-def _read_mask(path: Path) -> Mask | None:
+def _read_mask(path: Path | None) -> Mask | None:
+    if path is None or path.stat().st_size > IMAGE_LIMIT:
+        return None
     try:
         image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)
     except (OSError, cv2.error):  # missing, empty, or larger than OpenCV decodes

@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from perfcap.io.result import Result
+from perfcap.io.result_folder import own_file
 from perfcap.report.marks import Mark
 from perfcap.report.markup import Content, Markup, element, join
 
@@ -163,7 +164,7 @@ def configuration(result: Result) -> Markup:
 
 def files(folder: Path) -> Markup:
     """Links to the files beside the page."""
-    there = [(name, text) for name, text in _FILES.items() if (folder / name).is_file()]
+    there = [(name, text) for name, text in _FILES.items() if own_file(folder, name) is not None]
     rows = [
         element(
             "li",
@@ -255,8 +256,11 @@ def _folded(title: str, content: Markup) -> Markup:
 
 
 def _settings(folder: Path) -> str:
+    path = own_file(folder, "config.yaml")
+    if path is None:
+        return "config.yaml is missing"
     try:
-        with (folder / "config.yaml").open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8") as file:
             return file.read(_CONFIG_LIMIT)
     except (OSError, UnicodeDecodeError):
         return "config.yaml cannot be read"

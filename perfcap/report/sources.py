@@ -20,8 +20,8 @@ from perfcap.io.calibration import (
 from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.result import Result
+from perfcap.io.result_folder import DETECTIONS, own_file
 
-DETECTIONS = "detections.npz"  # in a result's folder, where a capture ran a detector
 _RATE = 0.01  # share by which frame rates may differ and mean the same
 
 
@@ -142,7 +142,12 @@ class _Finder:
         if rig is None or pixel_map is None:
             return None
         paths = [self._find(text) for text in _texts(self.request.get("detections"))]
-        paths = paths or [self.folder / DETECTIONS]
+        if not paths:
+            kept = own_file(self.folder, DETECTIONS)
+            if kept is None:
+                self.notes.append("Detected joints are not shown: there are none in the folder.")
+                return None
+            paths = [kept]
         try:
             found, _ = read_detections(
                 paths,

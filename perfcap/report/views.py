@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.clip import Clip
 from perfcap.io.result import Result
+from perfcap.io.result_folder import OVERLAY, own_file
 from perfcap.report.footage import encode_view, shown_size
 from perfcap.report.outlines import Outlines, mask_outlines, shown_cameras, surface_outlines
 from perfcap.report.sources import Sources
 
-OVERLAY = "overlay.mp4"
 MOST = 8  # views with a video in a page
 
 Progress = Callable[[str, int, int], None]
@@ -52,7 +51,7 @@ def build_views(result: Result, rows: slice, sources: Sources, tell: Progress) -
     plain background where there are cameras.
     """
     views = Views()
-    if sources.clip is None and (result.folder / OVERLAY).is_file():
+    if sources.clip is None and own_file(result.folder, OVERLAY) is not None:
         _add_overlay(views, result, rows, tell)
         if views.plain:
             return views
@@ -106,9 +105,8 @@ def _add_masks(
     views: Views, result: Result, rows: slice, sources: Sources, sizes: list[Size]
 ) -> None:
     numbers = result.frame_numbers[rows].tolist()
-    folder: Path = result.folder / "masks"
     for view, size in enumerate(sizes):
-        found = mask_outlines(folder, sources.names, view, numbers, size)
+        found = mask_outlines(result.folder, sources.names, view, numbers, size)
         if found is not None:
             _put(views, view, "mask", found)
 

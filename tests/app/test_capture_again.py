@@ -12,7 +12,7 @@ from runs import Command
 from takes import TakeFiles, write_detections
 from written_files import motion
 
-from perfcap.app.capture_folder import last_change, remove_older, spare_inputs
+from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
@@ -48,7 +48,7 @@ def test_detections_in_the_folder_of_a_capture_that_writes_none(
     mine = tmp_path / "detections.npz"
     shutil.copy(take.detections, mine)
     before = mine.read_bytes()
-    for more in ((), ("--resume",), ()):
+    for more in ((), ("--resume",), ("--overwrite",)):
         assert perfcap(take.command(tmp_path, *QUICK, *more, detections=mine)).code == 0
     assert mine.read_bytes() == before
 
@@ -79,7 +79,9 @@ def test_files_in_a_folder_that_have_changed_since(
     for path in seen.iterdir():
         os.utime(path, (done + 5, done + 5))
     os.utime(seen, (done - 5, done - 5))
-    assert perfcap(call).code == 0
+    assert "inputs that have changed since" in perfcap(call).refused()
+    assert np.array_equal(motion(out)["joints3d"], first)
+    assert perfcap([*call, "--overwrite"]).code == 0
     assert np.abs(motion(out)["joints3d"] - first).max() > 0.01
 
 
@@ -111,18 +113,62 @@ def test_nothing_tells_of_an_older_result(
         (tmp_path / name).write_text("x")
     older = ("overlay.mp4", "report.html", "metrics.json")
     assert all((tmp_path / name).is_file() for name in older)
-    assert perfcap(take.command(tmp_path, *QUICK)).code == 0
+    assert perfcap(take.command(tmp_path, *QUICK, "--overwrite")).code == 0
     assert sorted(os.listdir(tmp_path)) == [
         *("capture.glb", "config.yaml", "detections.npz", "motion.bvh", "motion.npz"),
         *("notes.txt", "run.json"),
     ]
 
 
-def test_where_no_result_lies_nothing_is_removed(tmp_path: Path) -> None:
+def test_where_no_result_lies_nothing_else_is_removed(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
     (tmp_path / "metrics.json").write_text("x")
-    (tmp_path / "report.html").mkdir()
-    remove_older(tmp_path, ())
-    assert sorted(os.listdir(tmp_path)) == ["metrics.json", "report.html"]
-    (tmp_path / "motion.npz").write_text("x")
-    remove_older(tmp_path, ())
-    assert sorted(os.listdir(tmp_path)) == ["motion.npz", "report.html"]
+    assert perfcap(take.command(tmp_path, *QUICK)).code == 0
+    assert (tmp_path / "metrics.json").read_text() == "x"
+
+
+# --- never overwritten without being told ---------------------------------------------------------
+
+
+def test_a_result_is_not_overwritten(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    assert perfcap(take.command(tmp_path, *QUICK)).code == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert "--overwrite" in perfcap(take.command(tmp_path, *QUICK)).refused()
+    other = take.command(tmp_path, "--resume", "--no-overlay", "--frames", "0:4")
+    assert "of another call" in perfcap(other).refused()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert perfcap([*other, "--overwrite"]).code == 0
+    assert len(motion(tmp_path)["frames"]) == 4
+
+
+def test_links_and_folders_are_refused_before_the_solve(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from perfcap.app import capture as module
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("it was solved")
+
+    monkeypatch.setattr(module, "capture", never)
+    for name in ("run.json", "surface.npz", "overlay.mp4"):
+        (tmp_path / name).mkdir()
+        assert f"{name}: is a folder" in perfcap(take.command(tmp_path, *QUICK)).refused()
+        (tmp_path / name).rmdir()
+    (tmp_path / "masks").symlink_to(take.folder)
+    assert "masks: is a link" in perfcap(take.command(tmp_path, *QUICK)).refused()
+
+
+def test_two_captures_into_one_folder(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    from perfcap.io.result_folder import locked
+
+    with locked(tmp_path):
+        assert "another perfcap" in perfcap(take.command(tmp_path, *QUICK)).refused()
+    assert perfcap(take.command(tmp_path, *QUICK)).code == 0
+    other = tmp_path / "other"
+    assert perfcap([*take.command(other, *QUICK)[:-1], "0:5"]).code == 0
+    shutil.copy(other / "motion.npz", tmp_path / "motion.npz")
+    evaluate = ["evaluate", tmp_path, "--truth", take.truth]
+    assert "different captures" in perfcap(evaluate).refused()
+    assert "run.json says 6" in perfcap(["report", tmp_path]).refused()
+    assert perfcap(take.command(tmp_path, *QUICK, "--resume")).code == 2

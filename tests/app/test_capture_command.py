@@ -28,6 +28,7 @@ from perfcap.io.bvh import joint_positions, load_bvh
 from perfcap.io.gltf import load_template
 
 CONTRACT = {
+    "capture": ((), "U"),
     "joints3d": ((24, 16, 3), "f"),
     "joint_names": ((16,), "U"),
     "root_translation": ((24, 3), "f"),
@@ -144,7 +145,8 @@ def test_resume_does_nothing_only_where_all_is_done(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     call = take.command(
-        tmp_path, "--no-overlay", "--resume", "--frames", "0:3", "--until", "initialize"
+        tmp_path,
+        *("--no-overlay", "--resume", "--overwrite", "--frames", "0:3", "--until", "initialize"),
     )
     worked: list[int] = []
     from perfcap.app import capture as module

@@ -74,3 +74,25 @@ def test_bad_images_and_places_are_one_line(tmp_path: Path) -> None:
     for place in ("file", "file/masks"):
         with pytest.raises(InputError, match="cannot be written"):
             save_masks(tmp_path / place, {"a": [png(1)]})
+
+
+def test_a_folder_of_masks_that_is_a_link_is_left_alone(tmp_path: Path) -> None:
+    elsewhere, link = tmp_path / "elsewhere", tmp_path / "masks"
+    save_masks(elsewhere, {"a": [png(1)], "b": [png(1)]}, 1)
+    before = tree(elsewhere)
+    link.symlink_to(elsewhere)
+    remove_masks(link)
+    with pytest.raises(InputError, match="is a link"):
+        save_masks(link, {"a": [png(1)]})
+    link.unlink()
+    link.mkdir()
+    (link / "a").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="is a link"):
+        save_masks(link, {"a": [png(1)], "b": [png(1)]})
+    assert tree(elsewhere) == before
+
+
+def test_masks_that_are_kept(tmp_path: Path) -> None:
+    save_masks(tmp_path, {"a": [png(1)] * 3, "b": [png(1)]})
+    remove_masks(tmp_path, {"a/000001.png"})
+    assert tree(tmp_path) == ["a/000001.png"]

@@ -15,11 +15,11 @@ from takes import camera_entry, detect, make_take, shrunk, write_json, write_vid
 
 from perfcap.io.detections import save_detections
 from perfcap.io.mask_files import save_masks
+from perfcap.io.result_folder import PAGE
 from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
 from perfcap.render import rasterize
-from perfcap.report import PAGE
 
 
 @pytest.fixture(scope="session")

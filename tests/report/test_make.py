@@ -18,8 +18,9 @@ from reported import FRAMES, START, VIEWS
 
 from perfcap.errors import InputError
 from perfcap.io.result import read_result
+from perfcap.io.result_folder import PAGE
 from perfcap.pipeline.performance import Performance
-from perfcap.report import PAGE, Places, Wanted, make_report
+from perfcap.report import Places, Wanted, make_report
 from perfcap.report.packing import Pack, unpack
 from perfcap.report.quantize import restore
 
@@ -204,3 +205,13 @@ def test_long_clips_leave_the_surface_out(made: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("perfcap.report.make.LONGEST", 5)
     html, data, _ = read(make_report(made))
     assert data["frames"] == 5 and "first 5 of 12 frames" in text(html)
+
+
+def test_nothing_outside_the_folder_ends_up_in_the_page(folder: Path, tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text('{"mpjpe_mm": 777333.0, "note": "a secret"}')
+    for name in ("config.yaml", "metrics.json"):
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(secret)
+    page = make_report(folder).read_text()
+    assert "a secret" not in page and "777333" not in page

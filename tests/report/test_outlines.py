@@ -63,10 +63,12 @@ def test_frames_come_back() -> None:
 
 
 def test_masks_that_are_missing_or_damaged_are_empty(tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir()
-    cv2.imwrite(str(tmp_path / "one" / "000004.png"), disc().astype(np.uint8))
-    (tmp_path / "one" / "000005.png").write_bytes(b"no picture")
-    cv2.imwrite(str(tmp_path / "one" / "000006.png"), np.ones((100, 10), np.uint8))  # odd shape
+    (tmp_path / "masks" / "one").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "masks" / "one" / "000004.png"), disc().astype(np.uint8))
+    (tmp_path / "masks" / "one" / "000005.png").write_bytes(b"no picture")
+    cv2.imwrite(
+        str(tmp_path / "masks" / "one" / "000006.png"), np.ones((100, 10), np.uint8)
+    )  # odd shape
     found = mask_outlines(tmp_path, ["one", "two"], 0, [3, 4, 5, 6], (50, 60))
     assert found is not None and found.rings.tolist() == [0, 1, 0, 0]
     assert mask_outlines(tmp_path, ["one", "two"], 1, [4], (50, 60)) is None

@@ -1,0 +1,240 @@
+"""The folder of a result: one writer at a time, whole results only, and nothing outside of it."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+import re
+import shutil
+import stat
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from perfcap.errors import InputError
+from perfcap.io.atomic import unwritable, writing
+from perfcap.io.files import read_json
+from perfcap.io.mask_files import remove_masks
+
+REPORT, MOTION, SURFACE, MASKS = "run.json", "motion.npz", "surface.npz", "masks"
+FILES = (MOTION, "motion.bvh", "capture.glb", "config.yaml", REPORT)
+OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
+METRICS, PAGE = "metrics.json", "report.html"
+ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE)  # tell of one result
+OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
+
+WORK = ".perfcap"  # where a result grows; gone once it is complete
+_NEXT, _PLAN = "next", "publish.json"
+_MASK = re.compile(rf"{MASKS}/(?:\w[\w .-]{{0,99}}/)?\d{{6,}}\.png")
+
+_LOG = logging.getLogger(__name__)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only one who writes a result into a folder; the lock ends with the process.
+
+    Raises:
+        InputError: somebody else is writing there.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"--out {folder}: another perfcap writes into this folder at the moment; wait for "
+                "it, or choose another folder"
+            ) from None
+        except OSError as error:
+            _LOG.warning("%s: cannot be locked (%s); let no other run write there", folder, error)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def require_places(folder: Path, views: Collection[str] = ()) -> None:
+    """Refuse a folder in which something else lies where a result has its files.
+
+    Links to folders are something else: what is written or removed behind one is elsewhere.
+
+    Args:
+        folder: of the result.
+        views: folders of masks that will be written below ``masks``.
+
+    Raises:
+        InputError: names what is in the way.
+    """
+    for name in OWN:
+        if _kind(folder / name) == stat.S_IFDIR:
+            raise InputError(f"{folder / name}: is a folder, expected a file or nothing; remove it")
+    places = (folder / WORK, folder / MASKS, *(folder / MASKS / view for view in views))
+    for place in places:
+        if _kind(place) not in (None, stat.S_IFDIR):
+            raise InputError(
+                f"{place}: is a link or a file, expected a folder or nothing; remove it, nothing "
+                "outside the folder of a result is written or removed"
+            )
+
+
+def own_file(folder: Path, name: str) -> Path | None:
+    """A regular file of a result; None where it is missing, behind a link, a folder or a pipe."""
+    place = folder
+    for part in Path(name).parent.parts:
+        place = place / part
+        if _kind(place) != stat.S_IFDIR:
+            return None
+    return folder / name if _kind(folder / name) == stat.S_IFREG else None
+
+
+def holds_result(folder: Path) -> bool:
+    """Whether anything lies where a result has its report or its motion."""
+    return any(_kind(folder / name) is not None for name in (REPORT, MOTION))
+
+
+@contextmanager
+def replacing(folder: Path, *, last: bool = False) -> Iterator[Path]:
+    """A scratch folder whose files become the result in ``folder`` when the block ends well.
+
+    An older result stays as it is until then. What tells of it and is not replaced is removed;
+    ``detections.npz`` tells of the video and stays. The caller holds the lock.
+
+    Args:
+        folder: of the result.
+        last: whether checkpoints lie there that are not needed any more afterwards.
+
+    Raises:
+        InputError: the place cannot be written, or something else is in the way.
+    """
+    require_places(folder)
+    scratch = folder / WORK / _NEXT
+    try:
+        _remove(scratch)
+        scratch.mkdir(parents=True)
+        yield scratch
+        require_places(folder, _views(scratch))
+        _plan(folder, scratch, last)
+        finish(folder)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    except InputError as error:
+        # users know the folder that they named, not where files grow
+        raise InputError(str(error).replace(str(scratch), str(folder))) from error
+    finally:
+        if not is_between(folder):
+            tidy(folder)
+
+
+def is_between(folder: Path) -> bool:
+    """Whether a complete result is only partly in its place: ``finish`` was interrupted."""
+    return own_file(folder / WORK, _PLAN) is not None
+
+
+def finish(folder: Path) -> None:
+    """Put a complete result into its place; also where somebody was killed while doing so.
+
+    Raises:
+        InputError: something is in the way.
+    """
+    if not is_between(folder):
+        return
+    plan = _Plan.read(folder / WORK / _PLAN)
+    scratch = folder / WORK / _NEXT
+    require_places(folder, {Path(name).parent.name for name in plan.names if _MASK.match(name)})
+    for name in plan.names:
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+    if own_file(scratch, REPORT) is not None:
+        (folder / REPORT).unlink(missing_ok=True)  # no report vouches for files of two results
+    _move(scratch, folder, [name for name in plan.names if name != REPORT])
+    _remove_older(folder, plan)
+    _move(scratch, folder, [REPORT])
+    _remove(folder / WORK / _PLAN)
+    tidy(folder, everything=plan.last)
+
+
+def tidy(folder: Path, *, everything: bool = False) -> None:
+    """Remove scratch files, and the work folder where nothing else, or ``everything``, is in it."""
+    work = folder / WORK
+    if _kind(work) != stat.S_IFDIR:
+        return
+    with suppress(OSError):
+        _remove(work if everything else work / _NEXT)
+    with suppress(OSError):  # checkpoints are in it
+        work.rmdir()
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is to be put into place.
+
+    Attributes:
+        names: files, relative to the folder.
+        older: whether an older result was there.
+        last: whether nothing in the work folder is needed afterwards.
+    """
+
+    names: tuple[str, ...]
+    older: bool
+    last: bool
+
+    @classmethod
+    def read(cls, path: Path) -> _Plan:
+        values = read_json(path, "what a capture was about to put into place")
+        names = values.get("names") if isinstance(values, dict) else None
+        if not isinstance(names, list) or not all(isinstance(n, str) and _is_own(n) for n in names):
+            raise InputError(f"{path}: is damaged; remove the folder {path.parent}")
+        return cls(tuple(names), values.get("older") is True, values.get("last") is True)
+
+
+def _is_own(name: str) -> bool:
+    return name in OWN or _MASK.fullmatch(name) is not None
+
+
+def _plan(folder: Path, scratch: Path, last: bool) -> None:
+    found = (path for path in sorted(scratch.rglob("*")) if not path.is_dir())
+    names = [path.relative_to(scratch).as_posix() for path in found]
+    unknown = [name for name in names if not _is_own(name)]
+    assert not unknown, unknown
+    older = holds_result(folder)
+    with writing(folder / WORK / _PLAN) as file:
+        file.write(json.dumps({"names": names, "older": older, "last": last}).encode())
+
+
+def _move(scratch: Path, folder: Path, names: Collection[str]) -> None:
+    """Files that are still in the scratch folder."""
+    for name in names:
+        if own_file(scratch, name) is not None:
+            os.replace(scratch / name, folder / name)
+
+
+def _views(scratch: Path) -> list[str]:
+    masks = scratch / MASKS
+    return [entry.name for entry in masks.iterdir() if entry.is_dir()] if masks.is_dir() else []
+
+
+def _remove_older(folder: Path, plan: _Plan) -> None:
+    """What tells of an older result and is not part of the new one."""
+    gone = (*ABOUT, SURFACE) if plan.older else (SURFACE,)
+    for name in gone:
+        if name not in plan.names:
+            (folder / name).unlink(missing_ok=True)
+    remove_masks(folder / MASKS, {n.removeprefix(f"{MASKS}/") for n in plan.names})
+
+
+def _remove(path: Path) -> None:
+    """A file, a link or a folder with all that is in it; links in it are not followed."""
+    if _kind(path) == stat.S_IFDIR:
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _kind(path: Path) -> int | None:
+    """What lies at a path, links not followed; None where nothing does."""
+    try:
+        return stat.S_IFMT(path.lstat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
