@@ -19,6 +19,7 @@ import torch
 from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.capture_folder import last_change, spare_inputs
+from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
@@ -46,6 +47,7 @@ from perfcap.io.result_folder import (
     require_places,
 )
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
+from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
@@ -96,17 +98,26 @@ def _capture(request: CaptureRequest) -> int:
         used = list(_used(request, source.path))
         spare_inputs(folder, used, detected=any(_networks(request)))
         require_places(folder)
-        known = _known_result(folder, request, used)
-        return _run(request, folder, source.generic) if known is None else known
+        call = Call.of(describe(request), used)
+        work = find_work(folder, call, request.resume, request.overwrite)
+        if work is None:
+            known = _known_result(folder, request, used)
+            if known is not None:
+                return known
+            work = begin_work(folder, call, request.overwrite)
+        try:
+            return _run(request, folder, source.generic, work)
+        finally:
+            drop_if_empty(work)
 
 
-def _run(request: CaptureRequest, folder: Path, generic: bool) -> int:
+def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint) -> int:
     started = time.perf_counter()
     actor = load_actor(request.actor)
-    inputs = read_inputs(request)
+    inputs = read_inputs(request, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
-    performance = replace(_perform(request, actor, inputs, solve_bones), lost=inputs.lost)
+    performance = replace(_perform(request, actor, inputs, solve_bones, work), lost=inputs.lost)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs)
         if any(_networks(request)):
@@ -154,7 +165,7 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
 
 
 def _perform(
-    request: CaptureRequest, actor: Actor, inputs: Inputs, solve_bones: bool
+    request: CaptureRequest, actor: Actor, inputs: Inputs, solve_bones: bool, work: Checkpoint
 ) -> Performance:
     # stages that look at images run a thread a core; more inside each would only be in the way
     torch.set_num_threads(1)
@@ -171,6 +182,7 @@ def _perform(
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             progress=tell,
+            checkpoint=work,
         )
     return performance.to(like.cpu())
 

@@ -28,6 +28,7 @@ from perfcap.io.calibration import (
 )
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
 from perfcap.io.detections import read_detections
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,8 +79,12 @@ class Inputs:
     lost: int = 0
 
 
-def read_inputs(request: InputRequest) -> Inputs:
+def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:
     """A clip with its cameras and detections, found in the videos where a detector is given.
+
+    Args:
+        request: files and options.
+        checkpoint: keeps what is detected.
 
     Raises:
         InputError: anything that cannot be used, in one line.
@@ -91,7 +96,7 @@ def read_inputs(request: InputRequest) -> Inputs:
     detector = OnnxDetector(find_model(request.detector, DETECTORS))
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
-        return _lifted(_read(request, Detecting(detector, boxes, tell)), lifter)
+        return _lifted(_read(request, Detecting(detector, boxes, tell, checkpoint)), lifter)
 
 
 def _check_detections(request: InputRequest) -> None:

@@ -10,11 +10,13 @@ from perfcap.detect.crop import Frame
 from perfcap.detect.detections import Detections
 from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.detect.onnx import OnnxDetector, stack_views
-from perfcap.detect.person import Box
+from perfcap.detect.person import Box, follow_person
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import models_folder
 from perfcap.io.clip import Clip
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.remembering import RememberingNetwork
 
 DETECTORS, LIFTERS = "detectors", "lifters"
 
@@ -33,11 +35,13 @@ class Detecting:
         boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
             search.
         tell: told how far it is.
+        checkpoint: keeps what the network answered.
     """
 
     detector: OnnxDetector
     boxes: tuple[Box, ...] = ()
     tell: Tell = lambda stage, done, total: None
+    checkpoint: Checkpoint = NO_CHECKPOINT
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -102,8 +106,11 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
     """
     boxes: Sequence[Box | None] = detecting.boxes or [None] * clip.views
     found = [
-        detecting.detector.follow(
-            _frames(clip, view, detecting.tell), box, _view(cameras, view, len(clip))
+        follow_person(
+            RememberingNetwork(detecting.detector, detecting.checkpoint.kept(f"detect_{view}")),
+            _frames(clip, view, detecting.tell),
+            box,
+            _view(cameras, view, len(clip)),
         )
         for view, box in enumerate(boxes)
     ]

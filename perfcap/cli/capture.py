@@ -67,7 +67,7 @@ class Capture:
     overwrite: bool = False
     """Replace the result that lies in the folder; it stays until the new one is complete."""
     resume: bool = False
-    """Do nothing if the folder already holds the result of this very call."""
+    """Go on with this very call where it was stopped; do nothing where its result is there."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""

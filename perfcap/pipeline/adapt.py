@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig, PositionConfig, TrajectoryConfig
 from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.objective import pose_objective
@@ -26,7 +27,10 @@ _STRETCH = 500  # frames whose errors are looked at together
 
 
 def track_twice(
-    problem: MotionProblem, initial: Motion, progress: Progress | None = None
+    problem: MotionProblem,
+    initial: Motion,
+    progress: Progress | None = None,
+    kept: Checkpoint = NO_CHECKPOINT,
 ) -> tuple[Motion, list[WindowReport], MotionProblem]:
     """Solve the windows with the stated settings, then with what that shows of errors and motion.
 
@@ -38,12 +42,14 @@ def track_twice(
         The motion (F,), a report for each window, and the problem that was solved last.
     """
     config, detections = problem.config, problem.detections
+    last = kept.kept("track_motion")
     if not config.evidence.enabled or (detections.views == 1 and detections.joints3d is None):
-        return *track_motion(problem, initial, progress), problem
+        return *track_motion(problem, initial, progress, last), problem
     loose = replace(config, tolerance=max(config.tolerance, config.evidence.tolerance))
-    rough, _ = track_motion(replace(problem, config=loose), initial, _half(progress, 0))
+    first = kept.kept("track_motion_first")
+    rough, _ = track_motion(replace(problem, config=loose), initial, _half(progress, 0), first)
     known = adapted(problem, rough)
-    return *track_motion(known, rough, _half(progress, 1)), known
+    return *track_motion(known, rough, _half(progress, 1), last), known
 
 
 def _half(progress: Progress | None, which: int) -> Progress | None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.io.journal import Record
+from perfcap.pipeline.checkpoint import Codec
 from perfcap.segment import Contour, FrameReport, Silhouettes, extract_contour
 
 Mask = NDArray[np.bool_]
@@ -102,3 +104,26 @@ def encode_confidence(confidence: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 def _mean(confidence: NDArray[np.uint8]) -> float:
     return float(confidence.mean()) / _FULL if len(confidence) else 0.0
+
+
+def _pack(records: list[MaskRecord]) -> Record:
+    """Masks and confidences end to end, with their lengths."""
+    return {
+        "reports": [asdict(record.report) for record in records],
+        "sizes": [[len(record.png), len(record.confidence)] for record in records],
+        "masks": np.frombuffer(b"".join(record.png for record in records), np.uint8),
+        "confidence": np.concatenate([record.confidence for record in records]),
+    }
+
+
+def _unpack(record: dict[str, Any]) -> list[MaskRecord]:
+    ends = np.cumsum(record["sizes"], axis=0)[:-1]
+    masks = np.split(record["masks"], ends[:, 0])
+    confidence = np.split(record["confidence"], ends[:, 1])
+    rows = zip(masks, confidence, record["reports"], strict=True)
+    return [
+        MaskRecord(mask.tobytes(), trust, FrameReport(**report)) for mask, trust, report in rows
+    ]
+
+
+RECORDS = Codec(_pack, _unpack)

@@ -15,7 +15,8 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import NEAR, Camera
-from perfcap.pipeline.evidence import Evidence, Mask, MaskRecord, encode_confidence
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
 from perfcap.pipeline.images import FrameReader, Frames
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
@@ -45,6 +46,8 @@ def extract_silhouettes(
     settings: SequenceSettings,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
+    name: str = "extract_silhouettes",
 ) -> Evidence:
     """Segment a clip, view after view, block after block.
 
@@ -57,6 +60,8 @@ def extract_silhouettes(
         settings: of the segmentation.
         workers: threads; all cores when not given. The result does not depend on it.
         progress: called with (frames done, frames), summed over views.
+        checkpoint: keeps finished blocks.
+        name: under which it keeps them.
     """
     source = SilhouetteSource(actor, sight, reader, motion, settings, workers)
 
@@ -67,7 +72,9 @@ def extract_silhouettes(
     views: list[list[MaskRecord]] = []
     for view in range(sight.views):
         done: list[MaskRecord] = []
-        for part in ordered_map(records, source.blocks(view), workers):
+        kept, count = checkpoint.kept(f"{name}_{view}"), source.block_count
+        parts = kept.rest(RECORDS, records, partial(source.blocks, view), count, workers)
+        for part in parts:
             done += part
             if progress is not None:
                 progress(view * motion.frames + len(done), total)
@@ -101,14 +108,29 @@ class SilhouetteSource:
         self.actor, self.sight, self.reader = actor, sight, reader
         self.motion, self.settings, self.workers = motion, settings, workers
 
-    def blocks(self, view: int) -> Iterator[FrameBlock]:
-        """Blocks of a view in order, read as they are asked for."""
+    @property
+    def block_count(self) -> int:
+        """Blocks of a view."""
+        return sum(len(list(starts)) for _, starts in self._spans())
+
+    def _spans(self) -> Iterator[tuple[range, range]]:
+        """Frames that share a scene, and the first ones of their blocks."""
+        frames, span = self.motion.frames, self.settings.scene.span
+        for start in range(0, frames, span):
+            stop = min(start + span, frames)
+            yield range(start, stop), range(start, stop, BLOCK)
+
+    def blocks(self, view: int, skipped: int = 0) -> Iterator[FrameBlock]:
+        """Blocks of a view in order but the first ``skipped``, read as they are asked for."""
         frames, scenes = self.motion.frames, self.settings.scene
-        for start in range(0, frames, scenes.span):
-            stop = min(start + scenes.span, frames)
+        for span, starts in self._spans():
+            starts, skipped = starts[skipped:], max(0, skipped - len(starts))
+            if not starts:
+                continue
+            start, stop = span.start, span.stop
             scene = self._survey(view, sample_frames(start, stop, scenes.samples))
             reach = self.settings.reach if scene.plate is None else 1
-            for first in range(start, stop, BLOCK):
+            for first in starts:
                 wanted = range(first, min(first + BLOCK, stop))
                 shown = range(max(first - reach, 0), min(wanted.stop + reach, frames))
                 images = self.reader.read_view(view, shown.start, shown.stop)

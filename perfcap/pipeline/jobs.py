@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -19,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import track_twice
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
@@ -49,6 +51,7 @@ def capture(
     solve_bones: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Performance:
     """Motion and surface of one person from detections and images (Xu et al. 2018).
 
@@ -68,6 +71,8 @@ def capture(
         workers: threads of the stages that look at images; all cores when not given. Results do
             not depend on it.
         progress: told how far each stage is.
+        checkpoint: keeps finished blocks of every stage; what it holds of an earlier call with the
+            same arguments is not computed again, and the result has the same bits.
 
     Raises:
         InputError: nobody is detected, the shapes do not fit, or a stage needs images.
@@ -75,16 +80,19 @@ def capture(
     require_matching(cameras, detections, rate, images)
     until = _last_stage(until, images)
     clock = _Clock(progress or (lambda stage, done, total: None))
-    start = _start(actor, cameras, detections, rate, config or CaptureConfig(), solve_bones, clock)
+    kept = checkpoint or NO_CHECKPOINT
+    settings = config or CaptureConfig()
+    start = _start(actor, cameras, detections, rate, settings, solve_bones, clock, kept)
     problem, motion = start.problem, start.motion
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion") as tell:
-            motion, windows, problem = track_twice(problem, motion, tell)
+            motion, windows, problem = track_twice(problem, motion, tell, kept)
     refinement: Refinement | None = None
     if images is not None and until.needs_images:
         with torch.no_grad():
-            refinement = refine(problem, motion, images, start.config, until, clock.stage, workers)
+            more = (start.config, until, clock.stage, workers, kept)
+            refinement = refine(problem, motion, images, *more)
         motion = refinement.motion
     return Performance(
         actor=problem.actor,
@@ -130,6 +138,7 @@ def _start(
     config: CaptureConfig,
     solve_bones: bool,
     clock: _Clock,
+    checkpoint: Checkpoint,
 ) -> _Start:
     like = detections.joints2d
     cameras = cameras.to(like)
@@ -139,13 +148,30 @@ def _start(
     bones: Tensor | None = None
     if solve_bones:
         with clock.stage("bone_lengths"):
-            bones = solve_bone_lengths(actor, cameras, detections, pose, pixel_unit)
+            kept = checkpoint.kept("bone_lengths")
+            solved = partial(solve_bone_lengths, actor, cameras, detections, pose, pixel_unit)
+            (bones,) = kept.once(tensors(like), lambda: (solved(),))
             actor = actor.resized(bones)
     with clock.stage("initialize"):
         prepared = prepare(actor, cameras, detections, pose.position.gate)
-        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit)
+        kept = checkpoint.kept("initialize")
+        motion, seen = kept.once(
+            _started(like), partial(initialize, actor, cameras, prepared, pose, pixel_unit)
+        )
     problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
     return _Start(problem, motion, seen, replace(config, pose=pose), bones)
+
+
+def _started(like: Tensor) -> Codec[tuple[Motion, Tensor]]:
+    motion = motions(like)
+
+    def unpack(record: dict[str, Any]) -> tuple[Motion, Tensor]:
+        seen = torch.from_numpy(record.pop("seen")).to(like.device)
+        return motion.unpack(record), seen
+
+    return Codec(
+        lambda result: {**motion.pack(result[0]), "seen": result[1].numpy(force=True)}, unpack
+    )
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.metrics import mask_overlap
+from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
 from perfcap.pipeline.evidence import Evidence, Mask
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
-from perfcap.workers import ordered_map
 
 BLOCK = 8  # frames drawn at once
 
@@ -35,7 +35,11 @@ def frame_overlaps(
 
 
 def clip_overlaps(
-    surface: SurfaceFrames, sight: Sight, evidence: Evidence, workers: int | None = None
+    surface: SurfaceFrames,
+    sight: Sight,
+    evidence: Evidence,
+    workers: int | None = None,
+    kept: Kept = NOTHING,
 ) -> NDArray[np.float64]:
     """The same of every frame of a clip, (F,)."""
 
@@ -43,5 +47,5 @@ def clip_overlaps(
         span = slice(frames.start, frames.stop)
         return frame_overlaps(sight.look(surface[span], span), [evidence.masks(f) for f in frames])
 
-    parts = ordered_map(overlaps, blocks(0, surface.frames), workers)
+    parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))

@@ -19,6 +19,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import NEAR
 from perfcap.geometry.surface_topology import surface_topology
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.gaps import ranges
@@ -86,6 +87,7 @@ def refine(
     until: Stage,
     stage: StageContext,
     workers: int | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> Refinement:
     """Silhouettes, pose refinement, silhouettes again, surface refinement (Xu 2018, Sec. 5).
 
@@ -97,6 +99,7 @@ def refine(
         until: the last stage, ``REFINE_POSE`` or ``REFINE_SURFACE``.
         stage: entered around every stage.
         workers: threads; all cores when not given.
+        checkpoint: keeps finished blocks of every stage.
     """
     actor = problem.actor
     faces = torch.as_tensor(actor.template.faces.copy())
@@ -109,12 +112,15 @@ def refine(
     def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
         with stage(name) as tell:
             return extract_silhouettes(
-                actor, sight, images.reader, motion, heights, settings, workers, tell
+                actor,
+                *(sight, images.reader, motion, heights, settings, workers, tell, checkpoint),
+                name=name,
             )
 
     evidence = extract("extract_silhouettes", motion, config.silhouettes.first)
     with stage("refine_pose") as tell:
-        pose = refine_pose(problem, sight, evidence, motion, config.refine_pose, workers, tell)
+        settings = config.refine_pose
+        pose = refine_pose(problem, sight, evidence, motion, settings, workers, tell, checkpoint)
     evidence = extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
     if until < Stage.REFINE_SURFACE:
         vertices = SkinnedSurface(actor, pose.motion)
@@ -123,7 +129,8 @@ def refine(
         sight = Sight(cameras, faces, weld, limb_of_triangles(actor))  # limbs keep their width
         graph = DeformationGraph.build(actor.vertices, faces, config.refine_surface.nodes)
         surface = refine_surface(
-            actor, graph, sight, evidence, pose.motion, config.refine_surface, workers, tell
+            *(actor, graph, sight, evidence, pose.motion),
+            *(config.refine_surface, workers, tell, checkpoint),
         )
     return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.stabilization import Stabilization
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.motion_blender import MotionBlender
@@ -28,7 +30,6 @@ from perfcap.pipeline.track_motion import MotionProblem, Progress
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition
-from perfcap.workers import ordered_map
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ def refine_pose(
     config: RefinePoseConfig,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> PoseRefinement:
     """Minimise E_con + w_stab E_stab (Eq. 10), correspondences searched anew in every round.
 
@@ -70,6 +72,7 @@ def refine_pose(
         config: rounds, weights, units.
         workers: threads; all cores when not given.
         progress: called with (frames done, frames).
+        checkpoint: keeps finished windows.
     """
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
 
@@ -83,18 +86,24 @@ def refine_pose(
         return part
 
     blender = MotionBlender()
-    for window, part in zip(windows, ordered_map(refined, windows, workers), strict=True):
+    kept = checkpoint.kept("refine_pose")
+    parts = kept.each(motions(motion.angles), refined, windows, workers)
+    for window, part in zip(windows, parts, strict=True):
         blender.push(window, part)
         if progress is not None:
             progress(window.stop, motion.frames)
     found = blender.finish(problem.actor.skeleton)
 
+    rounds = count()
+
     def overlaps(motion: Motion) -> NDArray[np.float64]:
-        return clip_overlaps(SkinnedSurface(problem.actor, motion), sight, evidence, workers)
+        kept = checkpoint.kept(f"refine_pose_overlap_{next(rounds)}")
+        surface = SkinnedSurface(problem.actor, motion)
+        return clip_overlaps(surface, sight, evidence, workers, kept)
 
     before = overlaps(motion)
-    result, after, kept = keep_better(partial(_faded, motion, found), overlaps, before)
-    return PoseRefinement(result, before, after, kept)
+    result, after, better = keep_better(partial(_faded, motion, found), overlaps, before)
+    return PoseRefinement(result, before, after, better)
 
 
 class _Terms:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.tether import Tether
 from perfcap.geometry.folding import find_folds
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.objective import kernel
@@ -29,7 +31,6 @@ from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, Objective, TruncatedNewton, solve
 from perfcap.temporal.smoothing import binomial, smooth_vectors
-from perfcap.workers import ordered_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +110,7 @@ def refine_surface(
     config: RefineSurfaceConfig,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> SurfaceRefinement:
     """Minimise E_con + w_arap E_arap in every frame, smooth over a centred window, and settle.
 
@@ -124,6 +126,7 @@ def refine_surface(
         config: rounds, weights, units.
         workers: threads; all cores when not given.
         progress: called with (frames done, frames).
+        checkpoint: keeps finished blocks.
     """
     surface = DeformedSurface(actor, graph, motion)
     passes = [(config.rigidity, config.smoothing)]
@@ -136,13 +139,16 @@ def refine_surface(
             if progress is not None:
                 progress(before + done, motion.frames * len(passes))
 
-        layer, outcome = _solved(solver, workers, tell)
+        layer, outcome = _solved(solver, workers, tell, checkpoint.kept(f"refine_surface_{number}"))
         outcomes.append(outcome)
         _smooth(surface, layer, outcome.kept, width)
         surface = surface.deformed(layer)
 
+    rounds = count()
+
     def overlaps(surface: DeformedSurface) -> NDArray[np.float64]:
-        return clip_overlaps(surface, sight, evidence, workers)
+        kept = checkpoint.kept(f"refine_surface_overlap_{next(rounds)}")
+        return clip_overlaps(surface, sight, evidence, workers, kept)
 
     before = outcomes[0].before
     surface, after, better = keep_better(surface.faded, overlaps, before)
@@ -161,7 +167,7 @@ class _Outcome:
 
 
 def _solved(
-    solver: _Solver, workers: int | None, tell: Callable[[int], None]
+    solver: _Solver, workers: int | None, tell: Callable[[int], None], kept: Kept
 ) -> tuple[Deformation, _Outcome]:
     """One layer of the whole clip, written block after block where it stays."""
     graph, frames = solver.surface.graph, solver.surface.frames
@@ -169,13 +175,27 @@ def _solved(
     layer = Deformation(*torch.zeros(2, frames, len(graph), 3, device=device))
     parts = blocks(0, frames)
     outcomes = []
-    for span, (part, outcome) in zip(parts, ordered_map(solver.solve, parts, workers), strict=True):
+    results = kept.each(_BLOCK, solver.solve, parts, workers)
+    for span, (part, outcome) in zip(parts, results, strict=True):
         layer.rotation[span.start : span.stop] = part.rotation
         layer.translation[span.start : span.stop] = part.translation
         outcomes.append(outcome)
         tell(span.stop)
     names = ("before", "kept", "folded")
     return layer, _Outcome(*(np.concatenate([getattr(o, n) for o in outcomes]) for n in names))
+
+
+_BLOCK: Codec[tuple[Deformation, _Outcome]] = Codec(
+    lambda result: {
+        "rotation": result[0].rotation.numpy(force=True),
+        "translation": result[0].translation.numpy(force=True),
+        **vars(result[1]),
+    },
+    lambda record: (
+        Deformation(*(torch.from_numpy(record.pop(name)) for name in ("rotation", "translation"))),
+        _Outcome(**record),
+    ),
+)
 
 
 @dataclass(frozen=True)

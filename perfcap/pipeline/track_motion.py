@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,6 +14,8 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
+from perfcap.io.journal import Record
+from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
@@ -93,7 +97,10 @@ class MotionProblem:
 
 
 def track_motion(
-    problem: MotionProblem, initial: Motion, progress: Progress | None = None
+    problem: MotionProblem,
+    initial: Motion,
+    progress: Progress | None = None,
+    kept: Kept = NOTHING,
 ) -> tuple[Motion, list[WindowReport]]:
     """Minimise E_pose over windows (Xu et al. 2018, Eq. 2 and 3) and blend them (MPC-9).
 
@@ -104,6 +111,7 @@ def track_motion(
         problem: the clip, and settings.
         initial: motion to start from, (F,).
         progress: called with (frames done, frames).
+        kept: windows that were solved before.
 
     Returns:
         The motion (F,), every angle within its limits, and a report for each window.
@@ -112,8 +120,10 @@ def track_motion(
     windows = partition(frames, config.window, config.overlap)
     blender = MotionBlender()
     reports: list[WindowReport] = []
-    for group in _batches(windows, config.batch):
-        solved, report = _solve_group(problem, initial, group)
+    groups = list(_batches(windows, config.batch))
+    codec = _codec(initial.angles)
+    results = kept.each(codec, partial(_solve_group, problem, initial), groups)
+    for group, (solved, report) in zip(groups, results, strict=True):
         for i, window in enumerate(group):
             blender.push(window, select(solved, i))
         reports += report
@@ -145,6 +155,25 @@ def _solve_group(
     ]
     motion: Motion = solution.state
     return motion, reports
+
+
+def _codec(like: Tensor) -> Codec[tuple[Motion, list[WindowReport]]]:
+    motion = motions(like)
+
+    def pack(result: tuple[Motion, list[WindowReport]]) -> Record:
+        solved, reports = result
+        return {**motion.pack(solved), "reports": [asdict(report) for report in reports]}
+
+    def unpack(record: dict[str, Any]) -> tuple[Motion, list[WindowReport]]:
+        reports = [_report(values) for values in record.pop("reports")]
+        return motion.unpack(record), reports
+
+    return Codec(pack, unpack)
+
+
+def _report(values: dict[str, Any]) -> WindowReport:
+    window, status = Window(**values.pop("window")), Status(values.pop("status"))
+    return WindowReport(window, status, **values)
 
 
 def _frame_terms(objective: Objective, motion: Motion) -> dict[str, Tensor]:

@@ -1,5 +1,6 @@
 """``perfcap capture`` into a folder that holds an older result, or the inputs themselves."""
 
+import json
 import os
 import shutil
 from dataclasses import replace
@@ -13,6 +14,7 @@ from takes import TakeFiles, write_detections
 from written_files import motion
 
 from perfcap.app.capture_folder import last_change, spare_inputs
+from perfcap.cli import main
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
@@ -172,3 +174,94 @@ def test_two_captures_into_one_folder(take: TakeFiles, tmp_path: Path, perfcap: 
     assert "different captures" in perfcap(evaluate).refused()
     assert "run.json says 6" in perfcap(["report", tmp_path]).refused()
     assert perfcap(take.command(tmp_path, *QUICK, "--resume")).code == 2
+
+
+# --- unfinished work ------------------------------------------------------------------------------
+
+
+class Killed(BaseException):
+    """Nothing in the program may catch it."""
+
+
+def result(folder: Path) -> dict[str, object]:
+    """All files, without the times that run.json and zip archives hold."""
+    found: dict[str, object] = {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+    run = json.loads((folder / "run.json").read_text())
+    run["request"]["out"] = None
+    for name in ("wall_s", "peak_memory_mib", "stages"):
+        del run[name]
+    return found | {"run.json": run, "motion.npz": repr(motion(folder))}
+
+
+def test_a_killed_capture_goes_on(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever stage it is killed in; an older result stays until then."""
+    from perfcap.app import capture as module
+
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    assert perfcap(take.command(whole)).code == 0
+    assert perfcap(take.command(out, *QUICK)).code == 0
+    older = result(out)
+
+    def kill(*_: object, **__: object) -> None:
+        raise Killed
+
+    call = take.command(out)
+    for where in ("_draw", "write_result"):
+        monkeypatch.setattr(module, where, kill)
+        with pytest.raises(Killed):
+            main([*call, "--overwrite" if where == "_draw" else "--resume"])
+        monkeypatch.undo()
+        assert result(out) == older
+        assert "go on with --resume" in perfcap(call).refused()
+        other = take.command(out, "--resume", "--frames", "0:9")
+        assert "differs in options: frames" in perfcap(other).refused()
+    monkeypatch.setattr("perfcap.pipeline.track_motion._solve_group", kill)  # nothing is solved
+    assert perfcap([*call, "--resume"]).code == 0
+    assert result(out) == result(whole) and not (out / ".perfcap").exists()
+
+
+def test_unfinished_work_can_be_dropped(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from perfcap.app import capture as module
+
+    def kill(*_: object, **__: object) -> None:
+        raise Killed
+
+    monkeypatch.setattr(module, "write_result", kill)
+    with pytest.raises(Killed):
+        main(take.command(tmp_path, "--frames", "0:9"))
+    monkeypatch.undo()
+    assert perfcap(take.command(tmp_path, *QUICK, "--overwrite")).code == 0
+    assert len(motion(tmp_path)["frames"]) == 6 and not (tmp_path / ".perfcap").exists()
+
+
+def test_inputs_that_have_changed_end_what_is_kept(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from perfcap.app import capture as module
+
+    def kill(*_: object, **__: object) -> None:
+        raise Killed
+
+    mine = tmp_path / "mine.npz"
+    shutil.copy(take.detections, mine)
+    call = take.command(tmp_path / "out", *QUICK, detections=mine)
+    monkeypatch.setattr(module, "write_result", kill)
+    with pytest.raises(Killed):
+        main(call)
+    monkeypatch.undo()
+    os.utime(mine, (1, 1))
+    assert f"differs in inputs: {mine}" in perfcap([*call, "--resume"]).refused()
+
+
+def test_a_link_in_place_of_the_work_folder(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".perfcap").symlink_to(tmp_path / "elsewhere")
+    assert "is a link" in perfcap(take.command(tmp_path / "out", *QUICK)).refused()
+    assert list((tmp_path / "elsewhere").iterdir()) == []

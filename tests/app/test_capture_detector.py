@@ -10,6 +10,7 @@ import torch
 from runs import Command
 from takes import TakeFiles, camera_entry, detect, make_take, shrunk, write_json, write_take
 from tiny_networks import MANIFESTS, draw, vitpose, write_model
+from written_files import motion
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.lifter import OnnxLifter
@@ -154,6 +155,36 @@ def test_nobody_in_the_images(
     line = call(dots, network, tmp_path / "out")
     line[1] = str(grey)
     assert "nobody is found in any frame" in perfcap(line).refused()
+
+
+def test_what_was_detected_before_a_kill_is_not_detected_again(
+    dots: TakeFiles,
+    network: Path,
+    tmp_path: Path,
+    perfcap: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from perfcap.detect.onnx import OnnxDetector
+
+    asked, genuine = [0], OnnxDetector.estimate
+
+    def estimate(self: OnnxDetector, crops: np.ndarray) -> object:
+        asked[0] += 1
+        if asked[0] == 9:
+            raise KeyboardInterrupt
+        return genuine(self, crops)
+
+    monkeypatch.setattr(OnnxDetector, "estimate", estimate)
+    out = tmp_path / "out"
+    assert perfcap(call(dots, network, out)).code == 130
+    before, asked[0] = asked[0], 100
+    assert perfcap([*call(dots, network, out), "--resume"]).code == 0
+    again, asked[0] = asked[0] - 100, 100
+    assert perfcap(call(dots, network, tmp_path / "whole")).code == 0
+    # every run asks once when it opens the network; one answer was lost
+    assert again == asked[0] - 100 - (before - 2)
+    kept, whole = motion(out), motion(tmp_path / "whole")
+    assert all(np.array_equal(kept[name], whole[name]) for name in whole)
 
 
 def test_a_lifter_gives_3d_poses_to_one_view(

@@ -13,7 +13,7 @@ from takes import (
     write_detections,
     write_video,
 )
-from written_files import motion, report
+from written_files import FILES, motion, report
 
 # --- when something goes wrong on the way ---------------------------------------------------------
 
@@ -31,7 +31,8 @@ def test_a_crash_leaves_nothing_half_written(
     monkeypatch.setattr(module, where, crash)
     with pytest.raises(RuntimeError, match="boom"):
         main(take.command(tmp_path / "out"))
-    assert os.listdir(tmp_path / "out") == []
+    kept = [".perfcap"] if where == "save_overlay" else []  # what was solved before
+    assert os.listdir(tmp_path / "out") == kept
 
 
 @pytest.mark.parametrize("where", ["save_bvh", "save_animation", "bvh_motion"])
@@ -50,7 +51,7 @@ def test_a_crash_while_saving_leaves_the_older_result(
     monkeypatch.setattr(module, where, crash)
     with pytest.raises(RuntimeError, match="boom"):
         main(take.command(tmp_path, "--frames", "0:9", "--overwrite"))
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
 
 
 def test_a_disk_that_fills_up_is_one_line(
@@ -64,7 +65,10 @@ def test_a_disk_that_fills_up_is_one_line(
     monkeypatch.setattr(np, "savez_compressed", full)
     line = perfcap(take.command(tmp_path, "--no-overlay")).refused()
     assert "motion.npz" in line and "No space left" in line
-    assert os.listdir(tmp_path) == []
+    assert os.listdir(tmp_path) == [".perfcap"]  # what was solved is kept
+    monkeypatch.undo()
+    assert perfcap(take.command(tmp_path, "--no-overlay", "--resume")).code == 0
+    assert sorted(os.listdir(tmp_path)) == [f for f in FILES if f != "overlay.mp4"]
 
 
 def test_ctrl_c(
