@@ -94,6 +94,7 @@ class PoseConfig:
     initial_batch: int = 500  # frames initialised at once, likewise
     max_steps: int = 30
     tolerance: float = 1e-3  # relative decrease that ends a window; 1e-4 costs half as much again
+    damping: float = 1e-2  # of a window's first step, relative to the curvature of the data
     initial_steps: int = 8
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less

@@ -164,7 +164,7 @@ class PoseRefiner(nn.Module):
         """Motion (F,) and worst status of each clip."""
         config = self.config
         tolerance = max(tolerance, config.tolerance)
-        method = LevenbergMarquardt(config.max_steps, tolerance=tolerance)
+        method = LevenbergMarquardt(config.max_steps, tolerance, config.damping)
         weights = self.log_weights.exp()
         bounds = angle_bounds(self.actor)
         blenders = [MotionBlender() for _ in clips]

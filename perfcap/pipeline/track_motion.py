@@ -139,7 +139,7 @@ def _solve_group(
     index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(initial.angles.device)
     objective = problem.objective(index)
     start = Motion(initial.translation[index], initial.rotation[index], initial.angles[index])
-    method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
+    method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
     solution = solve(objective, start, method, angle_bounds(actor))
     shares = _frame_terms(objective, solution.state)
     reports = [
