@@ -34,6 +34,7 @@ from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import MotionProblem, WindowReport
 from perfcap.solve import Status
+from perfcap.workers import settle_after_fork
 
 # called with a stage's name, what is done and what there is to do
 Progress = Callable[[str, int, int], None]
@@ -77,6 +78,7 @@ def capture(
     Raises:
         InputError: nobody is detected, the shapes do not fit, or a stage needs images.
     """
+    settle_after_fork()
     require_matching(cameras, detections, rate, images)
     until = _last_stage(until, images)
     clock = _Clock(progress or (lambda stage, done, total: None))

@@ -14,6 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import bone_vectors, retarget
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
+from perfcap.workers import settle_after_fork
 
 _HEAD = LANDMARKS.index("head_top")
 _STRETCH = 500  # frames
@@ -53,6 +54,7 @@ def prepare(actor: Actor, cameras: Camera, detections: Detections, gate: float =
     depth of the pose. A frame is trusted below ``gate``. Head lengths make it PCKh's unit, and
     the actor's own head makes it immune to a wrong head detection.
     """
+    settle_after_fork()
     if detections.joints3d is None:
         return Prepared(detections, None, None)
     parts = [
