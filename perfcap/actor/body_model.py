@@ -111,6 +111,7 @@ class BodyModel(nn.Module):
                 f"{bones.components} of {len(bones.mean)} bones and {len(rig.bone_names)} bone "
                 "names; give the same number of each"
             )
+        _require_fit(rig, len(surface.mean))
         self.surface, self.bones, self.rig = surface, bones, rig
         self._corners = _split(rig, len(surface.mean))
         self.template(torch.zeros(0, dtype=torch.float64))  # refuses what is no rigged mesh
@@ -130,8 +131,15 @@ class BodyModel(nn.Module):
                 f"body model {name!r} lacks {', '.join(missing)}; expected at least "
                 f"{', '.join(REQUIRED)} and bone_positions with bone_basis, or joint_regressor"
             )
-        surface = _surface(arrays, name)
-        return cls(surface, _bones(arrays, surface, name), _rig(arrays, name, texture))
+        try:
+            surface = _surface(arrays, name)
+            return cls(surface, _bones(arrays, surface, name), _rig(arrays, name, texture))
+        except InputError:
+            raise
+        except (LookupError, TypeError, ValueError, RuntimeError) as error:
+            raise InputError(
+                f"body model {name!r}: its arrays do not fit one another ({error}); write it again"
+            ) from error
 
     @property
     def components(self) -> int:
@@ -179,6 +187,19 @@ class BodyModel(nn.Module):
     def actor(self, shape: Tensor) -> Actor:
         """One person, ready to move."""
         return Actor(self.template(shape))
+
+
+def _require_fit(rig: BodyRig, vertices: int) -> None:
+    """Refuse weights and triangles of another surface than that of the model."""
+    if len(rig.weights) != vertices or rig.weights.shape != rig.weight_bones.shape:
+        raise InputError(
+            f"body model {rig.name!r}: weights have shape {rig.weights.shape} and weight_bones "
+            f"{rig.weight_bones.shape}; expected a row for each of {vertices} vertices"
+        )
+    if rig.faces.ndim != 2 or rig.faces.shape[1:] != (3,) or not rig.faces.size:
+        raise InputError(f"body model {rig.name!r}: faces have shape {rig.faces.shape}, not (T, 3)")
+    if not _within(rig.faces, vertices):
+        raise InputError(f"body model {rig.name!r}: faces name vertices that are not there")
 
 
 def _split(rig: BodyRig, vertices: int) -> tuple[Integers, Integers, Floats | None]:

@@ -14,7 +14,7 @@ from perfcap.app.doctor import COLORS
 from perfcap.io.actor import Examination, examine
 from perfcap.io.atomic import unwritable
 from perfcap.io.doctor import Severity
-from perfcap.io.gltf_texture import image_size
+from perfcap.io.image_file import image_size
 
 
 def run_inspect(actor: str, mapping: Path | None, out: Path | None) -> int:

@@ -7,7 +7,6 @@ one, and coordinates follow.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -20,6 +19,7 @@ from perfcap.actor.template import image_mime
 from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
+from perfcap.io.image_file import image_size
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -147,23 +147,6 @@ def _encoded(source: ImageSource, number: int, notes: list[Finding]) -> bytes | 
             f"{LARGEST_AREA >> 20} million are read, make it smaller"
         )
     return data
-
-
-def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that the header of a PNG or JPEG declares, None if it has none."""
-    if data[:4] == b"\x89PNG" and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)
-        return int(width), int(height)
-    position = 2
-    while data[:2] == b"\xff\xd8" and position + 9 <= len(data):
-        marker, length = data[position + 1], int.from_bytes(data[position + 2 : position + 4])
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # start of a frame
-            height, width = struct.unpack_from(">HH", data, position + 5)
-            return int(width), int(height)
-        if data[position] != 0xFF or length < 2:
-            return None
-        position += 2 + length
-    return None
 
 
 def _sheet(

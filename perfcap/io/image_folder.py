@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, natural_key, require_file
+from perfcap.io.files import natural_key
+from perfcap.io.image_file import decode_image
 
 Frames = NDArray[np.uint8]
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
-IMAGE_LIMIT = 256 * MEBIBYTE
 
 
 class ImageFolder:
@@ -78,11 +78,5 @@ def read_image(path: Path) -> Frames:
     Raises:
         InputError: a file that is empty, too large or no image.
     """
-    require_file(path, IMAGE_LIMIT, "an image")
-    try:
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
-        raise InputError(f"{path}: cannot be decoded as an image ({error.err})") from error
-    if image is None:
-        raise InputError(f"{path}: is not an image or is damaged; write it again")
+    image = decode_image(path, cv2.IMREAD_COLOR)
     return np.ascontiguousarray(image[..., ::-1])

@@ -12,8 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.image_folder import IMAGE_LIMIT
+from perfcap.io.image_file import decode_image
 from perfcap.io.mask_files import view_folders
 from perfcap.io.result import Result
 from perfcap.io.result_folder import MASKS, own_file
@@ -152,10 +153,9 @@ def _projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _read_mask(path: Path | None) -> Mask | None:
-    if path is None or path.stat().st_size > IMAGE_LIMIT:
+    if path is None:
         return None
     try:
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)
-    except (OSError, cv2.error):  # missing, empty, or larger than OpenCV decodes
+        return decode_image(path, cv2.IMREAD_GRAYSCALE) > 0
+    except InputError:  # damaged, or larger than is decoded
         return None
-    return None if image is None else image > 0

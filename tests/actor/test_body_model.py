@@ -166,3 +166,26 @@ def test_a_body_is_saved_and_loaded(tmp_path: Path) -> None:
     save_actor(actor, tmp_path / "me")
     again = load_actor(tmp_path / "me")
     assert torch.allclose(again.skeleton.rest_landmarks, actor.skeleton.rest_landmarks, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"weights": np.zeros((7, 2))},
+        {"weights": np.array(1.0)},
+        {"faces": np.array([[0, 1, 10**6]])},
+        {"faces": np.array(3)},
+        {"bone_names": np.array("x")},
+        {"vertices": np.array(0.5)},
+        {"shape_deviation": np.array(1.0)},
+        {"bone_parents": np.array(0)},
+    ],
+)
+def test_arrays_that_do_not_fit_one_another(change: dict[str, np.ndarray]) -> None:
+    """Found by tools/fuzz.py."""
+    from perfcap.io.archive import read_archive
+    from perfcap.io.body_model import ARRAYS, models_folder
+
+    arrays = read_archive(models_folder() / "bodies" / "ada" / "body.npz", ARRAYS, "a body")
+    with pytest.raises(InputError):
+        BodyModel.from_arrays({**arrays, **change})

@@ -10,7 +10,8 @@ import pytest
 
 from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding
-from perfcap.io.gltf_texture import Material, image_size, one_texture
+from perfcap.io.gltf_texture import Material, one_texture
+from perfcap.io.image_file import image_size
 
 WHITE = (1.0, 1.0, 1.0)
 

@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, require_file
+from perfcap.io.image_file import decode_image
 
-_LIMIT = 64 * MEBIBYTE
 _WHAT = "an image of a silhouette"
 _HALF = 127
 
@@ -26,9 +24,6 @@ def read_silhouette(path: Path, person: int | None = None) -> NDArray[np.bool_]:
     Raises:
         InputError: it is missing, too large, or no image.
     """
-    require_file(path, _LIMIT, _WHAT)
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise InputError(f"{path}: is no image that can be read; expected {_WHAT}")
+    image = decode_image(path, cv2.IMREAD_GRAYSCALE, _WHAT)
     found: NDArray[np.bool_] = image > _HALF if person is None else image == person
     return found

@@ -1,0 +1,235 @@
+"""Whole files of every kind, made by the helpers of the tests, and their readers."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import calibration_files
+import cv2
+import detection_files
+import numpy as np
+from fuzzing import mutate
+from fuzzing.mutate import Random
+from fuzzing.targets import Target, command, spoiled
+from takes import TakeFiles, make_take, write_take
+from tiny_networks import write_tiny
+
+from perfcap.detect.onnx import OnnxDetector
+from perfcap.io.actor import load_actor
+from perfcap.io.body_model import load_body_model
+from perfcap.io.bvh_motion import BvhMotion
+from perfcap.io.bvh_read import load_bvh
+from perfcap.io.calibration import read_cameras, read_pixel_map
+from perfcap.io.datasets.off import read_off
+from perfcap.io.datasets.safe_pickle import read_pickle
+from perfcap.io.datasets.silhouettes import read_silhouette
+from perfcap.io.datasets.trc import read_trc
+from perfcap.io.detections import read_detections
+from perfcap.io.mesh import read_mesh
+from perfcap.io.result import Result, read_result
+from perfcap.pipeline import PoseRefiner, Stage, capture
+
+SIZES = ((480, 640), (480, 640))
+
+
+def targets(root: Path) -> list[Target]:
+    """Everything that reads, with files below ``root``."""
+    take = write_take(_new(root, "take"), 4, size=(48, 64))
+    out = root / "result"
+    command(take.command(out, "--no-overlay", "--until", "initialize"))
+    return [
+        *_cameras(root),
+        *_detections(root),
+        *_shapes(root, take),
+        *_networks(root),
+        Target("result", out, lambda f, _: _whole(read_result(f))),
+        *_commands(root, take, out),
+        *_arrays(root),
+    ]
+
+
+def _new(root: Path, name: str) -> Path:
+    (root / name).mkdir(parents=True)
+    return root / name
+
+
+def _cameras(root: Path) -> list[Target]:
+    places = [_new(root, f"cameras_{kind}") for kind in ("json", "toml", "easymocap", "colmap")]
+    calibration_files.write(places[0] / "camera.json", calibration_files.entry())
+    calibration_files.write_toml(places[1])
+    calibration_files.write_easymocap(places[2])
+    calibration_files.write_colmap(places[3])
+    maps = _new(root, "pixel_map")
+    calibration_files.write(maps / "map.json", {"cam01": [[1, 0, 0], [0, 1, 0]]})
+
+    def read(folder: Path, _: Random) -> Any:
+        inside = [path for path in folder.iterdir() if path.suffix in (".json", ".toml")]
+        return read_cameras(inside[0] if inside else folder, SIZES).cameras
+
+    found = [Target(place.name, place, read) for place in places]
+    return [*found, Target("pixel_map", maps, lambda f, _: read_pixel_map(f / "map.json"))]
+
+
+def _detections(root: Path) -> list[Target]:
+    arrays, folder = _new(root, "detections_npz"), root / "detections_openpose"
+    detection_files.write_npz(arrays / "a.npz", joints3d_mm=detection_files.pose3d_mm())
+    people = np.random.default_rng(0).random((6, 1, 25, 3)) * 200
+    detection_files.write_openpose(folder / "a", [[p for p in row] for row in people])
+    coco = _new(root, "detections_coco")
+    entries = [
+        {"image_id": f"{i}.jpg", "keypoints": (people[i, 0, :17] + 1).reshape(-1).tolist()}
+        | {"category_id": 1, "score": 1.0}
+        for i in range(6)
+    ]
+    detection_files.write_json(coco / "a.json", entries)
+
+    def read(folder: Path, _: Random) -> Any:
+        (path,) = folder.iterdir()
+        return read_detections(path)[0]
+
+    return [Target(place.name, place, read) for place in (arrays, folder, coco)]
+
+
+def _shapes(root: Path, take: TakeFiles) -> list[Target]:
+    actor, meshes, bvh = (_new(root, name) for name in ("actor", "meshes", "bvh"))
+    (actor / "actor.glb").write_bytes(take.actor.read_bytes())
+    (actor / "manifest.toml").write_text('licence = "CC0-1.0"\n')
+    body, off, trc = (_new(root, name) for name in ("body", "off", "trc"))
+    source = Path(__file__).parents[2] / "models" / "bodies" / "ada" / "body.npz"
+    (body / "body.npz").write_bytes(source.read_bytes())
+    (off / "a.off").write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n4 0 1 2 3\n")
+    (trc / "a.trc").write_text(_TRC)
+    (meshes / "a.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf -1 -2 -3 -4\n"
+    )
+    (bvh / "a.bvh").write_bytes((root / "result" / "motion.bvh").read_bytes())
+    masks, pickles = _new(root, "masks"), _new(root, "pickles")
+    picture = np.zeros((40, 30), np.uint8)
+    picture[10:30, 5:20] = 1
+    cv2.imwrite(str(masks / "a.png"), picture)
+    (pickles / "a.pkl").write_bytes(_PICKLE)
+    return [
+        Target("actor", actor, lambda f, _: load_actor(str(f)).template),
+        Target("body", body, lambda f, _: load_body_model(f / "body.npz")),
+        Target("obj", meshes, lambda f, _: read_mesh(f / "a.obj")),
+        Target("off", off, lambda f, _: read_off(f / "a.off")),
+        Target("trc", trc, lambda f, _: read_trc(f / "a.trc").rate),
+        Target("bvh", bvh, lambda f, _: _played(load_bvh(f / "a.bvh"))),
+        Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
+        Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
+    ]
+
+
+def _networks(root: Path) -> list[Target]:
+    folder = _new(root, "networks")
+    write_tiny(folder, "vitpose")
+
+    def read(folder: Path, rng: Random) -> Any:
+        detector = OnnxDetector(folder / "vitpose")
+        return detector.estimate(np.zeros((1, 128, 96, 3), np.uint8)).joints2d
+
+    return [Target("networks", folder, read)]
+
+
+def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
+    plain = take.command(Path("OUT"), "--until", "initialize", "--no-overlay", "--overwrite")
+    calls = [
+        plain,
+        [
+            *("doctor", str(take.video), "--cameras", str(take.camera)),
+            *("--detections", str(take.detections)),
+        ],
+        ["evaluate", "RESULT", "--truth", str(take.truth)],
+        ["export", "RESULT", "--to", "bvh", "trc", "csv", "--frames", "0:2"],
+        ["actor", "inspect", str(take.actor)],
+    ]
+    words = ("", "-", "--", "0:", "3:1", "a:b", "nan", "1e300", "here", "[/x]", "é\x1b", "RESULT")
+    words += (
+        "--resume",
+        "--overwrite",
+        "--until",
+        "--frames",
+        "\0",
+        "x" * 300,
+        "-1",
+        "sam",
+        "meta",
+    )
+
+    def run(folder: Path, rng: Random) -> None:
+        call = [each.replace("RESULT", str(folder)) for each in rng.choice(calls)]
+        for _ in range(rng.choice((1, 1, 2, 3))):
+            at = rng.randrange(len(call))
+            kind = rng.randrange(4)
+            if kind == 0:
+                del call[at]
+            elif kind == 1:
+                call.insert(at, rng.choice(words))
+            elif kind == 2:
+                call[at] = rng.choice(words)
+            else:
+                call[at] = mutate.text(rng, call[at])
+        os.chdir(folder)  # names that are left of a call land here
+        command([each.replace("OUT", str(folder / "new")) for each in call or [""]])
+
+    return [Target("commands", out, run, mutates_files=False)]
+
+
+def _arrays(root: Path) -> list[Target]:
+    take, nothing = make_take(6), _new(root, "arrays")
+    refiner = PoseRefiner(take.actor, joint_set="landmarks16", rate=30.0)
+
+    def change(rng: Random, thing: Any, names: tuple[str, ...]) -> Any:
+        name = rng.choice(names)
+        values = getattr(thing, name)
+        return replace(thing, **{name: spoiled(rng, values)})
+
+    def solve(_: Path, rng: Random) -> Any:
+        detections, cameras, rate = take.detections, take.cameras, take.rate
+        kind = rng.randrange(3)
+        if kind == 0:
+            names = ("joints2d", "confidence2d", "joints3d", "trusted3d")
+            detections = change(rng, detections, names)
+        elif kind == 1:
+            names = ("intrinsics", "rotation", "translation")
+            cameras = change(rng, cameras, names)
+        else:
+            rate = rng.choice((*mutate.NUMBERS, "x", None))
+        found = capture(take.actor, cameras, detections, rate, until=Stage.INITIALIZE)
+        return found.motion.translation, found.motion.rotation, found.motion.angles
+
+    def refine(_: Path, rng: Random) -> Any:
+        pixels = spoiled(rng, take.detections.joints2d)
+        found = refiner(take.cameras, pixels)
+        return found.joints
+
+    refused = (ValueError, TypeError)
+    return [
+        Target("arrays_capture", nothing, solve, refused, mutates_files=False),
+        Target("arrays_refiner", nothing, refine, refused, mutates_files=False),
+    ]
+
+
+def _played(motion: BvhMotion) -> Any:
+    return replace(motion, ends=np.nan_to_num(motion.ends))  # NaN where a bone has no end
+
+
+def _whole(result: Result) -> Any:
+    return result.joints, result.vertices(slice(0, 2)), result.rate
+
+
+_TRC = (
+    "PathFileType\t4\t(X/Y/Z)\ta.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
+    "OrigNumFrames\n30\t30\t2\t2\tm\t30\t1\t2\n"
+    "Frame#\tTime\tNeck\t\t\tHip\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
+    "1\t0\t0\t1\t0\t0\t0.5\t0\n2\t0.033\t0\t1\t0\t0\t0.5\t0.1\n"
+)
+# {'a': [1, 2.5, 'x'], 'b': (None, True)} as a pickle of protocol 2
+_PICKLE = (
+    b"\x80\x02}q\x00(X\x01\x00\x00\x00aq\x01]q\x02(K\x01G@\x04\x00\x00\x00\x00\x00\x00X\x01\x00\x00"
+    b"\x00xq\x03eX\x01\x00\x00\x00bq\x04N\x88\x86q\x05u."
+)
