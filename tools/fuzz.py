@@ -137,8 +137,10 @@ def _outcome(target: Target, work: Path, rng: random.Random) -> str | None:
     def expire(*_: object) -> None:
         raise Hang
 
-    signal.signal(signal.SIGALRM, expire)
-    signal.alarm(LONGEST)
+    # of processor time: on a busy machine nothing else would be the same twice; the parent's own
+    # patience ends what only waits
+    signal.signal(signal.SIGPROF, expire)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
     try:
         bad = not_a_number(target.run(work, rng))
         return None if bad is None else f"not a number: {bad}"
@@ -153,7 +155,7 @@ def _outcome(target: Target, work: Path, rng: random.Random) -> str | None:
         said = f"{type(error).__name__}: {str(error)[:200]}"
         return f"{said} at {Path(where.filename).name}:{where.lineno}"
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 @contextlib.contextmanager

@@ -28,6 +28,7 @@ from perfcap.io.calibration import (
 )
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
 from perfcap.io.detections import read_detections
+from perfcap.io.doctor.impossible import impossible_cameras
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
 
@@ -124,6 +125,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     maps = read_pixel_map(request.video_map) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
+        _require_possible(request.cameras, rig)
         chosen = _detect(clip, rig, pixel_map, detecting)
         told = (*about, *detecting.detector.warnings)
         lost = clip.lost if part.stop is None else 0
@@ -132,6 +134,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     read = partial(read_detections, list(request.detections), views=rig.names)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
     found, notes = read(pixel_offset=rig.pixel_offset, frames=whole, used=used)
+    _require_possible(request.cameras, rig)
     chosen = _part_of(found, clip)
     if request.detections_in == "video":
         chosen = _to_calibration(chosen, pixel_map)
@@ -141,6 +144,11 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         # of the frames that the file promises, those count that somebody detected joints in
         lost += min(clip.lost, max(0, read()[0].frame_count - end))
     return Inputs(clip, rig, chosen, pixel_map, (*about, *notes), lost)
+
+
+def _require_possible(path: Path, rig: CameraRig) -> None:
+    for finding in impossible_cameras(rig):
+        raise InputError(f"{path}: {finding}")
 
 
 def _lifted(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:

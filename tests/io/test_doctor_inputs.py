@@ -64,8 +64,11 @@ def test_lenses() -> None:
 
 def test_cameras_in_one_place() -> None:
     same = rig().select([0, 1, 1, 3])
-    finding = one(examine_cameras(replace(same, names=NAMES)))
-    assert finding.subject == "cam2 and cam3" and "same place" in finding.what
+    found = examine_cameras(replace(same, names=NAMES))
+    assert {finding.subject for finding in found} == {"cam2 and cam3"}
+    assert [word for word in ("same rotation", "same place") if word in str(found)] and len(
+        found
+    ) == 2
 
 
 # --- detections ---------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig, match_image
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.impossible import impossible_cameras
 
 FAR = 100.0  # m; cameras of one capture are never this far apart, millimetres always are
 NEAR_TOGETHER = 0.01  # m
@@ -34,7 +35,7 @@ def examine_cameras(
         findings += _sizes(rig, video_sizes, maps)
     for view in range(len(rig.names)):
         findings += _lens(rig, view)
-    return findings + _units(rig)
+    return [*findings, *impossible_cameras(rig), *_units(rig)]
 
 
 def _sizes(
