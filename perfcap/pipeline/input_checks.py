@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import torch
+
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -32,6 +34,9 @@ def require_matching(
             f"detections have joints2d {shape}, expected one clip, (F, C, 16, 2); capture one clip "
             "at a time, or use PoseRefiner for batches"
         )
+    kind = detections.joints2d.dtype
+    if kind not in (torch.float32, torch.float64):
+        raise InputError(f"detections have joints2d of {kind}, expected float32 or float64")
     if not 0 < rate < math.inf:
         raise InputError(f"rate is {rate}, expected frames a second, above 0")
     _require_cameras("cameras", cameras, detections)

@@ -104,3 +104,11 @@ def test_moving_cameras_that_fit(take: Take) -> None:
     )
     assert torch.isfinite(moving).all()
     torch.testing.assert_close(moving, fixed, atol=1e-6, rtol=0)
+
+
+def test_half_precision_is_refused() -> None:
+    """Found by tools/fuzz.py."""
+    take = make_take(3)
+    half = replace(take.detections, joints2d=take.detections.joints2d.half())
+    with pytest.raises(InputError, match="float16"):
+        capture(take.actor, take.cameras, half, 30.0)
