@@ -5,6 +5,7 @@
 A finding is a traceback (anything but ``InputError`` or exit code 2), more than 10 s, memory beyond
 1 GiB and four times the file, or NaN that is accepted. Case ``number`` of a seed is always the
 same; with ``--state`` a later call goes on behind the last one. ``--case 0:123`` runs one alone.
+``--inputs`` ends after so many (whole batches of processes), however fast the machine is.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--inputs", type=int, default=1 << 40, help="no more than so many")
     parser.add_argument("--state", type=Path, help="JSON to go on from, written as it goes")
     parser.add_argument("--case", help="SEED:NUMBER, one case with its traceback")
     options = parser.parse_args()
@@ -58,7 +60,7 @@ def main() -> int:
             return 1 if finding else 0
         state = _read(options.state)
         start, end = state["next"], time.monotonic() + options.seconds
-        while time.monotonic() < end:
+        while time.monotonic() < end and state["next"] - start < options.inputs:
             batch(known, Path(folder) / "work", options.seed, state, end)
             if options.state:
                 options.state.write_text(json.dumps(state, indent=1))

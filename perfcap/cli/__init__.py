@@ -28,6 +28,8 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
 )
 
+_LONGEST_OPTION = 100  # letters
+
 
 class Runnable(Protocol):
     """A command with its options."""
@@ -61,6 +63,10 @@ def _run(arguments: list[str]) -> int:
     for text in arguments:
         if "\0" in text:
             raise InputError(f"{text}: holds a zero character; expected none in names and options")
+        name, _, _ = text.partition("=")
+        if name.startswith("--") and len(name) > _LONGEST_OPTION:
+            # looking for the nearest option takes the square of its length
+            raise InputError(f"{name}: is no option; perfcap --help lists them")
     command: Runnable = tyro.cli(
         Command,
         prog="perfcap",

@@ -51,12 +51,18 @@ def require_matching(
         )
 
 
-def require_poses(what: str, cameras: Camera, frames: int) -> None:
-    """Refuse moving cameras (F, C) that have not one pose a frame; ``what`` names them.
+def require_usable(what: str, cameras: Camera, frames: int) -> None:
+    """Refuse cameras without a lens, or moving (F, C) but not one a frame; ``what`` names them.
 
     Raises:
-        InputError: there are more or fewer.
+        InputError: a focal length is zero or no number, or there are more or fewer poses.
     """
+    focal = cameras.intrinsics[..., :2, :2].diagonal(dim1=-2, dim2=-1)
+    if not bool(((focal.abs() > 0) & focal.isfinite()).all()):
+        raise InputError(
+            f"{what} have focal lengths of {focal.flatten().tolist()[:8]} px, expected numbers "
+            "other than zero in intrinsics[..., 0, 0] and [..., 1, 1]"
+        )
     if cameras.moving and len(cameras.intrinsics) != frames:
         raise InputError(
             f"moving {what} have {len(cameras.intrinsics)} frames but the clip has {frames}; give "
@@ -71,4 +77,4 @@ def _require_cameras(what: str, cameras: Camera, detections: Detections) -> None
             f"{what} are of {cameras.views} views, detections of {views}; give one camera a view, "
             "in the same order"
         )
-    require_poses(what, cameras, frames)
+    require_usable(what, cameras, frames)

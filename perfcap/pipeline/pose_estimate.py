@@ -13,7 +13,7 @@ from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.pipeline.input_checks import require_poses
+from perfcap.pipeline.input_checks import require_usable
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
@@ -150,7 +150,7 @@ def _estimate(
             f"{len(joint_set)} joints of {joint_set.name!r}; add the view axis, or name the joint "
             "set of the estimator"
         )
-    require_poses("cameras", cameras, frames)
+    require_usable("cameras", cameras, frames)
     whole = (frames, views, len(LANDMARKS))
     pixels, seen = like.new_zeros(*whole, 2), like.new_zeros(whole)
     if "joints2d" in given:

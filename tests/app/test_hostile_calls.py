@@ -47,6 +47,10 @@ def test_mistakes_of_the_program_keep_their_traceback(monkeypatch: pytest.Monkey
 # --- options --------------------------------------------------------------------------------------
 
 
+def test_an_option_of_pages_is_refused_at_once(perfcap: Command) -> None:
+    assert "is no option" in perfcap(["doctor", 4000 * "--detections"]).refused()
+
+
 def test_a_forgotten_video(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     call = take.command(tmp_path)
     assert "VIDEO: is missing" in perfcap([call[0], *call[2:]]).refused()

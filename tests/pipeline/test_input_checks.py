@@ -53,6 +53,14 @@ def test_rates(take: Take, rate: float) -> None:
         capture(take.actor, take.cameras, take.detections, rate)
 
 
+@pytest.mark.parametrize("focal", [0.0, float("nan"), float("inf")])
+def test_cameras_without_a_lens(take: Take, focal: float) -> None:
+    intrinsics = take.cameras.intrinsics.clone()
+    intrinsics[1, 0, 0] = focal
+    with pytest.raises(InputError, match="cameras have focal lengths"):
+        capture(take.actor, replace(take.cameras, intrinsics=intrinsics), take.detections, 30.0)
+
+
 @pytest.mark.parametrize("views", [[0], [0, 1, 0]])
 def test_cameras_of_other_views(take: Take, views: list[int]) -> None:
     with pytest.raises(InputError, match=f"cameras are of {len(views)} views, detections of 2"):
