@@ -208,7 +208,7 @@ def test_surfaces_outlines_and_masks(tmp_path: Path, perfcap: Command) -> None:
     [
         ("surface.npz", b"", "surface.npz: is empty"),
         ("surface.npz", b"half", "surface.npz"),
-        ("masks/000000.png", b"half", "000000.png: is no image"),
+        ("masks/000000.png", b"half", "000000.png: is not an image or is damaged"),
         ("masks/000007.png", b"x", "lacks 1 of the 3 frames"),
     ],
 )

@@ -220,7 +220,7 @@ def test_moving_views_of_unequal_length(tmp_path: Path) -> None:
         ("camera.json", b"[1, 2]", "holds a list"),
         ("camera.json", b"\xff\xfe\x00", "not UTF-8"),
         ("camera.json", b"[" * 100_000, "nested too deep"),
-        ("Calib.toml", b"[a\n", "not valid TOML"),
+        ("Calib.toml", b"[a\n", "is not TOML"),
         ("Calib.toml", b"[metadata]\nerror = 1\n", "holds no cameras"),
         ("Calib.toml", b"[a]\nsize = 3\n", r"expected \[width, height\]"),
         ("camera.txt", b"hello", "not a camera file I know"),
