@@ -198,15 +198,17 @@ class PoseRefiner(nn.Module):
 
 
 def _groups(clips: list[StartedClip], config: PoseConfig) -> Iterator[list[tuple[int, Window]]]:
-    """Windows of all clips with the index of their clip: of one length, ``config.batch`` at once.
+    """Windows of all clips with the index of their clip, ``config.batch`` at once.
 
-    Those of a clip come in their order.
+    Those of a group have one length, and all or none of them a prior from a first solve: what
+    another clip lacks must not change this one. Those of a clip come in their order.
     """
-    by_length: dict[int, list[tuple[int, Window]]] = {}
+    alike: dict[tuple[int, bool], list[tuple[int, Window]]] = {}
     for index, clip in enumerate(clips):
         for window in partition(clip.estimate.frames, config.window, config.overlap):
-            by_length.setdefault(len(window), []).append((index, window))
-    for windows in by_length.values():
+            key = len(window), clip.second is None
+            alike.setdefault(key, []).append((index, window))
+    for windows in alike.values():
         for start in range(0, len(windows), config.batch):
             yield windows[start : start + config.batch]
 

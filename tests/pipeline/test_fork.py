@@ -58,4 +58,5 @@ def test_a_child_captures_what_its_parent_did(tmp_path: Path, kind: str) -> None
     paths = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     more = {"OMP_NUM_THREADS": "2", "PYTHONPATH": paths}
     call = [sys.executable, "-W", "ignore", str(script), kind]
-    subprocess.run(call, env={**os.environ, **more}, check=True, timeout=240)
+    ended = subprocess.run(call, env={**os.environ, **more}, check=False, timeout=240)
+    assert ended.returncode == 0
