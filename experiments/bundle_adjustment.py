@@ -55,9 +55,9 @@ class Scene:
         return 3
 
     @property
-    def shared_dim(self) -> int:
+    def shared_sizes(self) -> dict[str, int]:
         """Numbers of all cameras."""
-        return self.cameras.shape[-1]
+        return {"cameras": self.cameras.shape[-1]}
 
     def retract(self, step: Step) -> Scene:
         """Add."""
@@ -81,7 +81,7 @@ class Scene:
 class Observed(Energy[Scene]):
     """Squared pixels between projection and observation (F, C, 2)."""
 
-    sees_shared = True
+    sees = ("cameras",)
 
     def __init__(self, seen: Tensor) -> None:
         super().__init__()
@@ -110,7 +110,7 @@ class Observed(Energy[Scene]):
 class Anchored(Energy[Scene]):
     """The first two cameras stay where they are; every frame carries its share."""
 
-    sees_shared = True
+    sees = ("cameras",)
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(weight=1e6 / len(scene.points))

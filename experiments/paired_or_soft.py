@@ -20,8 +20,8 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.contour_alignment import ContourAlignment
+from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
-from perfcap.energy.stabilization import Stabilization
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.sight import Sight, View
@@ -172,7 +172,9 @@ class _Trial:
         start: Motion,
         method: LevenbergMarquardt | Adam,
     ) -> Motion:
-        hold = Stabilization(self.actor, self.actor.joints(held), 1.0, unit=_HOLD)
+        hold = JointTarget(
+            self.actor.landmarks, self.actor.joints(held).unsqueeze(-3), weight=1 / 16, unit=_HOLD
+        )
         objective = Objective({"silhouettes": silhouettes, "hold": hold}).to(start.angles)
         return solve(objective, start, method, angle_bounds(self.actor)).state
 

@@ -19,6 +19,7 @@ from report import Report, Table
 from surface_recordings import clip_of
 
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app.fit_views import ChosenFrames, fit_person
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -26,7 +27,6 @@ from perfcap.io.body_model import load_body_model
 from perfcap.metrics import mask_overlap
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks
-from perfcap.rigging.shaped_points import ShapedPoints
 
 BONES = {
     "thigh": ("hip", "knee"),

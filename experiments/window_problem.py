@@ -22,6 +22,7 @@ from window_motion import clip_landmarks, default_skeleton, random_landmarks
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import Landmarks
 from perfcap.actor.skeleton import Skeleton
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
@@ -47,12 +48,11 @@ _FOCAL, _CENTRE, _SIZE = 1220.0, 319.5, 640  # px
 
 class _BareActor:
     def __init__(self, skeleton: Skeleton) -> None:
-        self.skeleton = skeleton
+        self.skeleton, self.landmarks = skeleton, Landmarks(skeleton)
 
     def joints(self, motion: Motion) -> Tensor:
         """Landmarks in the world, (*b, F, 16, 3), metres."""
-        landmarks: Tensor = self.skeleton(motion).landmarks
-        return landmarks
+        return self.landmarks(motion)
 
 
 def bare_actor(skeleton: Skeleton) -> Actor:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve import Coupling, Energy, State, Step, WindowEnergy
+from perfcap.solve.energy import seen_columns
 
 Pick = Callable[[int], tuple[Energy, State]]
 
@@ -101,10 +102,10 @@ def check_coupling(energy: Energy, state: State) -> None:
             f"{_name(energy)}: rows of frame {other} change when frame {frame} moves, "
             "but the energy declares that each frame stands alone"
         )
-    if state.shared_dim and not energy.sees_shared:
+    if here.shared.shape[-1] and not energy.sees:
         moved = _rows(energy, state.retract(Step(0 * here.frame, 0.1 + 0 * here.shared)))
         assert torch.allclose(moved, before, rtol=0, atol=1e-12), (
-            f"{_name(energy)}: rows change with the shared unknowns, but sees_shared is False"
+            f"{_name(energy)}: rows change with the shared unknowns, but does not name them in sees"
         )
 
 
@@ -123,12 +124,13 @@ def check_jacobian(
         tangent[..., column] = step
         numeric = _difference(energy, state, Step(tangent, 0 * here.shared), step)
         _assert_column(energy, f"unknown {column}", frame[..., column], numeric, atol, rtol)
-    assert (shared is not None) >= energy.sees_shared, (
-        f"{_name(energy)}: sees_shared is True, but linearize gives no shared Jacobian"
+    columns = torch.arange(here.shared.shape[-1])[seen_columns(state.shared_sizes, energy.sees)]
+    assert (0 if shared is None else shared.shape[-1]) == len(columns), (
+        f"{_name(energy)}: sees {energy.sees}, but linearize gives another shared Jacobian"
     )
-    for column in range(state.shared_dim if shared is not None else 0):
+    for column, unknown in enumerate(columns.tolist()):
         tangent = torch.zeros_like(here.shared)
-        tangent[..., column] = step
+        tangent[..., unknown] = step
         numeric = _difference(energy, state, Step(0 * here.frame, tangent), step)
         _assert_column(energy, f"shared unknown {column}", shared[..., column], numeric, atol, rtol)
 

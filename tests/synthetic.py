@@ -128,7 +128,7 @@ def random_motion(
     frames: int = 4,
     batch: tuple[int, ...] = (),
     *,
-    shape: bool = False,
+    bones: bool = False,
     seed: int = 0,
 ) -> Motion:
     """Poses anywhere within the limits, near the origin, turned any way."""
@@ -143,7 +143,7 @@ def random_motion(
         translation=uniform(*batch, frames, 3) - 0.5,
         rotation=3 * (uniform(*batch, frames, 3) - 0.5),
         angles=lower + (upper - lower) * uniform(*batch, frames, len(lower)),
-        shape=0.4 * (uniform(*batch, groups) - 0.5) if shape else None,
+        shared={"bones": 0.4 * (uniform(*batch, groups) - 0.5)} if bones else {},
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.kinematic_tree import KinematicTree, Pose
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
 
 Floats = NDArray[np.floating[Any]]
@@ -56,18 +56,19 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     lead, marks = motion.angles.shape[:-1], len(tree.moves)
     frame = motion.angles.new_empty(*lead, marks, 3, motion.frame_dim)
     _frame_jacobian(arrays, poses, frame.numpy().reshape(-1, marks, 3, motion.frame_dim))
-    if motion.shape is None:
+    if BONES not in motion.shared:
         return pose.landmarks, frame, None
-    shared = motion.angles.new_empty(*lead, marks, 3, motion.shared_dim)
-    _shape_jacobian(arrays, poses, shared.numpy().reshape(-1, marks, 3, motion.shared_dim))
+    groups = len(tree.group_names)
+    shared = motion.angles.new_empty(*lead, marks, 3, groups)
+    _shape_jacobian(arrays, poses, shared.numpy().reshape(-1, marks, 3, groups))
     return pose.landmarks, frame, shared
 
 
 def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
     """Poses as tensors, and the same memory as arrays."""
     lead = motion.angles.shape[:-1]
-    vectors = tree.scaled_bones(motion.shape)
-    if motion.shape is not None:
+    vectors = tree.scaled_bones(motion.shared.get(BONES))
+    if BONES in motion.shared:
         vectors = vectors.expand(*lead[:-1], *vectors.shape[-2:])
     constants = {name: getattr(tree, name).numpy() for name in _Tree._fields[:-1]}
     arrays = _Tree(**constants, bones=_rows(vectors, *vectors.shape[-2:]))

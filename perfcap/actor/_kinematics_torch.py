@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.kinematic_tree import KinematicTree, Pose
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
 from perfcap.geometry.rotation import rotvec_to_matrix, skew
 
 
@@ -26,7 +26,7 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     turned = torch.linalg.cross(axes, arms * tree.moves[..., None])  # *b F L A 3
     root = skew(motion.translation.unsqueeze(-2) - pose.landmarks)  # columns e_k x (p - t)
     frame = torch.cat((torch.eye(3).to(root).expand_as(root), root, turned.mT), -1)
-    return pose.landmarks, frame, None if motion.shape is None else _shape_jacobian(tree, bones)
+    return pose.landmarks, frame, _shape_jacobian(tree, bones) if BONES in motion.shared else None
 
 
 def _partial_turns(tree: KinematicTree, angles: Tensor) -> list[Tensor]:
@@ -53,8 +53,8 @@ def _turn_bodies(tree: KinematicTree, motion: Motion, joint_turns: Tensor) -> Te
 
 def _place_points(tree: KinematicTree, motion: Motion, rotation: Tensor) -> tuple[Pose, Tensor]:
     """Joint and landmark positions, and the bones (*b, F, J + L, 3) in the world."""
-    vectors = tree.scaled_bones(motion.shape)
-    vectors = vectors if motion.shape is None else vectors.unsqueeze(-3)
+    vectors = tree.scaled_bones(motion.shared.get(BONES))
+    vectors = vectors.unsqueeze(-3) if BONES in motion.shared else vectors
     bones = (rotation[..., tree.bone_start, :, :] @ vectors[..., None]).squeeze(-1)
     points = tree.chain @ bones + motion.translation.unsqueeze(-2)
     position, landmarks = points.tensor_split((tree.joints,), -2)

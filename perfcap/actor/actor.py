@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from perfcap.actor.anatomy import JOINTS, human_rig
 from perfcap.actor.bone_owners import bone_owners
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
+from perfcap.actor.points import Landmarks
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skin_weights import SkinWeights
@@ -44,6 +45,11 @@ class Actor(nn.Module):
         joints = torch.tensor(self.bone_joints)[torch.tensor(template.weight_bones)]
         self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints)
 
+    @property
+    def landmarks(self) -> Landmarks:
+        """The 16 landmarks as the points that energies take."""
+        return Landmarks(self.skeleton)
+
     def joints(self, motion: Motion) -> Tensor:
         """Landmarks in the world, (*b, F, 16, 3), metres."""
         landmarks: Tensor = self.skeleton(motion).landmarks
@@ -56,8 +62,8 @@ class Actor(nn.Module):
 
     def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""
-        if motion.shape is not None:
-            raise ValueError("motion has shape unknowns; resize the actor first: actor.resized()")
+        if BONES in motion.shared:
+            raise ValueError("motion has unknown bones; resize the actor first: actor.resized()")
         pose = self.skeleton(motion)
         moved = (pose.rotation @ self.skeleton.rest_positions[..., None]).squeeze(-1)
         return pose.rotation, pose.position - moved
@@ -69,11 +75,11 @@ class Actor(nn.Module):
         last = matrix.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*matrix.shape[:-2], 1, 4)
         return torch.cat((matrix, last), -2)[..., list(self.bone_joints), :, :]
 
-    def resized(self, shape: Tensor) -> Self:
-        """The actor with bones of group g longer by ``exp(shape_g)``, (S,); its mesh follows."""
+    def resized(self, bones: Tensor) -> Self:
+        """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows."""
         from perfcap.actor.bone_lengths import resize
 
-        template, rig = resize(self.template, self.skeleton, self.bone_joints, shape)
+        template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)
         return type(self)(template, rig).to(self.vertices)
 
 

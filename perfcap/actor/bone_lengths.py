@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.actor.motion import BONES
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.template import Template
@@ -42,7 +43,8 @@ def resize(
         bone_joints: index of the joint each bone moves with, (B,).
         shape: log factors of ``skeleton.group_names``, (S,).
     """
-    rest = replace(skeleton.rest_motion(), shape=shape.detach().to(skeleton.lower)[None][0])
+    known = {BONES: shape.detach().to(skeleton.lower)}
+    rest = replace(skeleton.rest_motion(), shared=known)
     pose = skeleton(rest)
     rig = skeleton.rig
     foot = pose.landmarks[0, :, 1].min() - rig.landmark_positions[:, 1].min()

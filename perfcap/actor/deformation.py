@@ -56,9 +56,9 @@ class Deformation:
         return BLOCK * self.nodes
 
     @property
-    def shared_dim(self) -> int:
-        """0: no unknown is shared by frames."""
-        return 0
+    def shared_sizes(self) -> dict[str, int]:
+        """Empty: no unknown is shared by frames."""
+        return {}
 
     @property
     def frames(self) -> int:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.frame_twists import frame_twists, moved_joints
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.skeleton import Skeleton
 
 Blocks = tuple[Tensor, Tensor | None, Tensor | None]
@@ -29,8 +29,8 @@ def kinematic_curvature(
         pull: on the landmarks, (*b, F, L, 3).
 
     Returns:
-        In the frame's unknowns (*b, F, 6 + A, 6 + A), in those and the shape (*b, F, 6 + A, S),
-        and in the shape, summed over frames (*b, S, S); the last two None without a shape.
+        In the frame's unknowns (*b, F, 6 + A, 6 + A), in those and the bones (*b, F, 6 + A, S),
+        and in the bones, summed over frames (*b, S, S); the last two None where bones are known.
     """
     tree, pose = skeleton.tree, skeleton(motion)
     twists = frame_twists(tree, pose.rotation, pose.position, motion.angles)
@@ -38,9 +38,9 @@ def kinematic_curvature(
     moment = torch.linalg.cross(jacobian[..., 3:].mT, pull.unsqueeze(-2)).sum(-3)  # *b F 3+A 3
     turned = _order(skeleton) * (axes @ moment.mT)
     frame = torch.nn.functional.pad(turned + turned.mT, (3, 0, 3, 0))
-    if motion.shape is None:
+    if BONES not in motion.shared:
         return frame, None, None
-    vectors = tree.scaled_bones(motion.shape).unsqueeze(-3)
+    vectors = tree.scaled_bones(motion.shared[BONES]).unsqueeze(-3)
     bones = (pose.rotation[..., tree.bone_start, :, :] @ vectors[..., None]).squeeze(-1)
     carried = tree.chain[tree.joints :].mT @ pull  # what pulls on a bone's end, *b F J+L 3
     groups = torch.arange(len(tree.group_names)).to(tree.bone_group)

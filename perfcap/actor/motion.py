@@ -1,23 +1,26 @@
-"""Poses over frames: the unknowns of motion capture."""
+"""Poses over frames, and what all frames share: the unknowns of motion capture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self, TypeVar
 
 import torch
 from torch import Tensor
 
+from perfcap.geometry.record import Record
 from perfcap.geometry.rotation import compose_rotvec
 from perfcap.solve.energy import Step
 
 _T = TypeVar("_T")
+BONES = "bones"  # shared log scales of a skeleton's bone groups
+BODY = "body"  # shared coefficients of a body model
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Root position and rotation, joint angles and (optionally) bone lengths over frames.
+class Motion(Record):
+    """Root position and rotation and joint angles over frames, and unknowns that frames share.
 
     The tangent vector of a frame is (translation, rotation, angles). Rotations move by
     ``R <- exp(step) R``, a left perturbation in world axes, so no chart is ever left and full
@@ -27,14 +30,15 @@ class Motion:
         translation: position of the root joint in the world, (*b, F, 3), metres.
         rotation: world rotation of the root relative to the rest pose, (*b, F, 3), rotation vector.
         angles: joint angles from the anatomical neutral pose, (*b, F, A), radians.
-        shape: log scales of the bone groups, (*b, S), shared by all frames; None where bone
-            lengths are known.
+        shared: named blocks of unknowns that all frames share, each (*b, n), in their order: log
+            scales of the bone groups as ``"bones"``, coefficients of a body model as ``"body"``,
+            and whatever else energies name. Empty where nothing but poses is sought.
     """
 
     translation: Tensor
     rotation: Tensor
     angles: Tensor
-    shape: Tensor | None = None
+    shared: Mapping[str, Tensor] = field(default_factory=dict)
     _known: dict[object, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -50,9 +54,9 @@ class Motion:
         return 6 + self.angles.shape[-1]
 
     @property
-    def shared_dim(self) -> int:
-        """S, 0 where bone lengths are not unknowns."""
-        return 0 if self.shape is None else self.shape.shape[-1]
+    def shared_sizes(self) -> dict[str, int]:
+        """Unknowns of each shared block, in their order."""
+        return {name: block.shape[-1] for name, block in self.shared.items()}
 
     @property
     def frames(self) -> int:
@@ -73,12 +77,18 @@ class Motion:
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector."""
         translation, rotation, angles = step.frame.tensor_split((3, 6), -1)
+        steps = (
+            torch.split(step.shared, list(self.shared_sizes.values()), -1) if self.shared else ()
+        )
         return replace(
             self,
             translation=self.translation + translation,
             rotation=compose_rotvec(rotation, self.rotation),
             angles=self.angles + angles,
-            shape=None if self.shape is None else self.shape + step.shared,
+            shared={
+                name: block + moved
+                for (name, block), moved in zip(self.shared.items(), steps, strict=True)
+            },
         )
 
     def local(self, other: Self) -> Step:
@@ -88,19 +98,17 @@ class Motion:
             compose_rotvec(other.rotation, -self.rotation),
             other.angles - self.angles,
         )
-        if self.shape is None or other.shape is None:
-            shared = self.angles.new_zeros(*self.angles.shape[:-2], 0)
-        else:
-            shared = other.shape - self.shape
-        return Step(torch.cat(parts, -1), shared)
+        return Step(torch.cat(parts, -1), other._shared_row() - self._shared_row())
 
     def coordinates(self) -> Step:
-        """Numbers that bounds apply to: only angles and shape may be bounded."""
-        shared = self.angles.new_zeros(*self.angles.shape[:-2], 0)
-        return Step(
-            torch.cat((self.translation, self.rotation, self.angles), -1),
-            shared if self.shape is None else self.shape,
-        )
+        """Numbers that bounds apply to: only angles and shared unknowns may be bounded."""
+        frame = torch.cat((self.translation, self.rotation, self.angles), -1)
+        return Step(frame, self._shared_row())
+
+    def _shared_row(self) -> Tensor:
+        """All that is shared, (*b, S)."""
+        none = self.angles.new_zeros(*self.angles.shape[:-2], 0)
+        return torch.cat((none, *self.shared.values()), -1) if self.shared else none
 
     def __getitem__(self, index: slice | Tensor) -> Self:
         """Select along the frame axis."""
@@ -113,10 +121,4 @@ class Motion:
 
     def to(self, like: Tensor) -> Self:
         """The same motion with the type and device of a tensor."""
-        return replace(
-            self,
-            translation=self.translation.to(like),
-            rotation=self.rotation.to(like),
-            angles=self.angles.to(like),
-            shape=None if self.shape is None else self.shape.to(like),
-        )
+        return self.map(lambda each: each.to(like))

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from perfcap.actor import _kinematics_torch
 from perfcap.actor.kinematic_tree import KinematicTree, Pose
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.rig import Hinge, Rig
 from perfcap.geometry.plain import is_plain
 
@@ -18,8 +18,8 @@ class Skeleton(nn.Module):
     """Kinematics of a tree of joints whose rotations are products of hinges.
 
     A joint turns by ``prod_k R(a_k, angle_k) @ C`` relative to its parent, where C undoes the
-    rest angles: at the rest angles every joint is at its rest position, unturned. With shape
-    unknowns, bones of group g are longer by ``exp(shape_g)``.
+    rest angles: at the rest angles every joint is at its rest position, unturned. With a
+    motion's shared block ``"bones"``, bones of group g are longer by ``exp(bones_g)``.
     """
 
     lower: Tensor
@@ -68,7 +68,7 @@ class Skeleton(nn.Module):
             landmarks: (*b, F, L, 3), metres.
             frame: derivative in the frame's tangent (translation, rotation, angles),
                 (*b, F, L, 3, 6 + A): an angle moves a point by axis x (point - joint).
-            shared: derivative in the shape, (*b, F, L, 3, S), None without shape.
+            shared: derivative in ``"bones"``, (*b, F, L, 3, S), None where they are known.
         """
         if not self._is_plain(motion):
             return _kinematics_torch.linearize(self.tree, motion)
@@ -81,5 +81,5 @@ class Skeleton(nn.Module):
 
     def _is_plain(self, motion: Motion) -> bool:
         """Whether compiled loops may be used: only numbers are asked for, on the CPU."""
-        unknowns = motion.translation, motion.rotation, motion.angles, motion.shape
+        unknowns = motion.translation, motion.rotation, motion.angles, motion.shared.get(BONES)
         return is_plain(self.tree.bone_vectors, *unknowns)

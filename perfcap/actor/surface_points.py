@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from types import ModuleType
 
 import torch
@@ -12,6 +13,7 @@ from perfcap.actor._skinned_points_torch import Chosen, Skin, Unknowns
 from perfcap.actor.actor import Actor
 from perfcap.actor.frame_twists import frame_twists, moved_joints, topmost_joints
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import Linearized
 from perfcap.errors import InputError
 from perfcap.geometry.dual_quaternion import DualQuaternion
 from perfcap.geometry.plain import is_plain
@@ -30,6 +32,7 @@ class SkinnedPoints(nn.Module):
             those that pad a list, lie at the origin and do not move.
     """
 
+    sees: Collection[str] = ()
     corners: Tensor
     weights: Tensor
 
@@ -46,13 +49,18 @@ class SkinnedPoints(nn.Module):
         self.register_buffer("topmost", topmost_joints(tree), persistent=False)
         self.register_buffer("moved", moved_joints(tree), persistent=False)
 
+    @property
+    def count(self) -> int:
+        """N."""
+        return self.corners.shape[-2]
+
     def forward(self, motion: Motion) -> Tensor:
         """Points in the world, (*b, F, N, 3), metres."""
         table = _table(*self.actor.joint_transforms(motion))
         points: Tensor = self._twin(table).place(self._skin(), self._chosen(motion), table)
         return points
 
-    def linearize(self, motion: Motion, directions: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def linearize(self, motion: Motion, directions: Tensor | None = None) -> Linearized:
         """Points (*b, F, N, 3) and their derivative in closed form.
 
         Args:
@@ -64,16 +72,17 @@ class SkinnedPoints(nn.Module):
             points: in the world, metres.
             frame: derivative in the frame's tangent (translation, rotation, angles),
                 (*b, F, N, 3, 6 + A), or (*b, F, N, Q, 6 + A) along directions.
+            shared: None: the surface is that of an actor whose bones are known.
         """
         rotation, translation = self.actor.joint_transforms(motion)
         table, chosen = _table(rotation, translation), self._chosen(motion)
         if directions is None:
             directions = torch.eye(3).to(table).expand(*chosen.corners.shape[:-1], 3, 3)
         unknowns = self._unknowns(motion, rotation, translation)
-        result: tuple[Tensor, Tensor] = self._twin(table, directions).linearize(
+        points, frame = self._twin(table, directions).linearize(
             self._skin(), chosen, table, unknowns, directions
         )
-        return result
+        return points, frame, None
 
     def _twin(self, *given: Tensor) -> ModuleType:
         """Compiled loops where only numbers are asked for; torch on GPUs and for derivatives."""

@@ -10,11 +10,11 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app.fit_views import ChosenFrames
 from perfcap.io.atomic import writing
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit
-from perfcap.rigging.shaped_points import ShapedPoints
 
 Image = NDArray[np.uint8]
 

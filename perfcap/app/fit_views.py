@@ -148,6 +148,6 @@ def fit_person(
     initial, _ = initialize(actor, cameras, prepared, config, unit)
     if masks is None and segment:
         first = fit_body(model, cameras, detections, initial, None, height)
-        posed = replace(first.motion, shape=None)
+        posed = replace(first.motion, shared={})
         masks = find_masks(chosen, Actor(first.template).to(detections.joints2d), posed)
     return fit_body(model, cameras, detections, initial, masks, height), masks

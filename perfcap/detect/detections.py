@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.record import Record
 
 
 @dataclass(frozen=True)
-class Detections:
+class Detections(Record):
     """Joints of one person in the frames and views of a clip.
 
     ``J`` is always the 16 landmarks, in their order. An unseen joint has confidence 0 and any
@@ -88,13 +89,7 @@ class Detections:
 
     def to(self, like: Tensor) -> Self:
         """The same detections with the type and device of a tensor; ``trusted3d`` stays bool."""
-        return replace(
-            self,
-            joints2d=self.joints2d.to(like),
-            confidence2d=self.confidence2d.to(like),
-            joints3d=None if self.joints3d is None else self.joints3d.to(like),
-            trusted3d=self.trusted3d.to(like.device),
-        )
+        return self.map(lambda each: each.to(like if each.is_floating_point() else like.device))
 
 
 def _require(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:

@@ -7,7 +7,6 @@ from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
-from perfcap.energy.stabilization import Stabilization
 from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory
 
@@ -20,7 +19,6 @@ __all__ = [
     "Reprojection",
     "Rigidity",
     "SilhouetteOverlap",
-    "Stabilization",
     "Tether",
     "Trajectory",
 ]

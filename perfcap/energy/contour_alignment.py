@@ -68,7 +68,7 @@ class ContourAlignment(Energy[Any]):
                 f"{cameras.views} cameras; give one for each"
             )
         super().__init__(weight / _usual_count(counts), kernel)
-        self.points = points
+        self.points, self.sees = points, getattr(points, "sees", ())
         self.views = [cameras.select([view]) for view in range(cameras.views)]
         scale = (1 / torch.as_tensor(unit).to(confidence))[..., None, None]
         self.register_buffer("confidence", confidence)
@@ -89,7 +89,8 @@ class ContourAlignment(Energy[Any]):
         if not hasattr(self.points, "linearize"):
             return super().linearize(state)
         residual, rows = self._linearize(self.points(state))
-        return Linearization(residual, self.points.linearize(state, rows.unsqueeze(-2))[1])
+        _, of_frame, of_shared = self.points.linearize(state, rows.unsqueeze(-2))
+        return Linearization(residual, of_frame, of_shared)
 
     def linearize_blocks(self, state: Any) -> BlockLinearization:
         """Closed form for points that each see a few blocks of a frame's unknowns."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
-from perfcap.energy._landmark_curvature import landmark_curvature
+from perfcap.energy._point_curvature import point_curvature
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -37,7 +37,7 @@ class JointPosition(Energy[Motion]):
     are left out (Eq. 6).
 
     Args:
-        actor: gives the joints.
+        points: the 16 landmarks, such as ``actor.landmarks``.
         cameras: C views; only their rotation matters.
         detections: with ``joints3d`` (*b, F, C, 16, 3), in any unit of length, and
             ``trusted3d`` (*b, F, C).
@@ -47,7 +47,6 @@ class JointPosition(Energy[Motion]):
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
     direction: Tensor
     bones: Tensor
     chain: Tensor
@@ -57,7 +56,7 @@ class JointPosition(Energy[Motion]):
 
     def __init__(
         self,
-        actor: Actor,
+        points: Points,
         cameras: Camera,
         detections: Detections,
         weight: float | Tensor = 1.0,
@@ -67,27 +66,28 @@ class JointPosition(Energy[Motion]):
         super().__init__(weight, kernel)
         if detections.joints3d is None:
             raise ValueError("JointPosition needs detections with joints3d; these have none")
-        self.actor = actor
-        points = detections.joints3d
-        count = points.shape[-2]
-        scale = (1 / torch.as_tensor(unit).to(points)).expand(count)
+        self.points, self.sees = points, points.sees
+        predicted = detections.joints3d
+        count = predicted.shape[-2]
+        scale = (1 / torch.as_tensor(unit).to(predicted)).expand(count)
         self.register_buffer("scale", scale)
         self.register_buffer("share", scale.square() / scale.square().sum())
-        bones = bone_vectors(points) @ cameras.rotation  # R^T b for every row vector b
+        bones = bone_vectors(predicted) @ cameras.rotation  # R^T b for every row vector b
         length = bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
         self.register_buffer("direction", bones / length)
-        self.register_buffer("bones", bone_vectors(torch.eye(count).to(points)))
-        self.register_buffer("chain", bone_chains().to(points))
-        trusted = detections.trusted3d.to(points)
-        self.register_buffer("confidence", trusted[..., None].expand(points.shape[:-1]).flatten(-2))
+        self.register_buffer("bones", bone_vectors(torch.eye(count).to(predicted)))
+        self.register_buffer("chain", bone_chains().to(predicted))
+        trusted = detections.trusted3d.to(predicted)
+        confidence = trusted[..., None].expand(predicted.shape[:-1])
+        self.register_buffer("confidence", confidence.flatten(-2))
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, C * 16, 3)."""
-        return self._residual(self.actor.joints(motion))
+        return self._residual(self.points(motion))
 
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: centred joint derivatives, the same for every view."""
-        joints, frame, shared = self.actor.skeleton.linearize(motion)
+        joints, frame, shared = self.points.linearize(motion)
         return Linearization(
             self._residual(joints),
             self._derivative(joints, frame),
@@ -96,7 +96,7 @@ class JointPosition(Energy[Motion]):
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form: only the lengths of bones are not linear in the joints."""
-        linearized = self.actor.skeleton.linearize(motion)
+        linearized = self.points.linearize(motion)
         joints, frame, shared = linearized
         scaled = (
             pull.reshape(*joints.shape[:-2], -1, *joints.shape[-2:]) * self.scale[:, None]
@@ -110,7 +110,7 @@ class JointPosition(Energy[Motion]):
         across = torch.eye(3).to(bones) - along.unsqueeze(-1) * along.unsqueeze(-2)
         curvature = (on_lengths.unsqueeze(-1) / length).unsqueeze(-1) * across
         moved = _bone_derivative(frame), None if shared is None else _bone_derivative(shared)
-        return landmark_curvature(self.actor, motion, linearized, on_joints, moved, curvature)
+        return point_curvature(self.points, motion, linearized, on_joints, moved, curvature)
 
     def _residual(self, joints: Tensor) -> Residual:
         if self._compiled_for(joints):

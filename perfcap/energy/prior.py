@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES, Motion
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
 
@@ -52,18 +52,18 @@ class PosePrior(Energy[Motion]):
 class BoneLengthPrior(Energy[Motion]):
     """Gaussian on the log bone lengths: a person of another size with similar proportions.
 
-    ``shape_g = size + own_g`` with deviations ``size`` and ``own``; the size is integrated out.
+    ``bones_g = size + own_g`` with deviations ``size`` and ``own``; the size is integrated out.
 
     Args:
         groups: S, the number of bone groups.
-        frames: F; the prior acts once, however many frames share the shape.
+        frames: F; the prior acts once, however many frames share the bones.
         size: deviation of the log size of people.
         own: deviation of a single bone's log length at a given size.
         weight: of the energy.
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
+    sees = (BONES,)
     whiten: Tensor
 
     def __init__(
@@ -82,9 +82,9 @@ class BoneLengthPrior(Energy[Motion]):
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, S, 1), equal in all frames."""
-        if motion.shape is None:
-            raise ValueError("BoneLengthPrior needs a motion with shape unknowns; it has none")
-        white = motion.shape @ self.whiten.mT
+        if BONES not in motion.shared:
+            raise ValueError("BoneLengthPrior needs a motion that shares bones; it does not")
+        white = motion.shared[BONES] @ self.whiten.mT
         frames = motion.angles.shape[-2]
         return Residual(white[..., None, :, None].expand(*white.shape[:-1], frames, -1, 1))
 
@@ -93,7 +93,7 @@ class BoneLengthPrior(Energy[Motion]):
         residual = self.residual(motion)
         lead = residual.value.shape[:-2]
         frame = residual.value.new_zeros(1).expand(*lead, len(self.whiten), 1, motion.frame_dim)
-        shared = self.whiten[:, None].expand(*lead, len(self.whiten), 1, motion.shared_dim)
+        shared = self.whiten[:, None].expand(*lead, len(self.whiten), 1, len(self.whiten))
         return Linearization(residual, frame, shared)
 
     def second_order(self, motion: Motion, pull: Tensor) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
-from perfcap.energy._landmark_curvature import landmark_curvature
+from perfcap.energy._point_curvature import point_curvature
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.product import multiply_views
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -23,9 +23,9 @@ class Reprojection(Energy[Motion]):
     runs over frames, views and joints; the paper's means belong into ``weight``.
 
     Args:
-        actor: gives the joints.
+        points: N joints, such as ``actor.landmarks``, in the order of the detections.
         cameras: C views, (C,) or (F, C) or (*b, F, C).
-        detections: (*b, F, C, 16).
+        detections: (*b, F, C, N).
         weight: of the energy.
         kernel: acts on the squared residual, in ``unit``.
         unit: pixels that count as one, a number or (C,): with a unit in proportion to the size of
@@ -33,12 +33,11 @@ class Reprojection(Energy[Motion]):
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
     scale: Tensor
 
     def __init__(
         self,
-        actor: Actor,
+        points: Points,
         cameras: Camera,
         detections: Detections,
         weight: float | Tensor = 1.0,
@@ -46,16 +45,17 @@ class Reprojection(Energy[Motion]):
         unit: float | Tensor = 1.0,
     ) -> None:
         super().__init__(weight, kernel)
-        self.actor, self.cameras, self.detections = actor, cameras, detections
+        self.points, self.sees = points, points.sees
+        self.cameras, self.detections = cameras, detections
         self.register_buffer("scale", 1 / torch.as_tensor(unit).to(detections.joints2d))
 
     def residual(self, motion: Motion) -> Residual:
-        """(*b, F, C * 16, 2)."""
-        return self._residual(self.cameras.project(self.actor.joints(motion)))
+        """(*b, F, C * N, 2)."""
+        return self._residual(self.cameras.project(self.points(motion)))
 
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: camera derivative times joint derivative."""
-        joints, frame, shared = self.actor.skeleton.linearize(motion)
+        joints, frame, shared = self.points.linearize(motion)
         pixels, camera = self.cameras.linearize(joints)  # *b F C J 2 3
         camera = camera * self.scale[..., None, None, None]
         of_frame = multiply_views(camera, frame).flatten(-4, -3)
@@ -64,14 +64,14 @@ class Reprojection(Energy[Motion]):
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form but for the bend of the cameras, which is differentiated twice."""
-        linearized = self.actor.skeleton.linearize(motion)
+        linearized = self.points.linearize(motion)
         joints = linearized[0]
         pixels, camera = self.cameras.linearize(joints)
         on_pixels = pull.reshape(pixels.shape) * self.scale[..., None, None]
         on_joints: Tensor = (on_pixels.unsqueeze(-2) @ camera).squeeze(-2).sum(-3)
 
         curvature = self._bend(joints, on_pixels)
-        return landmark_curvature(self.actor, motion, linearized, on_joints, curvature=curvature)
+        return point_curvature(self.points, motion, linearized, on_joints, curvature=curvature)
 
     def _bend(self, joints: Tensor, on_pixels: Tensor) -> Tensor:
         """Second derivative of ``<on_pixels, pixels>`` in each joint, (*b, F, J, 3, 3)."""

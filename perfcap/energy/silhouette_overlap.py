@@ -13,7 +13,15 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.product import multiply_views
 from perfcap.render.soft_silhouette import SoftSilhouette, require_size
-from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, State, Step
+from perfcap.solve.energy import (
+    Coupling,
+    Energy,
+    Linearization,
+    Residual,
+    State,
+    Step,
+    seen_columns,
+)
 from perfcap.solve.kernels import Kernel, Quadratic
 
 if TYPE_CHECKING:
@@ -38,7 +46,8 @@ class SilhouetteOverlap(Energy[Any]):
     overlaps to about a band's width: correspondences of contours come first.
 
     Args:
-        surface: world vertices (*b, F, V, 3) of a state, such as ``actor.surface``.
+        surface: world vertices (*b, F, V, 3) of a state, such as ``actor.surface``; ``sees`` of it,
+            if it has that, are the shared blocks that move them.
         silhouette: draws them, in the image size of all views.
         cameras: C views, (C,) or (F, C) or (*b, F, C).
         masks: what should be covered, (*b, F, C, H, W), bool or floats from 0 to 1.
@@ -47,7 +56,8 @@ class SilhouetteOverlap(Energy[Any]):
         kernel: acts on the squared norm of a view.
         points: chosen points of the surface, made of vertices (*b, F, N, 1) and weights of the
             same shape, with the derivatives that the method needs: ``partial(SkinnedPoints,
-            actor)`` or ``partial(EmbeddedPoints, graph, posed)``. Without it ``linearize``
+            actor)``, ``partial(EmbeddedPoints, graph, posed)`` or, of a ``ShapedPoints``,
+            ``chosen``. Without it ``linearize``
             differentiates the whole surface, which is much slower.
 
     Raises:
@@ -73,6 +83,7 @@ class SilhouetteOverlap(Energy[Any]):
         _check(silhouette, cameras, masks, trust)
         self.surface, self.silhouette, self.cameras = surface, silhouette, cameras
         self.points = points
+        self.sees = getattr(surface, "sees", ())
         area = masks.sum((-2, -1), keepdim=True, dtype=_floating(masks))
         scale = torch.where(area > 0, area.clamp_min(1e-6).rsqrt(), 0.0)
         scale = scale if trust is None else scale * trust.to(scale).sqrt()
@@ -86,22 +97,23 @@ class SilhouetteOverlap(Energy[Any]):
         return Residual(error.flatten(-2))
 
     def linearize(self, state: Any) -> Linearization:
-        """Residual of as many rows a view as there are unknowns and one: (*b, F, C, D + 1).
+        """Residual of as many rows a view as there are unknowns and one: (*b, F, C, D + S' + 1).
 
         Not the rows of ``residual``, but with their norm, and so with the same energy.
         """
         frames = self._outline_rows(state)
         vertices = self._used(frames, state)
         points, derivative = self._linearize_points(state, vertices)
-        slope = multiply_views(self.cameras.linearize(points)[1], derivative)  # *b F C N 2 D
+        slope = multiply_views(self.cameras.linearize(points)[1], derivative)  # *b F C N 2 D+S'
         by_frame = slope.reshape(-1, *slope.shape[-4:])
         pairs = zip(frames, by_frame, strict=True)
         products = torch.stack([rows.contract(each) for rows, each in pairs])
         root = square_root(products).view(*slope.shape[:-3], *products.shape[-2:])
-        return Linearization(Residual(root[..., -1]), root[..., :-1])
+        of_frame, of_shared = _split(root[..., :-1], state)
+        return Linearization(Residual(root[..., -1]), of_frame, of_shared)
 
-    def gradient(self, state: Any) -> tuple[Tensor, None]:
-        """Half the gradient, (*b, F, D), differentiable in masks, trust, cameras and the surface.
+    def gradient(self, state: Any) -> tuple[Tensor, Tensor | None]:
+        """Half the gradient, (*b, F, D) and (*b, S'), differentiable in all that it is made of.
 
         In what moves the outline, where its second derivative would be needed, it is
         differentiated as Gauss-Newton does.
@@ -115,8 +127,9 @@ class SilhouetteOverlap(Energy[Any]):
         lead = state.coordinates().frame.shape[:-1]
         strength = self.kernel.slope(torch.stack(squares).view(*lead, -1))
         weight = self.weight.to(strength)[(..., *[None] * (2 if self.weight.ndim else 0))]
-        pulled = torch.stack(pulls).view(*lead, *pulls[0].shape)  # *b F C D
-        return ((weight * strength).unsqueeze(-1) * pulled).sum(-2), None
+        pulled = torch.stack(pulls).view(*lead, *pulls[0].shape)  # *b F C D+S'
+        of_frame, of_shared = _split(((weight * strength).unsqueeze(-1) * pulled).sum(-2), state)
+        return of_frame, None if of_shared is None else of_shared.sum(-2)
 
     def second_order(self, state: Any, pull: Tensor) -> None:
         """None: coverage has no second derivative, so Gauss-Newton's curvature is all there is."""
@@ -175,23 +188,34 @@ class SilhouetteOverlap(Energy[Any]):
         return used if used.shape[-1] else used.new_zeros(*lead, 1)
 
     def _linearize_points(self, state: Any, vertices: Tensor) -> tuple[Tensor, Tensor]:
-        """Vertices (*b, F, N, 3) and their derivative (*b, F, N, 3, D)."""
+        """Vertices (*b, F, N, 3) and their derivative in all unknowns, (*b, F, N, 3, D + S')."""
         if self.points is not None:
             chosen = self.points(vertices.unsqueeze(-1), torch.ones_like(vertices.unsqueeze(-1)))
-            linear: tuple[Tensor, Tensor] = chosen.linearize(state)
-            return linear
+            points, of_frame, of_shared = chosen.linearize(state)
+            return points, of_frame if of_shared is None else torch.cat((of_frame, of_shared), -1)
         here = state.coordinates()
         index = vertices.unsqueeze(-1).expand(*vertices.shape, 3)
 
         def moved(tangent: Tensor) -> tuple[Tensor, Tensor]:
             # rows of a frame see that frame only, so all frames share one tangent
-            step = Step(tangent.expand_as(here.frame), torch.zeros_like(here.shared))
+            frame, shared = tangent.tensor_split((state.frame_dim,))
+            step = Step(frame.expand_as(here.frame), shared.expand_as(here.shared))
             points = self.surface(state.retract(step)).gather(-2, index)
             return points, points
 
-        zero = here.frame.new_zeros(state.frame_dim)
+        zero = here.frame.new_zeros(state.frame_dim + here.shared.shape[-1])
         derivative, points = torch.func.jacfwd(moved, has_aux=True)(zero)
-        return points, derivative
+        of_frame, of_shared = _split(derivative, state)
+        seen = seen_columns(state.shared_sizes, self.sees)
+        if of_shared is None or not of_shared[..., seen].shape[-1]:
+            return points, of_frame
+        return points, torch.cat((of_frame, of_shared[..., seen]), -1)
+
+
+def _split(derivative: Tensor, state: State) -> tuple[Tensor, Tensor | None]:
+    """Columns of a frame, (..., D), and of what is shared, (..., S'), None if there are none."""
+    frame, shared = derivative.tensor_split((state.frame_dim,), -1)
+    return frame, shared if shared.shape[-1] else None
 
 
 def _block_groups(

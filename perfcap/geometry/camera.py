@@ -9,13 +9,14 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
+from perfcap.geometry.record import Record
 
 # A point nearer than this is projected as if it were this far: finite, and still pulled forward.
 NEAR = 0.05  # m
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Record):
     """Calibrated views: x right, y down, z forward, pixel centres at integer coordinates.
 
     A world point X (metres) has camera coordinates ``rotation @ X + translation`` and the pixel
@@ -154,14 +155,7 @@ class Camera:
         """The cameras of some frames; fixed cameras are returned as they are."""
         if not self.moving:
             return self
-        distortion = None if self.distortion is None else self.distortion[index]
-        return replace(
-            self,
-            intrinsics=self.intrinsics[index],
-            rotation=self.rotation[index],
-            translation=self.translation[index],
-            distortion=distortion,
-        )
+        return self.map(lambda each: each[index])
 
     def apart(self) -> Self:
         """Cameras for frames that are batch elements of one frame each, (F, 1, C) where moving."""
@@ -189,13 +183,7 @@ class Camera:
 
     def to(self, like: Tensor) -> Self:
         """The same cameras with the type and device of a tensor."""
-        return replace(
-            self,
-            intrinsics=self.intrinsics.to(like),
-            rotation=self.rotation.to(like),
-            translation=self.translation.to(like),
-            distortion=None if self.distortion is None else self.distortion.to(like),
-        )
+        return self.map(lambda each: each.to(like))
 
     @property
     def centre(self) -> Tensor:

@@ -132,6 +132,5 @@ def _fitted(problem: MotionProblem, motion: Motion, first: PoseConfig) -> Fitted
     for start in range(0, len(windows), first.batch):
         group = windows[start : start + first.batch]
         index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(motion.angles.device)
-        state = Motion(motion.translation[index], motion.rotation[index], motion.angles[index])
-        found.append(evident_stiffness(problem.objective(index), state, first))
+        found.append(evident_stiffness(problem.objective(index), motion[index], first))
     return FittedPrior(tuple(window.start for window in windows), torch.cat(found))

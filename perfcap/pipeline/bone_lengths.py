@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BONES
 from perfcap.detect.detections import Detections
 from perfcap.energy.prior import BoneLengthPrior
 from perfcap.errors import InputError
@@ -67,16 +67,12 @@ def solve_bone_lengths(
     prior = BoneLengthPrior(groups, len(chosen), config.bones.size, config.bones.own)
     plain = pose_objective(actor, cameras, seen, config, pixel_unit)
     objective = Objective(dict(plain.items()), bones=prior.to(motion.angles))
-    start = Motion(
-        motion.translation, motion.rotation, motion.angles, motion.angles.new_zeros(groups)
-    )
+    start = replace(motion, shared={BONES: motion.angles.new_zeros(groups)})
     limits = angle_bounds(actor)
     free = motion.angles.new_full((groups,), torch.inf)
     bounds = Bounds(Step(limits.lower.frame, -free), Step(limits.upper.frame, free))
     method = LevenbergMarquardt(max_steps=config.bones.max_steps)
-    shape: Tensor | None = solve(objective, start, method, bounds).state.shape
-    assert shape is not None
-    return shape
+    return solve(objective, start, method, bounds).state.shared[BONES]
 
 
 def spread_frames(detections: Detections, count: int) -> Tensor:
@@ -92,8 +88,8 @@ def spread_frames(detections: Detections, count: int) -> Tensor:
     return torch.tensor([f for f in best if seen[f] > 0] or [0])
 
 
-def fitted(actor: Actor, shape: Tensor) -> Actor:
+def fitted(actor: Actor, bones: Tensor) -> Actor:
     """The actor with other bone lengths, under the same name."""
-    resized = actor.resized(shape)
+    resized = actor.resized(bones)
     resized.template = replace(resized.template, name=actor.template.name)
     return resized

@@ -140,5 +140,9 @@ def motions(like: Tensor) -> Codec[Motion]:
     plain = tensors(like)
     return Codec(
         lambda motion: plain.pack((motion.translation, motion.rotation, motion.angles)),
-        lambda record: Motion(*plain.unpack(record)),
+        lambda record: _motion(*plain.unpack(record)),
     )
+
+
+def _motion(translation: Tensor, rotation: Tensor, angles: Tensor) -> Motion:
+    return Motion(translation, rotation, angles)

@@ -39,7 +39,7 @@ def fill_gaps(motion: Motion, seen: Tensor) -> Motion:
     pair = aligned(torch.stack((turned[before], turned[after]), -2))
     mixed = torch.nn.functional.normalize(pair[:, 0] + share * (pair[:, 1] - pair[:, 0]), dim=-1)
     rotation = torch.where(seen[:, None], motion.rotation, quaternion_to_rotvec(mixed))
-    return Motion(between(motion.translation), rotation, between(motion.angles), motion.shape)
+    return Motion(between(motion.translation), rotation, between(motion.angles), motion.shared)
 
 
 def ranges(missing: Tensor) -> list[tuple[int, int]]:

@@ -16,7 +16,7 @@ from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.objective import neutral_angles
-from perfcap.pipeline.single_frames import chosen, solve_frames
+from perfcap.pipeline.single_frames import solve_frames
 
 _YAWS = 8
 _REACH = 5  # frames from a known one: so near, other headings are sooner left and right exchanged
@@ -63,7 +63,7 @@ def search_headings(
             if between is not None:
                 guess = between[index]
                 _, rival = solve_frames(actor, camera, some, config, unit, guess)
-                pose = chosen(energy + _CLEARLY < rival.nan_to_num(torch.inf), pose, guess)
+                pose = pose.where(energy + _CLEARLY < rival.nan_to_num(torch.inf), guess)
             motion = _replaced(motion, index, pose)
             found[index] = torch.isfinite(pose.coordinates().frame).all(-1)
     return motion, found
@@ -88,11 +88,7 @@ def _near(known: Tensor) -> Tensor:
 
 def _replaced(motion: Motion, index: Tensor, pose: Motion) -> Motion:
     """The motion (F,) with other poses in some frames."""
-    return Motion(
-        motion.translation.index_copy(0, index, pose.translation),
-        motion.rotation.index_copy(0, index, pose.rotation),
-        motion.angles.index_copy(0, index, pose.angles),
-    )
+    return motion.map(lambda own, other: own.index_copy(0, index, other), pose)
 
 
 def _best_heading(
@@ -111,7 +107,7 @@ def _best_heading(
         if best is None:
             best = motion, energy
             continue
-        best = chosen(energy < best[1], motion, best[0]), torch.minimum(energy, best[1])
+        best = motion.where(energy < best[1], best[0]), torch.minimum(energy, best[1])
     assert best is not None
     return best
 

@@ -62,14 +62,10 @@ def initialize(
         motions.append(motion)
         placed.append(known & torch.isfinite(motion.coordinates().frame).all(-1))
     seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
-    whole = Motion(*(torch.cat(parts) for parts in zip(*map(_parts, motions), strict=True)))
+    whole = Motion.cat(motions)
     known = torch.cat(placed) & seen
     found = search_headings(actor, cameras, detections, config, pixel_unit, whole, known)
     return fill_gaps(*found), seen
-
-
-def _parts(motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
-    return motion.translation, motion.rotation, motion.angles
 
 
 def _initialize_part(

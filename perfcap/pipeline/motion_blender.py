@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from torch import Tensor
 
@@ -33,6 +31,6 @@ class MotionBlender:
         """The whole motion, (F,), every angle within the skeleton's limits."""
         for blender, done in zip(self._blenders, self._done, strict=True):
             done.append(blender.finish())
-        motion = Motion(*(torch.cat(done) for done in self._done))
+        translation, rotation, angles = (torch.cat(done) for done in self._done)
         # a mean of bounded angles is bounded; only its rounding can be a bit outside
-        return replace(motion, angles=motion.angles.clamp(skeleton.lower, skeleton.upper))
+        return Motion(translation, rotation, angles.clamp(skeleton.lower, skeleton.upper))

@@ -42,16 +42,16 @@ def pose_objective(
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
         trajectory: the temporal prior; frames are independent without.
     """
-    r, p = config.reprojection, config.position
+    r, p, joints = config.reprojection, config.position, actor.landmarks
     energies: dict[str, Energy[Motion]] = {
         "joints2d": Reprojection(
-            actor, cameras, detections, r.weight, kernel(r.scale), r.deviation * pixel_unit
+            joints, cameras, detections, r.weight, kernel(r.scale), r.deviation * pixel_unit
         )
     }
     if detections.joints3d is not None and bool(detections.trusted3d.any()):
         unit = detections.joints3d.new_tensor(p.deviation)
         energies["joints3d"] = JointPosition(
-            actor, cameras, detections, p.weight, kernel(p.scale), unit
+            joints, cameras, detections, p.weight, kernel(p.scale), unit
         )
     if trajectory is not None:
         energies["trajectory"] = trajectory

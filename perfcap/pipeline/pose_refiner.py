@@ -185,11 +185,7 @@ class PoseRefiner(nn.Module):
         device = self.log_weights.device
         frame = torch.arange(longest, device=device)
         padded = [motion[frame.clamp(max=motion.frames - 1)] for motion in motions]
-        motion = Motion(
-            torch.stack([each.translation for each in padded]),
-            torch.stack([each.rotation for each in padded]),
-            torch.stack([each.angles for each in padded]),
-        )
+        motion = Motion.stack(padded)
         lengths = torch.tensor([each.frames for each in motions], device=device)
         valid = frame < lengths[:, None]
         return RefinedPose(

@@ -15,7 +15,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.contour_alignment import ContourAlignment
-from perfcap.energy.stabilization import Stabilization
+from perfcap.energy.joint_target import JointTarget
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.evidence import Evidence
@@ -117,12 +117,15 @@ class _Terms:
         config: RefinePoseConfig,
         pixel_unit: Tensor,
     ) -> None:
-        actor = problem.actor
+        actor, joints = problem.actor, problem.actor.landmarks
         self.actor, self.config, self.pixel_unit = actor, config, pixel_unit
         self.method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
         self.fixed: dict[str, Energy[Motion]] = {
-            "stabilization": Stabilization(
-                actor, actor.joints(start), config.stabilization, unit=config.deviation
+            "stabilization": JointTarget(  # Eq. 12, a mean over the joints
+                joints,
+                joints(start).unsqueeze(-3),
+                weight=config.stabilization / joints.count,
+                unit=config.deviation,
             )
         }
         if config.whole:

@@ -47,7 +47,7 @@ def second_start(
         rate: frames a second.
         weights: factors of the energies, see ``WindowBatch.objective``.
     """
-    motion = Motion(*(x.detach() for x in (motion.translation, motion.rotation, motion.angles)))
+    motion = motion.detach()
     windows = partition(clip.estimate.frames, config.window, config.overlap)
     # all energies at once, of one window as long as the clip
     whole = WindowBatch((clip,), (partition(motion.frames, motion.frames, 0)[0],))
@@ -92,5 +92,5 @@ def _weighed(
 
 @torch.no_grad()
 def _of_clip(energy: Energy[Motion], motion: Motion, like: Tensor) -> Tensor:
-    whole = Motion(motion.translation[None], motion.rotation[None], motion.angles[None])
+    whole = motion.map(lambda each: each[None])
     return squared_errors(energy, whole, like[None])[0]

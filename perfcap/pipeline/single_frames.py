@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -23,31 +22,10 @@ def solve_frames(
     start: Motion,
 ) -> tuple[Motion, Tensor]:
     """Solve frames as a batch of one-frame windows; returns the motion (F,) and energies (F,)."""
-    single = _single_frames(detections)
+    single = detections.map(lambda each: each[:, None])
     objective = pose_objective(actor, cameras.apart(), single, config, pixel_unit, trajectory=None)
-    initial = Motion(start.translation[:, None], start.rotation[:, None], start.angles[:, None])
+    initial = start.map(lambda each: each[:, None])
     method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
     solution = solve(objective, initial, method, angle_bounds(actor))
     state: Motion = solution.state
-    motion = Motion(state.translation[:, 0], state.rotation[:, 0], state.angles[:, 0])
-    return motion, solution.energy
-
-
-def chosen(better: Tensor, new: Motion, old: Motion) -> Motion:
-    """Frames of ``new`` where ``better``, (F,) bool, and of ``old`` elsewhere."""
-    where = better[:, None]
-    return Motion(
-        torch.where(where, new.translation, old.translation),
-        torch.where(where, new.rotation, old.rotation),
-        torch.where(where, new.angles, old.angles),
-    )
-
-
-def _single_frames(detections: Detections) -> Detections:
-    joints3d = detections.joints3d
-    return Detections(
-        detections.joints2d[:, None],
-        detections.confidence2d[:, None],
-        None if joints3d is None else joints3d[:, None],
-        detections.trusted3d[:, None],
-    )
+    return state.map(lambda each: each[:, 0]), solution.energy

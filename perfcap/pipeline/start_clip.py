@@ -121,12 +121,7 @@ def _better_seen(
         pixels.kernel.value(pixels.residual(each).squared_norm()).sum(-1)
         for each in (motion, other)
     )
-    better = (others < own).unsqueeze(-1)
-    return Motion(
-        torch.where(better, other.translation, motion.translation),
-        torch.where(better, other.rotation, motion.rotation),
-        torch.where(better, other.angles, motion.angles),
-    )
+    return other.where(others < own, motion)
 
 
 def _placed_start(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> Motion:
@@ -140,12 +135,11 @@ def _placed_start(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> Motio
         "targets": targets_energy(actor, points[:, None], certain[:, None], config),
         "prior": PosePrior(neutral_angles(actor), config.prior.deviation, config.prior.weight),
     }
-    initial = Motion(start.translation[:, None], start.rotation[:, None], start.angles[:, None])
+    initial = start.map(lambda each: each[:, None])
     method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
     objective = Objective(energies).to(actor.skeleton.lower)
     found: Motion = solve(objective, initial, method, angle_bounds(actor)).state
-    motion = Motion(found.translation[:, 0], found.rotation[:, 0], found.angles[:, 0])
-    return fill_gaps(motion, (total > 0).sum(-1) >= _FIT_POINTS)
+    return fill_gaps(found.map(lambda each: each[:, 0]), (total > 0).sum(-1) >= _FIT_POINTS)
 
 
 def targets_energy(
@@ -155,4 +149,6 @@ def targets_energy(
     own = points.new_tensor(config.position.deviation)
     unit = (own.square() + _ROOT_DEVIATION**2).sqrt()
     weight = config.position.weight
-    return JointTarget(actor, points, certain, weight, kernel(config.position.scale), unit)
+    return JointTarget(
+        actor.landmarks, points, certain, weight, kernel(config.position.scale), unit
+    )

@@ -81,14 +81,7 @@ class MotionProblem:
 
     def objective(self, index: slice | Tensor) -> Objective:
         """E_pose of a window (W,) of frames, or of several (N, W)."""
-        detections = self.detections
-        joints3d = detections.joints3d
-        seen = Detections(
-            detections.joints2d[index],
-            detections.confidence2d[index],
-            None if joints3d is None else joints3d[index],
-            detections.trusted3d[index],
-        )
+        seen = self.detections.map(lambda each: each[index])
         frames = seen.joints2d.shape[-4]
         stiffness = None if self.fitted is None else self.fitted.at(index)
         prior = trajectory_prior(self.config.trajectory, frames, self.rate, stiffness)
@@ -138,9 +131,8 @@ def _solve_group(
     actor, config = problem.actor, problem.config
     index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(initial.angles.device)
     objective = problem.objective(index)
-    start = Motion(initial.translation[index], initial.rotation[index], initial.angles[index])
     method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
-    solution = solve(objective, start, method, angle_bounds(actor))
+    solution = solve(objective, initial[index], method, angle_bounds(actor))
     shares = _frame_terms(objective, solution.state)
     reports = [
         WindowReport(
@@ -188,7 +180,7 @@ def _frame_terms(objective: Objective, motion: Motion) -> dict[str, Tensor]:
 
 def select(motion: Motion, element: int) -> Motion:
     """One motion (F,) of a batch (N, F)."""
-    return Motion(motion.translation[element], motion.rotation[element], motion.angles[element])
+    return motion.map(lambda each: each[element])
 
 
 def _batches(windows: list[Window], size: int) -> Iterator[list[Window]]:

@@ -40,12 +40,8 @@ class WindowBatch:
 
     def start(self) -> Motion:
         """Motion to start from, (N, W)."""
-        motions = [clip.motion for clip in self.clips]
-        return Motion(
-            self.stack([motion.translation for motion in motions]),
-            self.stack([motion.rotation for motion in motions]),
-            self.stack([motion.angles for motion in motions]),
-        )
+        pairs = zip(self.clips, self.windows, strict=True)
+        return Motion.stack([clip.motion[window.index] for clip, window in pairs])
 
     def objective(
         self, actor: Actor, config: PoseConfig, rate: float, weights: Tensor

@@ -15,7 +15,7 @@ from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
@@ -117,8 +117,7 @@ def auto_rig(
             "fitted body; expected one person in a T- or A-pose, without floor or other objects"
         )
     template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
-    assert fit.motion.shape is not None
-    inside = measure(model.template(fit.motion.shape))
+    inside = measure(model.template(fit.motion.shared[BODY]))
     found = tuple(_warnings(best.upright, fit, heat))
     report = RigReport(best.upright, fit, heat, found, inside, best.seen)
     for warning in report.warnings:

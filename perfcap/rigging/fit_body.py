@@ -10,20 +10,21 @@ from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.shaped_points import OFFSETS, ShapedPoints
 from perfcap.actor.template import Template
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
+from perfcap.energy.reprojection import Reprojection
+from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import ShapePrior
 from perfcap.rigging.uncertainty import deviations, shape_covariance
-from perfcap.rigging.view_energies import LandmarkReprojection, ShapedSilhouette
 from perfcap.solve import Coupling, Energy, LevenbergMarquardt, Objective, Residual, solve
 from perfcap.solve.kernels import GemanMcClure
 
@@ -116,7 +117,7 @@ def fit_body(
     _require_frames(detections, initial, masks)
     problem = _Problem(model, cameras, detections, height, settings)
     shape = torch.zeros(model.components).to(initial.angles)
-    motion = problem.solved(replace(initial, shape=shape), {}, settings.steps[0])
+    motion = problem.solved(replace(initial, shared={BODY: shape}), {}, settings.steps[0])
     energies: dict[str, Energy[Any]] = {}
     if masks is not None:
         for pixels, steps in zip(settings.heights, settings.steps[1:], strict=False):
@@ -161,9 +162,8 @@ class _Problem:
         """All but silhouettes, with what a detector may be off by among the unknowns."""
         model, settings, frames = self.model, self.settings, self.detections.frame_count
         landmarks = ShapedPoints.of_landmarks(model, self.actor, offsets)
-        unknowns = len(landmarks.basis)
         found: dict[str, Energy[Any]] = {
-            "joints": LandmarkReprojection(
+            "joints": Reprojection(
                 landmarks.at(torch.arange(len(LANDMARKS)).numpy()),
                 self.cameras,
                 self.detections,
@@ -171,13 +171,14 @@ class _Problem:
                 GemanMcClure(settings.joint_scale),
                 self.unit,
             ),
-            "shape": ShapePrior(unknowns, frames, weight=settings.shape),
+            "shape": ShapePrior(model.components, frames, weight=settings.shape),
             "pose": PosePrior(self.actor.skeleton.lower.new_zeros(27), settings.pose, 1.0),
         }
+        if landmarks.offsets is not None:
+            free = len(landmarks.offsets)
+            found["offsets"] = ShapePrior(free, frames, weight=settings.shape, block=OFFSETS)
         if self.height is not None:
-            found["height"] = Stature(
-                model, self.height, settings.height, frames, unknowns - model.components
-            )
+            found["height"] = Stature(model, self.height, settings.height, frames)
         return found
 
     def solved(self, motion: Motion, more: dict[str, Energy[Any]], steps: int) -> Motion:
@@ -187,7 +188,7 @@ class _Problem:
         state: Motion = solve(objective, motion, LevenbergMarquardt(max_steps=steps), bounds).state
         return state
 
-    def silhouettes(self, masks: PersonMasks, pixels: float) -> ShapedSilhouette:
+    def silhouettes(self, masks: PersonMasks, pixels: float) -> SilhouetteOverlap:
         """Overlap in images in which the person is about so many pixels tall."""
         factor = max(1, int(100 * float(self.unit.median()) / pixels))
         small = masks.shrunk(factor)
@@ -195,20 +196,25 @@ class _Problem:
         faces = torch.from_numpy(self.model.rig.faces)
         silhouette = SoftSilhouette(faces, size, self.settings.band)
         weight = self.settings.silhouettes
-        return ShapedSilhouette(
-            self.surface, silhouette, small.cameras, small.inside, small.known, weight
+        return SilhouetteOverlap(
+            self.surface,
+            silhouette,
+            small.cameras,
+            small.inside,
+            small.known,
+            weight,
+            points=self.surface.chosen,
         )
 
     def result(self, motion: Motion, more: dict[str, Energy[Any]]) -> BodyFit:
         """What was found, and how well it is known."""
-        assert motion.shape is not None
-        shape, count = motion.shape, self.model.components
+        shape, count = motion.shared[BODY], self.model.components
         energies = self._energies(self.settings.offsets)
-        prior = energies["shape"]
+        prior = energies["offsets"]
         assert isinstance(prior, ShapePrior)
-        free = prior.components - count
-        padded = replace(motion, shape=torch.nn.functional.pad(shape, (0, free)))
-        covariance = shape_covariance(Objective({**energies, **more}), padded)
+        both = {BODY: shape, OFFSETS: shape.new_zeros(prior.components)}
+        free = replace(motion, shared=both)
+        covariance = shape_covariance(Objective({**energies, **more}), free)
         template = self.model.template(shape)
         edge = self.settings.edge if more else 0.0
         known = deviations(self.model, shape, covariance[:count, :count], edge)
@@ -218,29 +224,26 @@ class _Problem:
 class Stature(Energy[Motion]):
     """A known height: (height of the rest pose - height) / deviation, however many the frames.
 
-    The crown and the sole are those of the mean body; at small changes of shape they stay. The
-    last ``more`` coefficients do not matter.
+    The crown and the sole are those of the mean body; at small changes of shape they stay.
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
+    sees = (BODY,)
 
-    def __init__(
-        self, model: BodyModel, height: float, deviation: float, frames: int, more: int = 0
-    ) -> None:
+    def __init__(self, model: BodyModel, height: float, deviation: float, frames: int) -> None:
         super().__init__(1.0)
         mean, basis = model.surface.mean[:, 1], model.surface.basis[..., 1]
         top, low = int(mean.argmax()), int(mean.argmin())
         scale = 1 / (deviation * frames**0.5)
         slope = scale * (basis[:, top] - basis[:, low])
-        self.register_buffer("slope", torch.nn.functional.pad(slope, (0, more)))
+        self.register_buffer("slope", slope)
         self.register_buffer("offset", scale * (mean[top] - mean[low] - height))
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, 1, 1)."""
-        if motion.shape is None:
-            raise ValueError("Stature needs a motion with shape coefficients; it has none")
-        value = motion.shape @ self.get_buffer("slope") + self.get_buffer("offset")
+        if BODY not in motion.shared:
+            raise ValueError("Stature needs a motion that shares body; it does not")
+        value = motion.shared[BODY] @ self.get_buffer("slope") + self.get_buffer("offset")
         return Residual(value[..., None, None, None].expand(*motion.angles.shape[:-1], 1, 1))
 
 

@@ -14,10 +14,10 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import human_rig
 from perfcap.actor.body_model import BodyModel
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
-from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch
 from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
 from perfcap.rigging.view_landmarks import SeenLandmarks
@@ -148,7 +148,7 @@ class BodyFitter:
         angles = arm_pose(self.actor, arms)
         rest = self.actor.skeleton.rest_motion()
         shape = torch.zeros(self.model.components, dtype=torch.float64)
-        return Motion(rest.translation, rest.rotation, angles[None], shape)
+        return Motion(rest.translation, rest.rotation, angles[None], {BODY: shape})
 
     def _ranked_starts(self, target: TargetSurface) -> list[Motion]:
         """Poses with the stature of the mesh, standing where it stands, the best fit first."""
@@ -172,7 +172,7 @@ class BodyFitter:
         shape = torch.zeros(model.components, dtype=torch.float64)
         if abs(slope) > 0.02:
             shape[0] = float(np.clip((height - extents[1]) / slope, -3, 3))
-        return replace(motion, shape=shape)
+        return replace(motion, shared={BODY: shape})
 
     def _round(
         self,

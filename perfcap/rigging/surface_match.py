@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from perfcap.actor.motion import Motion
-from perfcap.rigging.shaped_points import ShapedPoints
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.points import Points
 from perfcap.solve import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -29,7 +29,7 @@ class SurfaceMatch(Energy[Motion]):
     surface at a price of ``slide``, which keeps smooth limbs from turning in place.
 
     Args:
-        points: of the body, N.
+        points: of the body, N; their shape is unknown too.
         matches: of each.
         slide: 1 is the plain distance, 0 the distance to the tangent plane.
         weight: of the energy.
@@ -37,21 +37,20 @@ class SurfaceMatch(Energy[Motion]):
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
     place: Tensor
     trust: Tensor
     metric: Tensor
 
     def __init__(
         self,
-        points: ShapedPoints,
+        points: Points,
         matches: Matches,
         slide: float = 0.3,
         weight: float | Tensor = 1.0,
         kernel: Kernel | None = None,
     ) -> None:
         super().__init__(weight, kernel)
-        self.points = points
+        self.points, self.sees = points, points.sees
         normal = matches.normal
         outer = normal[:, :, None] * normal[:, None]
         self.register_buffer("metric", slide * torch.eye(3).to(outer) + (1 - slide) * outer)
@@ -65,7 +64,8 @@ class SurfaceMatch(Energy[Motion]):
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form."""
         points, frame, shared = self.points.linearize(motion)
-        return Linearization(self._residual(points), self.metric @ frame, self.metric @ shared)
+        of_shared = None if shared is None else self.metric @ shared
+        return Linearization(self._residual(points), self.metric @ frame, of_shared)
 
     def _residual(self, points: Tensor) -> Residual:
         error = (self.metric @ (points - self.place)[..., None]).squeeze(-1)
@@ -73,17 +73,17 @@ class SurfaceMatch(Energy[Motion]):
 
 
 class ShapePrior(Energy[Motion]):
-    """Gaussian on coefficients of shape: sum (shape / deviation)^2, however many the frames.
+    """Gaussian on shared coefficients: sum (coefficient / deviation)^2, however many the frames.
 
     Args:
         components: S.
         frames: F.
         deviation: of every coefficient.
         weight: of the energy.
+        block: name of the coefficients among what is shared.
     """
 
     coupling = Coupling.FRAME
-    sees_shared = True
 
     def __init__(
         self,
@@ -91,15 +91,17 @@ class ShapePrior(Energy[Motion]):
         frames: int = 1,
         deviation: float = 1.0,
         weight: float | Tensor = 1.0,
+        block: str = BODY,
     ) -> None:
         super().__init__(weight)
+        self.sees, self.block = (block,), block
         self.components, self.scale = components, 1 / (deviation * frames**0.5)
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, S, 1), equal in all frames."""
-        if motion.shape is None:
-            raise ValueError("ShapePrior needs a motion with shape coefficients; it has none")
-        value = (self.scale * motion.shape)[..., None, :, None]
+        if self.block not in motion.shared:
+            raise ValueError(f"ShapePrior needs a motion that shares {self.block}; it does not")
+        value = (self.scale * motion.shared[self.block])[..., None, :, None]
         lead = motion.angles.shape[:-1]
         return Residual(value.expand(*lead, self.components, 1))
 

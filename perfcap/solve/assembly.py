@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
@@ -45,7 +46,7 @@ def assemble(objective: Objective, state: State) -> NormalEquations:
 
 
 def _require_frames_only(name: str, energy: WindowEnergy[Any]) -> None:
-    if energy.sees_shared:
+    if energy.sees:
         raise InputError(
             f"energy '{name}' ({type(energy).__name__}) sees shared unknowns through a window; "
             "window energies see frames only, so express it by features of the frames"
@@ -114,13 +115,25 @@ class _Blocks:
         residual = layout.per_element(linear.residual.value)  # B F G d
         weight = _row_weight(energy, linear, layout)  # B F G
         add_rows(jacobian, residual, weight, self.curvature, self.gradient)
-        if linear.shared is not None and layout.shared_dim:
-            shared = layout.per_element(linear.shared).flatten(2, 3)  # B F Gd S
+        if linear.shared is not None:
+            seen = layout.seen(energy.sees)
+            shared = layout.per_element(linear.shared).flatten(2, 3)  # B F Gd S'
             weights = weight.unsqueeze(-1).expand_as(residual).flatten(2)
             weighted = weights.unsqueeze(-1) * shared
-            self.border += jacobian.flatten(2, 3).mT @ weighted
-            self.shared_curvature += shared.flatten(1, 2).mT @ weighted.flatten(1, 2)
-            self.shared_gradient += apply_transposed(weighted, residual.flatten(2)).sum(1)
+            self.border[..., seen] += jacobian.flatten(2, 3).mT @ weighted
+            curvature = shared.flatten(1, 2).mT @ weighted.flatten(1, 2)
+            add_block(self.shared_curvature, seen, curvature)
+            gradient = apply_transposed(weighted, residual.flatten(2)).sum(1)
+            self.shared_gradient[..., seen] += gradient
+
+
+def add_block(matrix: Tensor, index: slice | list[int], block: Tensor) -> None:
+    """Add to rows and columns of a matrix (..., S, S), in place."""
+    if isinstance(index, slice):
+        matrix[..., index, index] += block
+        return
+    rows = torch.tensor(index, device=matrix.device)
+    matrix[..., rows[:, None], rows] += block
 
 
 def _row_weight(energy: Energy[Any], linear: Linearization, layout: Layout) -> Tensor:

@@ -30,9 +30,9 @@ class Vector:
         return self.values.shape[-1]
 
     @property
-    def shared_dim(self) -> int:
+    def shared_sizes(self) -> dict[str, int]:
         """Nothing is shared."""
-        return 0
+        return {}
 
     def retract(self, step: Step) -> Vector:
         """Add."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, Protocol, Self, TypeVar
@@ -43,8 +43,8 @@ class State(Protocol):
         """D, tangent dimensions of a frame."""
 
     @property
-    def shared_dim(self) -> int:
-        """S, tangent dimensions shared by all frames; 0 where there are none."""
+    def shared_sizes(self) -> Mapping[str, int]:
+        """Tangent dimensions of what all frames share, S in all: named blocks in their order."""
 
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector; a zero step is the identity."""
@@ -86,7 +86,8 @@ class Linearization:
     """A residual and its derivative.
 
     ``frame`` is (*b, F, G, d, D), the derivative of frame f's rows in frame f's unknowns;
-    ``shared`` is (*b, F, G, d, S), or None for an energy that does not see shared unknowns.
+    ``shared`` is (*b, F, G, d, S'), in the shared blocks that the energy sees and the state has, in
+    the state's order, or None where there are none.
     """
 
     residual: Residual
@@ -99,11 +100,12 @@ class Energy(nn.Module, ABC, Generic[StateType]):
 
     There is no hidden one half. An author names the kind of state, as in ``Energy[Motion]``, and
     writes ``residual``; ``linearize`` may be overridden by a closed form, and is forward-mode
-    differentiation otherwise.
+    differentiation otherwise. ``sees`` names the shared blocks that the residual depends on, where
+    a state has them.
     """
 
     coupling = Coupling.FRAME
-    sees_shared = False
+    sees: Collection[str] = ()
     weight: Tensor
 
     def __init__(self, weight: float | Tensor = 1.0, kernel: Kernel | None = None) -> None:
@@ -214,8 +216,29 @@ def forward_mode(energy: Energy[StateType], state: StateType) -> Linearization:
     return Linearization(
         Residual(value, confidence),
         jacobian[..., : state.frame_dim],
-        jacobian[..., state.frame_dim :] if energy.sees_shared else None,
+        seen_part(jacobian[..., state.frame_dim :], state.shared_sizes, energy.sees),
     )
+
+
+def seen_columns(sizes: Mapping[str, int], names: Collection[str]) -> slice | list[int]:
+    """Which shared unknowns the named blocks are: a slice where they lie side by side."""
+    columns: list[int] = []
+    start = 0
+    for name, size in sizes.items():
+        columns += range(start, start + size) if name in names else ()
+        start += size
+    if not columns:
+        return slice(0, 0)
+    side_by_side = columns[-1] - columns[0] + 1 == len(columns)
+    return slice(columns[0], columns[-1] + 1) if side_by_side else columns
+
+
+def seen_part(
+    derivative: Tensor, sizes: Mapping[str, int], names: Collection[str]
+) -> Tensor | None:
+    """The columns of named blocks of a derivative (..., S) in all that is shared; None if none."""
+    part = derivative[..., seen_columns(sizes, names)]
+    return part if part.shape[-1] else None
 
 
 def _diagonal_blocks(
@@ -227,7 +250,7 @@ def _diagonal_blocks(
     elements returns every diagonal block in D (+ S) columns instead of D * F.
     """
     here = state.coordinates()
-    zero = here.frame.new_zeros(state.frame_dim + state.shared_dim)
+    zero = here.frame.new_zeros(state.frame_dim + here.shared.shape[-1])
 
     def moved(tangent: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         frame = tangent[: state.frame_dim].expand_as(here.frame)

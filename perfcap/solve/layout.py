@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from perfcap.solve.energy import State, Step
+from perfcap.solve.energy import State, Step, seen_columns
 
 
 @dataclass(frozen=True)
 class Layout:
     """Sizes of a state: ``batch`` = *b with product B, F, D and S; N = F * D + S unknowns.
+
+    ``shared_sizes`` are names and sizes of the shared blocks, in their order.
 
     Inside the solver every batch is flattened to B and a tangent vector is a row of N numbers:
     all unknowns of frame 0, of frame 1, ..., and the shared ones last.
@@ -21,13 +24,23 @@ class Layout:
     batch: torch.Size
     frames: int
     frame_dim: int
-    shared_dim: int
+    shared_sizes: tuple[tuple[str, int], ...] = ()
 
     @classmethod
     def of(cls, state: State) -> Layout:
         """The layout of a state."""
         shape = state.coordinates().frame.shape
-        return cls(shape[:-2], shape[-2], state.frame_dim, state.shared_dim)
+        sizes = tuple(state.shared_sizes.items())
+        return cls(shape[:-2], shape[-2], state.frame_dim, sizes)
+
+    @property
+    def shared_dim(self) -> int:
+        """S, unknowns that all frames share."""
+        return sum(size for _, size in self.shared_sizes)
+
+    def seen(self, names: Collection[str]) -> slice | list[int]:
+        """Which of the S shared unknowns the named blocks are."""
+        return seen_columns(dict(self.shared_sizes), names)
 
     @property
     def batch_size(self) -> int:

@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from perfcap.solve.energy import Energy, StateType, Step, WindowEnergy
+from perfcap.solve.energy import Energy, StateType, Step, WindowEnergy, seen_columns
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class SecondOrder:
 
     Attributes:
         frame: in the unknowns of each frame, (*b, F, D, D).
-        border: in those and the shared ones, (*b, F, D, S), None if shared ones are not seen.
-        shared: in the shared ones, (*b, S, S), None likewise.
+        border: in those and the shared ones that the energy sees, (*b, F, D, S'), None if none are.
+        shared: in those shared ones, (*b, S', S'), None likewise.
     """
 
     frame: Tensor
@@ -47,9 +47,13 @@ def second_order(energy: Energy[StateType], state: StateType, pull: Tensor) -> S
     if isinstance(energy, OffersSecondOrder):
         return energy.second_order(state, pull)
     if isinstance(energy, WindowEnergy):
-        return twice_differentiated(energy.features, state, pull)
+        return SecondOrder(twice_differentiated(energy.features, state, pull).frame)
     found = twice_differentiated(lambda at: energy.residual(at).value, state, pull)
-    return found if energy.sees_shared else SecondOrder(found.frame)
+    seen = seen_columns(state.shared_sizes, energy.sees)
+    if found.border is None or found.shared is None or not found.border[..., seen].shape[-1]:
+        return SecondOrder(found.frame)
+    shared = found.shared[..., seen]
+    return SecondOrder(found.frame, found.border[..., seen], shared[..., seen, :])
 
 
 def twice_differentiated(

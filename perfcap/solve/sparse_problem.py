@@ -81,9 +81,10 @@ class SparseProblem:
                 f"state is a {type(state).__name__}, which has no block_dim; use "
                 "LevenbergMarquardt for frames that are one block"
             )
-        if state.shared_dim:
+        if state.shared_sizes:
             raise InputError(
-                f"state has {state.shared_dim} unknowns that frames share, expected none: every "
+                f"state has {sum(state.shared_sizes.values())} unknowns that frames share "
+                f"({', '.join(state.shared_sizes)}), expected none: every "
                 "frame is solved by itself; use LevenbergMarquardt"
             )
         for name, energy in objective.items():

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from perfcap.solve.assembly import add_block
 from perfcap.solve.energy import Energy, Linearization, Objective, State, WindowEnergy
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.layout import Layout
@@ -24,7 +25,7 @@ class OffersGradient(Protocol):
     """An energy whose ``linearize`` does not lead back to what the energy was made of."""
 
     def gradient(self, state: Any) -> tuple[Tensor, Tensor | None]:
-        """Half its gradient, (*b, F, D) and (*b, S), differentiable in all that it holds."""
+        """Half its gradient, (*b, F, D) and (*b, S'), differentiable in all that it holds."""
 
 
 def gradient(objective: Objective, state: State, layout: Layout) -> Tensor:
@@ -43,12 +44,26 @@ def gradient(objective: Objective, state: State, layout: Layout) -> Tensor:
         else:
             own, of_shared = _frame_gradient(energy, state)
         frame = frame + own
-        if of_shared is not None and layout.shared_dim:
-            shared = shared + of_shared
+        if of_shared is not None:
+            shared = _added(shared, layout.seen(energy.sees), of_shared)
     rows = frame.expand(*layout.batch, *frame.shape[-2:]).reshape(layout.batch_size, -1)
     if not layout.shared_dim:
         return rows
     return torch.cat((rows, layout.per_element(shared)), -1)
+
+
+def _added(whole: Tensor, columns: slice | list[int], part: Tensor) -> Tensor:
+    """A tensor (..., S) with a part (..., S') added to some columns; neither is written to."""
+    padded = part.new_zeros(*part.shape[:-1], whole.shape[-1])
+    padded[..., columns] = part
+    return whole + padded
+
+
+def _with_block(matrix: Tensor, index: slice | list[int], block: Tensor) -> Tensor:
+    """A matrix (..., S, S) with a block added to some rows and columns; neither is written to."""
+    padded = torch.zeros_like(matrix)
+    add_block(padded, index, block)
+    return matrix + padded
 
 
 def _energies(objective: Objective) -> list[Energy[Any]]:
@@ -111,21 +126,24 @@ def hessian(objective: Objective, state: State, equations: NormalEquations) -> N
             pull = _pull(energy, linear)
             bent = _bent_kernel(energy, linear, layout)
             if bent is not None:
-                curvature, border = curvature + bent[0], border + bent[1]
-                shared = shared + bent[2]
+                curvature = curvature + bent[0]
+                if bent[1] is not None and bent[2] is not None:
+                    border = _added(border, layout.seen(energy.sees), bent[1])
+                    shared = _with_block(shared, layout.seen(energy.sees), bent[2])
         left_out = second_order(energy, state, pull)
         if left_out is None:
             continue
         curvature = curvature + layout.per_element(left_out.frame)
         if left_out.border is not None and left_out.shared is not None:
-            border = border + layout.per_element(left_out.border)
-            shared = shared + layout.per_element(left_out.shared)
+            seen = layout.seen(energy.sees)
+            border = _added(border, seen, layout.per_element(left_out.border))
+            shared = _with_block(shared, seen, layout.per_element(left_out.shared))
     return replace(equations, curvature=curvature, border=border, shared_curvature=shared)
 
 
 def _bent_kernel(
     energy: Energy[Any], linear: Linearization, layout: Layout
-) -> tuple[Tensor, Tensor, Tensor] | None:
+) -> tuple[Tensor, Tensor | None, Tensor | None] | None:
     """What the second derivative of a robust kernel adds to the blocks; None where it is zero.
 
     With s = c |r|^2 it is ``2 w rho''(s) c^2 (J'r) (J'r)'`` for each group.
@@ -141,10 +159,9 @@ def _bent_kernel(
     frame = layout.per_element((value @ linear.frame).squeeze(-2))  # B F G D
     weighted = weight.unsqueeze(-1) * frame
     own = frame.mT @ weighted
-    if linear.shared is None or not layout.shared_dim:
-        none = own.new_zeros(())
-        return own, none, none
-    shared = layout.per_element((value @ linear.shared).squeeze(-2))  # B F G S
+    if linear.shared is None:
+        return own, None, None
+    shared = layout.per_element((value @ linear.shared).squeeze(-2))  # B F G S'
     of_shared = (shared.mT @ (weight.unsqueeze(-1) * shared)).sum(1)
     return own, weighted.mT @ shared, of_shared
 

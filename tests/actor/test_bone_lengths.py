@@ -52,7 +52,7 @@ def test_the_new_rig_moves_as_the_old_with_shape(person: Actor) -> None:
     shape = random_shape(person.skeleton)
     resized = person.resized(shape)
     motion = random_motion(person.skeleton, 5)
-    shaped = Motion(motion.translation, motion.rotation, motion.angles, shape)
+    shaped = Motion(motion.translation, motion.rotation, motion.angles, {"bones": shape})
     assert torch.allclose(resized.joints(motion), person.skeleton(shaped).landmarks, atol=1e-12)
 
 

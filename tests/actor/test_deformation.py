@@ -28,7 +28,7 @@ def test_local_undoes_retract(lead: tuple[int, ...], dtype: torch.dtype) -> None
     back = here.local(there)
     assert there.rotation.dtype == back.frame.dtype == dtype
     assert back.frame.shape == (*lead, here.frame_dim)
-    assert back.shared.shape == (*lead[:-1], here.shared_dim)
+    assert back.shared.shape == (*lead[:-1], sum(here.shared_sizes.values()))
     assert (back.frame - step.frame).abs().max() < 50 * torch.finfo(dtype).eps
 
 
@@ -98,7 +98,7 @@ def test_identity_and_sizes() -> None:
     assert still.rotation.dtype == torch.float32
     assert not still.rotation.any()
     assert not still.translation.any()
-    assert (still.frame_dim, still.shared_dim, still.block_dim) == (30, 0, 6)
+    assert (still.frame_dim, still.shared_sizes, still.block_dim) == (30, {}, 6)
     assert still.to(torch.zeros((), dtype=F64)).translation.dtype == F64
 
 

@@ -31,7 +31,7 @@ def random_step(motion: Motion, size: float = 1.0) -> Step:
 @pytest.mark.parametrize("batch", [(), (2,)])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_local_undoes_retract(shape: bool, batch: tuple[int, ...], dtype: torch.dtype) -> None:
-    motion = random_motion(SKELETON, 30, batch, shape=shape).to(torch.zeros((), dtype=dtype))
+    motion = random_motion(SKELETON, 30, batch, bones=shape).to(torch.zeros((), dtype=dtype))
     step = random_step(motion)
     moved = motion.retract(step)
     back = motion.local(moved)
@@ -40,11 +40,11 @@ def test_local_undoes_retract(shape: bool, batch: tuple[int, ...], dtype: torch.
     assert back.frame.shape == step.frame.shape == (*batch, 30, 33)
     assert (back.frame - step.frame).abs().max() < tolerance
     assert (back.shared - step.shared).abs().max() < tolerance if shape else True
-    assert back.shared.shape == (*batch, motion.shared_dim)
+    assert back.shared.shape == (*batch, sum(motion.shared_sizes.values()))
 
 
 def test_zero_step_is_the_identity() -> None:
-    motion = random_motion(SKELETON, 20, shape=True)
+    motion = random_motion(SKELETON, 20, bones=True)
     here = motion.coordinates()
     moved = motion.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
     there = moved.coordinates()
@@ -74,7 +74,7 @@ def test_small_steps_lead_through_full_turns() -> None:
 
 
 def test_retract_differentiates() -> None:
-    motion = random_motion(SKELETON, 2, shape=True)
+    motion = random_motion(SKELETON, 2, bones=True)
     step = random_step(motion, 0.3)
 
     def moved(frame: torch.Tensor, shared: torch.Tensor) -> torch.Tensor:
@@ -86,19 +86,19 @@ def test_retract_differentiates() -> None:
 
 
 def test_frames_are_selected_together() -> None:
-    motion = random_motion(SKELETON, 6, (2,), shape=True)
+    motion = random_motion(SKELETON, 6, (2,), bones=True)
     part = motion[torch.tensor([4, 1])]
     assert part.frames == 2
     assert torch.equal(part.angles, motion.angles[:, [4, 1]])
     assert torch.equal(part.translation, motion.translation[:, [4, 1]])
-    assert part.shape is motion.shape
+    assert part.shared is motion.shared
     assert motion[1:3].rotation.shape == (2, 2, 3)
 
 
 def test_sizes_of_the_tangent() -> None:
-    motion = random_motion(SKELETON, 6, shape=True)
-    assert (motion.frame_dim, motion.shared_dim) == (33, len(SKELETON.group_names))
-    assert random_motion(SKELETON, 6).shared_dim == 0
+    motion = random_motion(SKELETON, 6, bones=True)
+    assert (motion.frame_dim, motion.shared_sizes) == (33, {"bones": len(SKELETON.group_names)})
+    assert random_motion(SKELETON, 6).shared_sizes == {}
 
 
 def test_mismatched_parts_are_refused() -> None:

@@ -93,12 +93,11 @@ def test_bones_keep_their_lengths(skeleton: Skeleton) -> None:
 
 def test_shape_scales_bones_by_group(skeleton: Skeleton) -> None:
     rig = skeleton.rig
-    motion = random_motion(skeleton, 3, (2,), shape=True)
-    assert motion.shape is not None
+    motion = random_motion(skeleton, 3, (2,), bones=True)
     pose = skeleton(motion)
     upper_arm = (pose.position[..., rig.joints.index("l_elbow"), :]
                  - pose.position[..., rig.joints.index("l_shoulder"), :]).norm(dim=-1)  # fmt: skip
-    factor = motion.shape[:, skeleton.group_names.index("upper_arm")].exp()
+    factor = motion.shared["bones"][:, skeleton.group_names.index("upper_arm")].exp()
     assert torch.allclose(upper_arm, 0.29 * factor[:, None].expand(2, 3))
 
 
@@ -106,7 +105,7 @@ def test_shape_scales_bones_by_group(skeleton: Skeleton) -> None:
 @pytest.mark.parametrize("human", [False, True])
 def test_closed_form_is_the_derivative(skeleton: Skeleton, human: bool, shape: bool) -> None:
     one = skeleton if human else Skeleton(chain_rig())
-    motion = random_motion(one, 3, (2,), shape=shape)
+    motion = random_motion(one, 3, (2,), bones=shape)
     landmarks, frame, shared = one.linearize(motion)
     assert torch.allclose(landmarks, one(motion).landmarks, atol=1e-14)
     exact = forward_mode(one, motion)
@@ -124,12 +123,14 @@ def forward_mode(skeleton: Skeleton, motion: Motion) -> Tensor:
     def landmarks(tangent: Tensor) -> Tensor:
         lead = motion.angles.shape[:-1]
         frame = tangent[: motion.frame_dim].expand(*lead, motion.frame_dim)
-        shared = tangent[motion.frame_dim :].expand(*lead[:-1], motion.shared_dim)
+        shared = tangent[motion.frame_dim :].expand(
+            *lead[:-1], motion.coordinates().shared.shape[-1]
+        )
         marks: Tensor = skeleton(motion.retract(Step(frame, shared))).landmarks
         return marks
 
     return torch.func.jacfwd(landmarks)(
-        motion.angles.new_zeros(motion.frame_dim + motion.shared_dim)
+        motion.angles.new_zeros(motion.frame_dim + motion.coordinates().shared.shape[-1])
     )
 
 
@@ -154,7 +155,7 @@ def test_compiled_loops_are_the_plain_twin(
     tolerance = 20 * torch.finfo(dtype).eps
     for rig in (human_rig(rest_positions()), chain_rig()):
         one = Skeleton(rig).to(dtype)
-        motion = random_motion(one, 4, batch, shape=shape)
+        motion = random_motion(one, 4, batch, bones=shape)
         compiled = _kinematics_numba.place(one.tree, motion)
         plain = _kinematics_torch.place(one.tree, motion)
         for name in ("rotation", "position", "landmarks"):
@@ -182,13 +183,15 @@ def test_no_frames_give_no_poses(skeleton: Skeleton) -> None:
 
 
 def test_batch_equals_loop(skeleton: Skeleton) -> None:
-    motion = random_motion(skeleton, 3, (2,), shape=True)
+    motion = random_motion(skeleton, 3, (2,), bones=True)
     landmarks, frame, shared = skeleton.linearize(motion)
     assert shared is not None
-    assert motion.shape is not None
     for b in range(2):
         single = Motion(
-            motion.translation[b], motion.rotation[b], motion.angles[b], motion.shape[b]
+            motion.translation[b],
+            motion.rotation[b],
+            motion.angles[b],
+            {"bones": motion.shared["bones"][b]},
         )
         one = skeleton.linearize(single)
         assert one[2] is not None
@@ -209,12 +212,17 @@ def test_memory_layout_does_not_matter(skeleton: Skeleton) -> None:
 
 
 def test_gradients_reach_every_unknown(skeleton: Skeleton) -> None:
-    motion = random_motion(skeleton, 1, shape=True)
-    leaves = [motion.translation, motion.rotation, motion.angles, motion.shape]
+    motion = random_motion(skeleton, 1, bones=True)
+    leaves = [motion.translation, motion.rotation, motion.angles, motion.shared["bones"]]
     inputs = [leaf.clone().requires_grad_() for leaf in leaves if leaf is not None]
-    assert torch.autograd.gradcheck(lambda *x: skeleton(Motion(*x)).landmarks, inputs)
+
+    def landmarks(*parts: Tensor) -> Tensor:
+        marks: Tensor = skeleton(Motion(*parts[:3], {"bones": parts[3]})).landmarks
+        return marks
+
+    assert torch.autograd.gradcheck(landmarks, inputs)
     with torch.no_grad():
-        plain = skeleton(Motion(*inputs)).landmarks
+        plain = landmarks(*inputs)
     assert torch.allclose(plain, skeleton(motion).landmarks, atol=1e-14)
 
 

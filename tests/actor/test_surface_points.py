@@ -75,9 +75,8 @@ def test_equals_the_surface(kind: str, corners: int) -> None:
 def test_twins_agree(kind: str) -> None:
     motion = poses(kind)
     points = SkinnedPoints(ACTOR, *choose(BATCH, FRAMES))
-    for compiled, plain in zip(
-        points.linearize(motion), points.linearize(watched(motion)), strict=True
-    ):
+    pairs = zip(points.linearize(motion)[:2], points.linearize(watched(motion))[:2], strict=True)
+    for compiled, plain in pairs:
         assert plain.requires_grad
         torch.testing.assert_close(compiled, plain.detach(), rtol=1e-11, atol=1e-11)
 
@@ -86,7 +85,7 @@ def test_twins_agree(kind: str) -> None:
 def test_derivative_agrees_with_differences(kind: str) -> None:
     motion = poses(kind)
     points = SkinnedPoints(ACTOR, *choose(BATCH, FRAMES))
-    _, jacobian = points.linearize(motion)
+    _, jacobian, _ = points.linearize(motion)
     here, step = motion.coordinates(), 1e-6
     for column in range(motion.frame_dim):
         tangent = torch.zeros_like(here.frame)
@@ -124,10 +123,10 @@ def test_derivative_along_directions() -> None:
 def test_batch_equals_loop_and_shared_points_need_no_axes() -> None:
     motion = poses("random")
     corners, weights = choose(BATCH, FRAMES)
-    whole = SkinnedPoints(ACTOR, corners, weights).linearize(motion)
+    whole = SkinnedPoints(ACTOR, corners, weights).linearize(motion)[:2]
     for b in range(BATCH):
         parts = (motion.translation[b], motion.rotation[b], motion.angles[b])
-        one = SkinnedPoints(ACTOR, corners[b], weights[b]).linearize(Motion(*parts))
+        one = SkinnedPoints(ACTOR, corners[b], weights[b]).linearize(Motion(*parts))[:2]
         for found, expected in zip(one, whole, strict=True):
             torch.testing.assert_close(found, expected[b], rtol=0, atol=0)
     for lead in ((), (FRAMES,)):
@@ -135,14 +134,14 @@ def test_batch_equals_loop_and_shared_points_need_no_axes() -> None:
         spread = [x.expand(BATCH, FRAMES, *x.shape[-2:]) for x in few]
         for state in (motion, watched(motion)):
             torch.testing.assert_close(
-                SkinnedPoints(ACTOR, *few).linearize(state),
-                SkinnedPoints(ACTOR, *spread).linearize(state),
+                SkinnedPoints(ACTOR, *few).linearize(state)[:2],
+                SkinnedPoints(ACTOR, *spread).linearize(state)[:2],
             )
 
 
 def test_moving_the_root_moves_every_point_rigidly() -> None:
     motion = poses("random")
-    points, jacobian = SkinnedPoints(ACTOR, *choose(BATCH, FRAMES)).linearize(motion)
+    points, jacobian, _ = SkinnedPoints(ACTOR, *choose(BATCH, FRAMES)).linearize(motion)
     eye = torch.eye(3, dtype=F64).expand(*points.shape, 3)
     torch.testing.assert_close(jacobian[..., :3], eye, rtol=0, atol=1e-14)
     arms = (points - motion.translation.unsqueeze(-2)).unsqueeze(-2)
@@ -155,7 +154,7 @@ def test_padding_stays_at_the_origin() -> None:
     weights[..., 5:, :] = 0
     motion = random_motion(ACTOR.skeleton, FRAMES)
     for state in (motion, watched(motion)):
-        points, jacobian = SkinnedPoints(ACTOR, corners, weights).linearize(state)
+        points, jacobian, _ = SkinnedPoints(ACTOR, corners, weights).linearize(state)
         assert not points[..., 5:, :].any()
         assert not jacobian[..., 5:, :, :].any()
         assert points[..., :5, :].any(-1).all()
@@ -163,15 +162,15 @@ def test_padding_stays_at_the_origin() -> None:
 
 def test_no_points_at_all() -> None:
     points = SkinnedPoints(ACTOR, torch.zeros(0, 2, dtype=torch.long), torch.zeros(0, 2))
-    found, jacobian = points.linearize(random_motion(ACTOR.skeleton, FRAMES))
+    found, jacobian, _ = points.linearize(random_motion(ACTOR.skeleton, FRAMES))
     assert found.shape == (FRAMES, 0, 3)
     assert jacobian.shape == (FRAMES, 0, 3, 33)
 
 
 def test_single_precision() -> None:
     motion, chosen = random_motion(ACTOR.skeleton, FRAMES), choose(FRAMES)
-    exact = SkinnedPoints(ACTOR, *chosen).linearize(motion)
-    single = SkinnedPoints(actor(), *chosen).float().linearize(motion.to(torch.zeros(1)))
+    exact = SkinnedPoints(ACTOR, *chosen).linearize(motion)[:2]
+    single = SkinnedPoints(actor(), *chosen).float().linearize(motion.to(torch.zeros(1)))[:2]
     for found, expected in zip(single, exact, strict=True):
         assert found.dtype == torch.float32
         torch.testing.assert_close(found, expected.float(), rtol=0, atol=2e-6)
@@ -198,4 +197,4 @@ def test_bad_points_are_refused() -> None:
     with pytest.raises(InputError, match="motion has frames"):
         SkinnedPoints(ACTOR, corners, weights)(random_motion(ACTOR.skeleton, FRAMES + 1))
     with pytest.raises(ValueError, match="resized"):
-        SkinnedPoints(ACTOR, corners, weights)(random_motion(ACTOR.skeleton, FRAMES, shape=True))
+        SkinnedPoints(ACTOR, corners, weights)(random_motion(ACTOR.skeleton, FRAMES, bones=True))

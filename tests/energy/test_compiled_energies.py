@@ -39,9 +39,9 @@ def same(own: Tensor | None, other: Tensor | None) -> None:
 @pytest.mark.parametrize("batch", [(), (2,)])
 @pytest.mark.parametrize("shape", [False, True])
 def test_joint_positions_are_the_same(views: int, batch: tuple[int, ...], shape: bool) -> None:
-    motion = random_motion(ACTOR.skeleton, FRAMES, batch, shape=shape)
+    motion = random_motion(ACTOR.skeleton, FRAMES, batch, bones=shape)
     unit = torch.linspace(0.5, 2, 16, dtype=torch.float64)
-    energy = JointPosition(ACTOR, cameras(views), seen(motion, views), unit=unit)
+    energy = JointPosition(ACTOR.landmarks, cameras(views), seen(motion, views), unit=unit)
     compiled, plain = energy.linearize(motion), energy.linearize(watched(motion))
     same(compiled.residual.value, plain.residual.value)
     same(compiled.frame, plain.frame)

@@ -15,7 +15,7 @@ from perfcap.actor.deformation import Deformation
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.contour_alignment import ContourAlignment
-from perfcap.energy.stabilization import Stabilization
+from perfcap.energy.joint_target import JointTarget
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix, skew
@@ -306,7 +306,9 @@ def test_recovers_a_pose_from_outlines(views: int) -> None:
     found, start = outline(truth, camera), near(truth, 0.05)
     energies = Objective(
         contour=align(camera, found, unit=2.0),
-        stay=Stabilization(ACTOR, ACTOR.joints(start), weight=1e-7, unit=0.03),
+        stay=JointTarget(
+            ACTOR.landmarks, ACTOR.joints(start).unsqueeze(-3), weight=1e-7 / 16, unit=0.03
+        ),
     )
     solution = solve(energies, start, LevenbergMarquardt(max_steps=30))
     before, after = joint_error(start, truth), joint_error(solution.state, truth)

@@ -8,7 +8,7 @@ from synthetic import actor, random_motion
 from perfcap.actor.motion import Motion
 from perfcap.energy.joint_target import JointTarget
 from perfcap.errors import InputError
-from perfcap.solve import Energy
+from perfcap.solve import Energy, LevenbergMarquardt, Objective, solve
 from perfcap.solve.kernels import GemanMcClure
 
 F64 = torch.float64
@@ -19,37 +19,57 @@ UNIT = torch.linspace(0.5, 2, 16, dtype=F64)
 def test_zero_at_the_truth() -> None:
     motion = random_motion(ACTOR.skeleton, 3)
     places = ACTOR.joints(motion).unsqueeze(-3)
-    energy = JointTarget(ACTOR, places, torch.ones(3, 1, 16, dtype=F64))
+    energy = JointTarget(ACTOR.landmarks, places, torch.ones(3, 1, 16, dtype=F64))
     assert energy(motion) == 0
     # one joint in one frame is off by 3 units and counts half
     places[1, 0, 4, 2] += 3
-    energy = JointTarget(ACTOR, places, torch.full((3, 1, 16), 0.5, dtype=F64), weight=2.0)
+    energy = JointTarget(
+        ACTOR.landmarks, places, torch.full((3, 1, 16), 0.5, dtype=F64), weight=2.0
+    )
     assert energy(motion) == pytest.approx(2 * 0.5 * 9)
 
 
 def test_everything_an_energy_promises() -> None:
     random = torch.Generator().manual_seed(0)
-    motion = random_motion(ACTOR.skeleton, 2, (2,), shape=True)
+    motion = random_motion(ACTOR.skeleton, 2, (2,), bones=True)
     places = torch.randn(2, 2, 3, 16, 3, generator=random, dtype=F64).requires_grad_()
     certain = torch.rand(2, 2, 3, 16, generator=random, dtype=F64).requires_grad_()
     settings = {"weight": 0.7, "kernel": GemanMcClure(2.0), "unit": UNIT}
-    energy = JointTarget(ACTOR, places, certain, **settings)
+    energy = JointTarget(ACTOR.landmarks, places, certain, **settings)
 
     def pick(index: int) -> tuple[Energy, Motion]:
-        assert motion.shape is not None
         alone = Motion(
             motion.translation[index],
             motion.rotation[index],
             motion.angles[index],
-            motion.shape[index],
+            {"bones": motion.shared["bones"][index]},
         )
-        return JointTarget(ACTOR, places[index], certain[index], **settings), alone
+        return JointTarget(ACTOR.landmarks, places[index], certain[index], **settings), alone
 
     check_energy(energy, motion, pick=pick, inputs=(places, certain), atol=1e-5)
 
 
 def test_shapes_that_do_not_fit() -> None:
     with pytest.raises(InputError, match=r"give \(\*b, F, C, 16, 3\)"):
-        JointTarget(ACTOR, torch.zeros(3, 1, 17, 3), torch.zeros(3, 1, 17))
+        JointTarget(ACTOR.landmarks, torch.zeros(3, 1, 17, 3), torch.zeros(3, 1, 17))
     with pytest.raises(InputError, match=r"give \(\*b, F, C, 16, 3\)"):
-        JointTarget(ACTOR, torch.zeros(3, 1, 16, 3), torch.zeros(3, 16))
+        JointTarget(ACTOR.landmarks, torch.zeros(3, 1, 16, 3), torch.zeros(3, 16))
+
+
+def test_one_source_is_the_stabilization_of_the_paper() -> None:
+    """Xu et al. 2018, Eq. 12: the mean squared displacement of the joints of a frame."""
+    motion = random_motion(ACTOR.skeleton, 3, (2,))
+    joints = ACTOR.joints(motion)
+    away = torch.tensor([0.03, 0.0, -0.04], dtype=F64)
+    place = (joints + away).unsqueeze(-3)
+    energy = JointTarget(ACTOR.landmarks, place, weight=0.06 / 16, unit=0.01)
+    assert torch.allclose(energy(motion), torch.full((2,), 0.06 * 25 * 3, dtype=F64))
+
+
+def test_pulls_to_the_places() -> None:
+    truth = random_motion(ACTOR.skeleton, 3, seed=1)
+    places = ACTOR.joints(truth).unsqueeze(-3)
+    start = Motion(truth.translation + 0.1, truth.rotation + 0.1, truth.angles + 0.1)
+    energy = Objective(stay=JointTarget(ACTOR.landmarks, places))
+    found = solve(energy, start, LevenbergMarquardt(max_steps=30)).state
+    assert (ACTOR.joints(found) - places[:, 0]).norm(dim=-1).max() < 1e-5

@@ -47,7 +47,7 @@ def detect(motion: Motion, camera: Camera, noise: float = 0.0) -> Detections:
 
 
 def element(motion: Motion, index: int) -> Motion:
-    shape = None if motion.shape is None else motion.shape[index]
+    shape = {name: block[index] for name, block in motion.shared.items()}
     return Motion(motion.translation[index], motion.rotation[index], motion.angles[index], shape)
 
 
@@ -64,7 +64,7 @@ def near(motion: Motion) -> Motion:
 @pytest.mark.parametrize("views", [1, 3])
 def test_zero_at_the_truth(kind: type[Energy], views: int) -> None:
     motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(views, distorted=True)
-    energy = kind(ACTOR, camera, detect(motion, camera))  # type: ignore[call-arg]
+    energy = kind(ACTOR.landmarks, camera, detect(motion, camera))  # type: ignore[call-arg]
     assert energy(motion) < 1e-18
     assert energy(near(motion)) > 1e-3
 
@@ -73,11 +73,11 @@ def test_zero_at_the_truth(kind: type[Energy], views: int) -> None:
 @pytest.mark.parametrize("views", [1, 3])
 @pytest.mark.parametrize("shape", [False, True])
 def test_closed_form_agrees_with_forward_mode(kind: type[Energy], views: int, shape: bool) -> None:
-    motion = random_motion(ACTOR.skeleton, FRAMES, (2,), shape=shape)
+    motion = random_motion(ACTOR.skeleton, FRAMES, (2,), bones=shape)
     camera = lenses(views, distorted=True)
     unit = torch.linspace(0.5, 2, 16, dtype=F64) if kind is JointPosition else 3.0
     energy = kind(  # type: ignore[call-arg]
-        ACTOR, camera, detect(motion, camera, 2.0), kernel=GemanMcClure(3.0), unit=unit
+        ACTOR.landmarks, camera, detect(motion, camera, 2.0), kernel=GemanMcClure(3.0), unit=unit
     )
     state = near(motion)
     closed, exact = energy.linearize(state), forward_mode(energy, state)
@@ -91,7 +91,7 @@ def test_closed_form_agrees_with_forward_mode(kind: type[Energy], views: int, sh
 
 @pytest.mark.parametrize("kind", [Reprojection, JointPosition])
 def test_everything_an_energy_promises(kind: type[Energy]) -> None:
-    motion, camera = random_motion(ACTOR.skeleton, FRAMES, (2,), shape=True), lenses(2)
+    motion, camera = random_motion(ACTOR.skeleton, FRAMES, (2,), bones=True), lenses(2)
     seen = detect(motion, camera, 2.0)
     leaf = seen.joints2d if kind is Reprojection else seen.joints3d
     assert leaf is not None
@@ -107,9 +107,9 @@ def test_everything_an_energy_promises(kind: type[Energy]) -> None:
             seen.joints3d[index].detach(),
             seen.trusted3d[index],
         )
-        return kind(ACTOR, camera, part), element(state, index)  # type: ignore[call-arg]
+        return kind(ACTOR.landmarks, camera, part), element(state, index)  # type: ignore[call-arg]
 
-    energy = kind(ACTOR, camera, seen)  # type: ignore[call-arg]
+    energy = kind(ACTOR.landmarks, camera, seen)  # type: ignore[call-arg]
     check_energy(energy, state, pick=pick, inputs=(leaf,), atol=1e-5)
 
 
@@ -117,8 +117,8 @@ def test_units_of_reprojection_are_a_view_each() -> None:
     motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(2)
     seen, state = detect(motion, camera), near(motion)
     unit = torch.tensor([2.0, 5.0], dtype=F64)
-    scaled = Reprojection(ACTOR, camera, seen, unit=unit).residual(state).value
-    plain = Reprojection(ACTOR, camera, seen).residual(state).value
+    scaled = Reprojection(ACTOR.landmarks, camera, seen, unit=unit).residual(state).value
+    plain = Reprojection(ACTOR.landmarks, camera, seen).residual(state).value
     factor = 1 / unit.repeat_interleave(16)[:, None]
     assert torch.allclose(scaled, plain * factor)
 
@@ -146,13 +146,13 @@ def test_translation_is_eliminated_exactly(uniform: bool) -> None:
         free -= gradient / (2 * unit.pow(-2).sum())
     least = with_translation()
     assert torch.allclose(torch.autograd.grad(least, free)[0], torch.zeros(()).double(), atol=1e-9)
-    energy = JointPosition(ACTOR, camera, seen, unit=unit)
+    energy = JointPosition(ACTOR.landmarks, camera, seen, unit=unit)
     assert torch.allclose(energy(state), least.detach())
 
 
 def test_moving_the_root_leaves_3d_joints_alone() -> None:
     motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(1)
-    energy = JointPosition(ACTOR, camera, detect(motion, camera, 5.0))
+    energy = JointPosition(ACTOR.landmarks, camera, detect(motion, camera, 5.0))
     moved = replace(motion, translation=motion.translation + torch.tensor([3.0, 1.0, -2.0]))
     assert torch.allclose(energy(moved), energy(motion))
     assert energy.linearize(motion).frame[..., :3].abs().max() < 1e-14
@@ -167,17 +167,17 @@ def test_only_directions_of_predicted_bones_count() -> None:
     lengths = 0.1 + torch.rand(16, generator=random, dtype=F64)
     lengths[12] = lengths[8]  # the root stays between the hips
     average = replace(seen, joints3d=retarget(seen.joints3d, lengths))
-    energy = JointPosition(ACTOR, camera, average)
+    energy = JointPosition(ACTOR.landmarks, camera, average)
     assert energy(motion).abs().max() < 1e-20
     state = near(motion)
-    assert torch.allclose(energy(state), JointPosition(ACTOR, camera, seen)(state))
+    assert torch.allclose(energy(state), JointPosition(ACTOR.landmarks, camera, seen)(state))
 
 
 def test_untrusted_frames_are_left_out() -> None:
     motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(1)
     seen = detect(motion, camera, 5.0)
     trusted = torch.tensor([[True], [False], [True]])
-    energy = JointPosition(ACTOR, camera, replace(seen, trusted3d=trusted))
+    energy = JointPosition(ACTOR.landmarks, camera, replace(seen, trusted3d=trusted))
     groups = energy.residual(motion).squared_norm()
     assert (groups[1] == 0).all()
     assert (groups[0] > 0).all()
@@ -187,7 +187,7 @@ def test_detections_without_depth_are_refused() -> None:
     motion, camera = random_motion(ACTOR.skeleton, FRAMES), lenses(1)
     flat = replace(detect(motion, camera), joints3d=None)
     with pytest.raises(ValueError, match="needs detections with joints3d"):
-        JointPosition(ACTOR, camera, flat)
+        JointPosition(ACTOR.landmarks, camera, flat)
 
 
 def test_moving_cameras_see_the_same_person() -> None:
@@ -199,7 +199,7 @@ def test_moving_cameras_see_the_same_person() -> None:
         camera.translation.expand(FRAMES, 2, 3),
     )
     for kind in (Reprojection, JointPosition):
-        energy = kind(ACTOR, moving, detect(motion, moving))
+        energy = kind(ACTOR.landmarks, moving, detect(motion, moving))
         assert energy(motion) < 1e-18
         state = near(motion)
         closed, exact = energy.linearize(state), forward_mode(energy, state)
@@ -217,14 +217,14 @@ def test_pose_prior() -> None:
 
 
 def test_bone_length_prior() -> None:
-    motion = random_motion(ACTOR.skeleton, FRAMES, (2,), shape=True)
-    assert motion.shape is not None
-    groups = motion.shape.shape[-1]
+    motion = random_motion(ACTOR.skeleton, FRAMES, (2,), bones=True)
+    bones = motion.shared["bones"]
+    groups = bones.shape[-1]
     energy = BoneLengthPrior(groups, FRAMES, 0.08, 0.06)
     check_energy(energy, motion, pick=lambda i: (energy, element(motion, i)))
     covariance = 0.06**2 * torch.eye(groups, dtype=F64) + 0.08**2
-    whitened = torch.linalg.solve(covariance, motion.shape.mT).mT
-    expected = (motion.shape * whitened).sum(-1)
+    whitened = torch.linalg.solve(covariance, bones.mT).mT
+    expected = (bones * whitened).sum(-1)
     assert torch.allclose(energy(motion), expected)
-    with pytest.raises(ValueError, match="shape unknowns"):
+    with pytest.raises(ValueError, match="shares bones"):
         energy(random_motion(ACTOR.skeleton, FRAMES))

@@ -16,8 +16,8 @@ from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import SkinnedPoints
+from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
-from perfcap.energy.stabilization import Stabilization
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
@@ -282,7 +282,7 @@ def test_gradients_of_solutions_reach_cameras() -> None:
     masks = drawn(motion)
     position = CAMERAS.translation.clone().requires_grad_()
     moving = overlap(masks, replace(CAMERAS, translation=position))
-    priors = Stabilization(ACTOR, ACTOR.joints(motion), 1e-2)
+    priors = JointTarget(ACTOR.landmarks, ACTOR.joints(motion).unsqueeze(-3), weight=1e-2 / 16)
     objective = Objective(masks=moving, hold=priors)
     found = solve(objective, motion, LevenbergMarquardt(5), None, Implicit())
     (gradient,) = torch.autograd.grad(found.state.translation[0, 1], position)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
-from perfcap.energy import JointPosition, PosePrior, Reprojection, Stabilization, Trajectory
+from perfcap.energy import JointPosition, JointTarget, PosePrior, Reprojection, Trajectory
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.solve import GemanMcClure, Implicit, LevenbergMarquardt, Objective, Sensitivity, solve
 
@@ -56,16 +56,16 @@ class Window:
             distortion=self.distortion,
         )
         seen = Detections.from_joints(self.joints2d, self.confidence2d, self.joints3d)
-        robust = GemanMcClure(3.0)
+        robust, joints = GemanMcClure(3.0), person.landmarks
         return Objective(
-            joints2d=Reprojection(person, camera, seen, self.weight, robust, self.unit),
-            joints3d=JointPosition(person, camera, seen, 0.5, robust, self.unit3d),
+            joints2d=Reprojection(joints, camera, seen, self.weight, robust, self.unit),
+            joints3d=JointPosition(joints, camera, seen, 0.5, robust, self.unit3d),
             trajectory=Trajectory(
                 FRAMES, 2, self.smoothness, translation=50.0, rotation=20.0,
                 angles=self.smooth_angles,
             ),
             prior=PosePrior(self.mean, 0.8, 0.3),
-            hold=Stabilization(person, self.reference, 0.5, unit=0.2),
+            hold=JointTarget(joints, self.reference.unsqueeze(-3), weight=0.5 / 16, unit=0.2),
         )  # fmt: skip
 
 

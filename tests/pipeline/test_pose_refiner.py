@@ -6,8 +6,7 @@ import copy
 import math
 import os
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 import torch
@@ -21,7 +20,7 @@ from perfcap.errors import InputError
 from perfcap.metrics import acceleration_error
 from perfcap.pipeline import pose_refiner
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
-from perfcap.pipeline.pose_refiner import PoseRefiner, _groups
+from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.second_start import second_start
 from perfcap.pipeline.start_clip import StartedClip
 from perfcap.solve import Implicit, Status, Unrolled
@@ -348,13 +347,3 @@ def test_distributed_replicas_agree(tmp_path: os.PathLike[str]) -> None:
         (layer(VIEWS, clip[1]).joints - clip[0]).square().mean().backward()
         own.append(layer.log_weights.grad)
     torch.testing.assert_close(first, sum(own) / 2)
-
-
-def test_windows_with_and_without_a_fitted_prior_are_solved_apart() -> None:
-    """In one batch, a clip that was solved once would take the prior of the others away."""
-    once, twice = (
-        cast(StartedClip, SimpleNamespace(estimate=SimpleNamespace(frames=20), second=second))
-        for second in (None, object())
-    )
-    groups = list(_groups([twice, once, twice], PoseConfig()))
-    assert [[clip for clip, _ in group] for group in groups] == [[0, 2], [1]]

@@ -12,10 +12,12 @@ from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import measure
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shape_space import ShapeSpace
+from perfcap.actor.shaped_points import OFFSETS, ShapedPoints, mirrored_offsets
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.energy import Reprojection, SilhouetteOverlap
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
@@ -23,8 +25,7 @@ from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, ViewFitSettings, extents, fit_body
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.rigging.shaped_points import ShapedPoints, mirrored_offsets
-from perfcap.rigging.view_energies import LandmarkReprojection, ShapedSilhouette
+from perfcap.solve import Step
 
 QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
 
@@ -46,7 +47,7 @@ def person(model: BodyModel) -> Motion:
     turn = torch.zeros(3, 3, dtype=torch.float64)
     turn[:, 1] = torch.tensor([0.0, 0.8, 1.6])
     shape = torch.tensor([-0.6, -1.2, 0.4, 1.0], dtype=torch.float64)
-    return Motion(torch.zeros(3, 3).double(), turn, rest.angles, shape)
+    return Motion(torch.zeros(3, 3).double(), turn, rest.angles, {BODY: shape})
 
 
 def seen(model: BodyModel, motion: Motion, cameras: Camera) -> tuple[Detections, Tensor]:
@@ -74,8 +75,10 @@ def test_energies_have_the_derivatives_they_state(model: BodyModel) -> None:
     detections, _ = seen(model, truth, cameras)
     actor = model.actor(torch.zeros(0))
     marks = ShapedPoints.of_landmarks(model, actor).at(torch.arange(16).numpy())
-    state = replace(truth, translation=truth.translation + 0.01, shape=0.9 * truth.shape)
-    joints = LandmarkReprojection(marks, cameras, detections, 2.0, unit=torch.tensor([1.0, 2.0]))
+    state = replace(
+        truth, translation=truth.translation + 0.01, shared={BODY: 0.9 * truth.shared[BODY]}
+    )
+    joints = Reprojection(marks, cameras, detections, 2.0, unit=torch.tensor([1.0, 2.0]))
     stature = Stature(model, 1.8, 0.01, frames=3)
     for energy in (joints, stature):
         check_shapes(energy, state)
@@ -90,11 +93,13 @@ def test_silhouettes_pull_on_the_shape(model: BodyModel) -> None:
     _, masks = seen(model, truth, cameras)
     surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)))
     silhouette = SoftSilhouette(torch.from_numpy(model.rig.faces), (96, 96), 3.0)
-    energy = ShapedSilhouette(surface, silhouette, cameras, masks, weight=3.0)
-    shape = (0.8 * truth.shape).requires_grad_()
-    state = replace(truth, shape=shape)
+    energy = SilhouetteOverlap(
+        surface, silhouette, cameras, masks, weight=3.0, points=surface.chosen
+    )
+    shape = (0.8 * truth.shared[BODY]).requires_grad_()
+    state = replace(truth, shared={BODY: shape})
     energy(state).backward()
-    linear = energy.linearize(replace(truth, shape=shape.detach()))
+    linear = energy.linearize(replace(truth, shared={BODY: shape.detach()}))
     assert linear.shared is not None
     rows = 2 * 3.0 * (linear.residual.value.unsqueeze(-1) * linear.shared).sum((0, 1, 2))
     assert torch.allclose(rows, shape.grad, rtol=1e-6, atol=1e-9)
@@ -104,11 +109,10 @@ def test_girths_are_recovered_from_two_views(model: BodyModel) -> None:
     cameras = synthetic.cameras(4, size=400, distance=4.0).select([0, 1])
     truth = person(model)
     detections, masks = seen(model, truth, cameras)
-    start = replace(truth, translation=truth.translation + 0.02, shape=None)
+    start = replace(truth, translation=truth.translation + 0.02, shared={})
     seen_there = PersonMasks(cameras, masks)
     found = fit_body(model, cameras, detections, start, seen_there, settings=QUICK)
-    assert truth.shape is not None
-    expected = measure(model.template(truth.shape))
+    expected = measure(model.template(truth.shared[BODY]))
     known = astuple(found.deviations)
     for mine, true, spread in zip(
         astuple(found.measurements), astuple(expected), known, strict=True
@@ -121,9 +125,8 @@ def test_a_height_fixes_the_size_of_one_view(model: BodyModel) -> None:
     cameras = synthetic.cameras(1, size=400, distance=4.0)
     truth = person(model)
     detections, _ = seen(model, truth, cameras)
-    start = replace(truth, shape=None)
-    assert truth.shape is not None
-    height = measure(model.template(truth.shape)).height
+    start = replace(truth, shared={})
+    height = measure(model.template(truth.shared[BODY])).height
     found = fit_body(model, cameras, detections, start, height=height, settings=QUICK)
     assert found.measurements.height == pytest.approx(height, abs=0.02)
     assert found.deviations.height < 0.01
@@ -164,22 +167,25 @@ def test_constant_offsets_of_landmarks_are_alike_left_and_right() -> None:
     assert int(moves[:, LANDMARKS.index("neck")].abs().sum(-1).gt(0).sum()) == 2
 
 
-def test_more_coefficients_than_a_body_has_do_not_move_it(model: BodyModel) -> None:
-    truth = person(model)
-    assert truth.shape is not None
-    longer = replace(truth, shape=torch.cat((truth.shape, torch.ones(25).double())))
-    actor = model.actor(torch.zeros(0))
+def test_offsets_move_landmarks_and_nothing_else(model: BodyModel) -> None:
+    """In either order of the blocks, whose columns follow that of the motion."""
+    truth, actor = person(model), model.actor(torch.zeros(0))
+    body = truth.shared[BODY]
     surface = ShapedPoints.of_surface(model, actor, torch.arange(0, 300, 50).numpy())
-    assert torch.equal(surface(longer), surface(truth))
-    shared = surface.linearize(longer)[2]
-    assert shared.shape[-1] == 29 and not shared[..., 4:].any()
     marks = ShapedPoints.of_landmarks(model, actor, [0.02] * 16)
-    assert longer.shape is not None
-    for index in (2, 4, 17):
-        step = torch.eye(29, dtype=torch.float64)[index]
-        ahead = marks(replace(longer, shape=longer.shape + step))
-        slope = (ahead - marks(replace(longer, shape=longer.shape - step))) / 2
-        assert torch.allclose(marks.linearize(longer)[2][..., index], slope, atol=1e-9)
+    assert marks.offsets is not None
+    free = torch.ones(len(marks.offsets), dtype=torch.float64)
+    for shared in ({BODY: body, OFFSETS: free}, {OFFSETS: free, BODY: body}):
+        both = replace(truth, shared=shared)
+        assert torch.equal(surface(both), surface(truth))
+        assert surface.linearize(both)[2].shape[-1] == len(body)
+        columns = marks.linearize(both)[2]
+        none = both.angles.new_zeros(both.angles.shape[0], both.frame_dim)
+        for index in (2, 4, 17):
+            step = 1e-3 * torch.eye(len(body) + len(free), dtype=torch.float64)[index]
+            ahead, behind = (marks(both.retract(Step(none, s * step))) for s in (1, -1))
+            slope = (ahead - behind) / 2e-3
+            assert torch.allclose(columns[..., index], slope, atol=1e-9)
 
 
 def test_frames_must_agree(model: BodyModel) -> None:
@@ -187,8 +193,8 @@ def test_frames_must_agree(model: BodyModel) -> None:
     pixels = torch.zeros(2, 1, 16, 2, dtype=torch.float64)
     detections = Detections.from_joints(pixels, torch.ones(2, 1, 16).double())
     with pytest.raises(InputError, match="3 frames but detections have 2"):
-        fit_body(model, cameras, detections, replace(truth, shape=None))
-    both = replace(truth, shape=None)[:2]
+        fit_body(model, cameras, detections, replace(truth, shared={}))
+    both = replace(truth, shared={})[:2]
     masks = PersonMasks(cameras, torch.zeros(3, 1, 8, 8))
     with pytest.raises(InputError, match="masks have 3 frames"):
         fit_body(model, cameras, detections, both, masks)

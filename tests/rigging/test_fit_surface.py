@@ -11,12 +11,12 @@ from checks import check_energy
 
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.errors import InputError
 from perfcap.io.body_model import load_body_model
 from perfcap.rigging.auto_rig import auto_rig, rig_with_joints
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings
-from perfcap.rigging.shaped_points import ShapedPoints
 from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch
 
 QUICK = FitSettings(screened=1, first=2, rounds=7, samples=(250, 350), arms=(40.0,))
@@ -40,7 +40,7 @@ def person(fitter: BodyFitter) -> Motion:
     shape[:8] = 0.8 * torch.randn(8, generator=random, dtype=torch.float64)
     turned = start.angles + 0.08 * torch.randn(27, generator=random, dtype=torch.float64)
     lower, upper = fitter.actor.skeleton.lower, fitter.actor.skeleton.upper
-    return Motion(start.translation, start.rotation, turned.clamp(lower, upper), shape)
+    return Motion(start.translation, start.rotation, turned.clamp(lower, upper), {BODY: shape})
 
 
 def test_energies_pass_the_checks(model: BodyModel) -> None:
@@ -63,7 +63,7 @@ def test_energies_pass_the_checks(model: BodyModel) -> None:
     rest = actor.skeleton.rest_motion()
     shape = torch.tensor([0.3, -0.2, 0.5], dtype=torch.float64)
     angles = rest.angles + 0.1 * torch.randn(27, generator=random, dtype=torch.float64)
-    state = Motion(rest.translation, rest.rotation + 0.1, angles, shape)
+    state = Motion(rest.translation, rest.rotation + 0.1, angles, {BODY: shape})
     count = len(points.mean)
     place = points(state)[0] + 0.1 * torch.randn(count, 3, generator=random, dtype=torch.float64)
     normal = torch.nn.functional.normalize(place - place.mean(0), dim=-1)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.motion import BODY
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.person import Box
@@ -66,7 +67,7 @@ def person(model: BodyModel) -> tuple[BareMesh, Tensor]:
     start = fitter.starts()[0]
     shape = torch.zeros(model.components, dtype=torch.float64)
     shape[:6] = torch.tensor([0.8, -0.6, 0.5, 0.4, -0.7, 0.6])
-    motion = replace(start, shape=shape)
+    motion = replace(start, shared={BODY: shape})
     surface = fitter.surface(motion)[0]
     shift = -torch.stack([surface[:, 0].median(), surface[:, 1].min(), surface[:, 2].median()])
     mesh = BareMesh((surface + shift).numpy(), model.rig.faces, name="scan")

@@ -26,8 +26,8 @@ class Blocks:
         return self.values.shape[-1] * self.values.shape[-2]
 
     @property
-    def shared_dim(self) -> int:
-        return 0
+    def shared_sizes(self) -> dict[str, int]:
+        return {}
 
     def retract(self, step: Step) -> Blocks:
         return Blocks(self.values + step.frame.unflatten(-1, self.values.shape[-2:]))

@@ -74,7 +74,7 @@ def test_hidden_shared_unknowns_are_found():
         def residual(self, state):
             return Residual((state.frame * state.shared.sum(-1)[..., None, None]).unsqueeze(-2))
 
-    with pytest.raises(AssertionError, match="sees_shared is False"):
+    with pytest.raises(AssertionError, match="does not name them in sees"):
         check_energy(Hidden(), toy(shared=1)[1])
 
 

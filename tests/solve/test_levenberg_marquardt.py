@@ -36,7 +36,7 @@ def box(state):
     lower = torch.full((state.frame_dim,), -0.2, dtype=torch.float64)
     upper = torch.full((state.frame_dim,), 0.15, dtype=torch.float64)
     upper[1] = torch.inf
-    shared = torch.full((state.shared_dim,), 0.05, dtype=torch.float64)
+    shared = torch.full((state.shared.shape[-1],), 0.05, dtype=torch.float64)
     return Bounds(Step(lower, -torch.inf * shared), Step(upper, shared))
 
 

@@ -128,7 +128,7 @@ def test_window_coupling_needs_a_window_energy():
 
 def test_window_energies_see_no_shared_unknowns():
     smooth = Smoothness(cosine_basis(2, 7), torch.ones(2), torch.ones(4))
-    smooth.sees_shared = True
+    smooth.sees = ("all",)
     with pytest.raises(InputError, match="sees shared unknowns through a window"):
         assemble(Objective(smooth=smooth), toy(shared=1)[1])
 
@@ -139,7 +139,7 @@ def _pick(data, place):
         data.target[place],
         data.confidence[place],
         data.weight,
-        shared=data.sees_shared,
+        shared=bool(data.sees),
     )
 
 

@@ -172,7 +172,9 @@ def test_what_has_no_blocks_is_refused():
         solve(Objective(data=dense_objective.energies["data"]), state, TruncatedNewton())
 
     class Shared(Blocks):
-        shared_dim = 2
+        @property
+        def shared_sizes(self) -> dict[str, int]:
+            return {"all": 2}
 
     with pytest.raises(InputError, match="2 unknowns that frames share"):
         TruncatedNewton().minimize(objective, Shared(state.values), None)

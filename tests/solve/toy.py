@@ -37,8 +37,8 @@ class Frames:
         return self.frame.shape[-1]
 
     @property
-    def shared_dim(self) -> int:
-        return self.shared.shape[-1]
+    def shared_sizes(self) -> dict[str, int]:
+        return {"all": self.shared.shape[-1]} if self.shared.shape[-1] else {}
 
     def retract(self, step: Step) -> Frames:
         return Frames(self.frame + step.frame, self.shared + step.shared)
@@ -61,11 +61,11 @@ class Observation(Energy):
         self.register_buffer("matrix", matrix)  # *b F 2G D
         self.register_buffer("target", target)  # *b F 2G
         self.register_buffer("confidence", confidence)
-        self.sees_shared = shared
+        self.sees = ("all",) if shared else ()
 
     def residual(self, state: State) -> Residual:
         seen = torch.tanh((self.matrix @ state.frame.unsqueeze(-1)).squeeze(-1))
-        if self.sees_shared:
+        if self.sees:
             seen = seen * (1 + state.shared.sum(-1)[..., None, None])
             seen = torch.cat((seen[..., :1] + state.shared[..., None, :1], seen[..., 1:]), -1)
         value = (seen - self.target).unflatten(-1, (-1, 2))
@@ -75,10 +75,10 @@ class Observation(Energy):
 class SharedPrior(Energy):
     """Pulls the shared unknowns to zero; frames do not matter."""
 
-    sees_shared = True
+    sees = ("all",)
 
     def residual(self, state: State) -> Residual:
-        shape = (*state.frame.shape[:-1], 1, state.shared_dim)
+        shape = (*state.frame.shape[:-1], 1, state.shared.shape[-1])
         return Residual(state.shared[..., None, None, :].expand(shape))
 
 

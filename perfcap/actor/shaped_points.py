@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -14,31 +15,37 @@ from torch import Tensor, nn
 from perfcap.actor.actor import Actor
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.frame_twists import frame_twists, moved_joints
-from perfcap.actor.motion import Motion
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.points import Linearized
 from perfcap.detect.joint_set import LANDMARKS
 
 Integers = NDArray[np.int64]
+OFFSETS = "offsets"  # shared: where a detector sees landmarks, beside where a body has them
 
 
 class ShapedPoints(nn.Module):
     """Points that bones carry while the body changes its shape.
 
     Linear blend skinning of rest points ``v(b)`` about rest joints ``r(b)``, both linear in the
-    coefficients b = ``motion.shape``: ``x = sum_j w_j (R_j (v(b) - r_j(b)) + p_j(b))``. At a fixed
-    pose x is linear in b. Hinges and rest angles are those of the mean body. A motion may have more
-    coefficients than these points depend on: further ones do not move them.
+    coefficients b, a motion's shared block ``"body"``:
+    ``x = sum_j w_j (R_j (v(b) - r_j(b)) + p_j(b))``. At a fixed pose x is linear in b. Hinges and
+    rest angles are those of the mean body.
 
     Args:
         actor: the mean body, standing where the joints say.
         joints: rest positions of its joints, mean (J, 3) and basis (S, J, 3), metres.
         points: rest points, mean (N, 3) and basis (S, N, 3).
         weights: (N, J), rows sum to one.
+        offsets: (O, N, 3), metres: coefficients of the shared block ``"offsets"`` move these
+            points, and nothing else, within the joints they ride on. None where there are none.
     """
 
+    sees: Collection[str]
     weights: Tensor
     joint_mean: Tensor
     joint_basis: Tensor
     mean: Tensor
+    offsets: Tensor | None
     basis: Tensor
 
     def __init__(
@@ -47,9 +54,12 @@ class ShapedPoints(nn.Module):
         joints: tuple[Tensor, Tensor],
         points: tuple[Tensor, Tensor],
         weights: Tensor,
+        offsets: Tensor | None = None,
     ) -> None:
         super().__init__()
         self.skeleton = actor.skeleton
+        self.sees = (BODY,) if offsets is None else (BODY, OFFSETS)
+        self.register_buffer("offsets", offsets)
         names = ("joint_mean", "joint_basis", "mean", "basis")
         for name, value in zip(names, (*joints, *points), strict=True):
             self.register_buffer(name, value)
@@ -87,40 +97,49 @@ class ShapedPoints(nn.Module):
             model: the body.
             actor: ``model.actor`` of the mean.
             offsets: deviation of where a detector sees each landmark from where the body has it,
-                metres, (16,). Further coefficients, those of ``mirrored_offsets``, move the
-                landmarks, and they alone, within the joint they ride on.
+                metres, (16,): the coefficients of ``mirrored_offsets`` are unknown too.
         """
         joints = _joints(model, actor)
         rig, count = actor.skeleton.rig, len(actor.skeleton.rig.joints)
         places = [_landmark(model, name) for name in LANDMARKS]
         mean = torch.cat((torch.stack([p for p, _ in places]), joints[0]))
         basis = torch.cat((torch.stack([b for _, b in places], 1), joints[1]), 1)
+        moved = None
         if offsets is not None:
             free = mirrored_offsets(offsets).to(basis)
             moved = torch.cat((free, free.new_zeros(len(free), count, 3)), 1)
-            basis = torch.cat((basis, moved))
         owner = torch.tensor([*rig.landmark_joints, *range(count)])
-        return cls(actor, joints, (mean, basis), torch.eye(count).to(mean)[owner])
+        return cls(actor, joints, (mean, basis), torch.eye(count).to(mean)[owner], moved)
 
     def at(self, index: Integers) -> ShapedPoints:
         """Some of the points, (N,)."""
         some = copy(self)  # shares the skeleton and the joints
         some._buffers = dict(self._buffers)
         rows = torch.from_numpy(index)
-        for name, axis in (("mean", 0), ("basis", 1), ("weights", 0)):
-            some.register_buffer(name, self.get_buffer(name).index_select(axis, rows))
+        for name, axis in (("mean", 0), ("basis", 1), ("weights", 0), ("offsets", 1)):
+            known = self._buffers[name]
+            some.register_buffer(name, None if known is None else known.index_select(axis, rows))
         return some
+
+    def chosen(self, corners: Tensor, _: Tensor) -> ChosenPoints:
+        """Points (F, N, 1) that differ from frame to frame, each of weight one."""
+        return ChosenPoints(self, corners.squeeze(-1))
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return len(self.weights)
 
     def forward(self, motion: Motion) -> Tensor:
         """Points in the world, (*b, F, N, 3), metres."""
         rotation, position, rest = self._joints(motion)
         return self._blend(motion, rotation, position, rest)
 
-    def linearize(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
-        """Points, and their derivatives in the frame's tangent and in the shape.
+    def linearize(self, motion: Motion) -> Linearized:
+        """Points, and their derivatives in the frame's tangent and in what is shared.
 
         Returns:
-            points (*b, F, N, 3), frame (*b, F, N, 3, 6 + A), shared (*b, F, N, 3, S).
+            points (*b, F, N, 3), frame (*b, F, N, 3, 6 + A), shared (*b, F, N, 3, S + O).
         """
         rotation, position, rest = self._joints(motion)
         local = self._rest_points(motion).unsqueeze(-2) - rest.unsqueeze(-3)  # *b N J 3
@@ -132,22 +151,20 @@ class ShapedPoints(nn.Module):
         sums = torch.einsum("nj,ju,...fnja->...fnua", self.weights, self._buffer("moved"), carried)
         share = self.weights @ self._buffer("moved")
         frame = torch.linalg.cross(turn.expand_as(sums), sums) + share[..., None] * shift
-        shared = self._shape_derivative(rotation)
-        return (
-            points,
-            frame.mT,
-            nn.functional.pad(shared, (0, motion.shared_dim - shared.shape[-1])),
-        )
+        return points, frame.mT, self._shared_derivative(motion, rotation)
 
     def _buffer(self, name: str) -> Tensor:
         return self.get_buffer(name)
 
     def _rest_points(self, motion: Motion) -> Tensor:
-        return self.mean + torch.einsum("...s,snk->...nk", _shape(motion, self.basis), self.basis)
+        points = self.mean + torch.einsum("...s,snk->...nk", _shared(motion, BODY), self.basis)
+        if self.offsets is None:
+            return points
+        return points + torch.einsum("...s,snk->...nk", _shared(motion, OFFSETS), self.offsets)
 
     def _joints(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
         """Rotation (*b, F, J, 3, 3), position (*b, F, J, 3), and rest positions (*b, J, 3)."""
-        shape = _shape(motion, self.joint_basis)
+        shape = _shared(motion, BODY)
         plain = Motion(motion.translation, motion.rotation, motion.angles)
         rotation = self.skeleton(plain).rotation
         bones = self._buffer("bone_mean") + torch.einsum(
@@ -165,15 +182,35 @@ class ShapedPoints(nn.Module):
         points = (turn @ self._rest_points(motion)[..., None, :, :, None]).squeeze(-1)
         return points + self.weights @ offset
 
-    def _shape_derivative(self, rotation: Tensor) -> Tensor:
+    def _shared_derivative(self, motion: Motion, rotation: Tensor) -> Tensor:
+        """Of the points, (*b, F, N, 3, S + O), the blocks in the motion's order."""
         parent = rotation[..., self.skeleton.tree.parents.clamp(min=0), :, :]
         bones = torch.einsum("...jab,sjb->...jas", parent, self._buffer("bone_basis"))
         moved = torch.einsum("kj,...jas->...kas", self._buffer("chain"), bones)
         moved = moved - torch.einsum("...jab,sjb->...jas", rotation, self.joint_basis)
         turn = torch.einsum("nj,...fjab->...fnab", self.weights, rotation)
-        own = torch.einsum("...nab,snb->...nas", turn, self.basis)
         carried = torch.einsum("nj,...jas->...nas", self.weights, moved)
-        return own + nn.functional.pad(carried, (0, own.shape[-1] - carried.shape[-1]))
+        parts = {BODY: carried + torch.einsum("...nab,snb->...nas", turn, self.basis)}
+        if self.offsets is not None:
+            parts[OFFSETS] = torch.einsum("...nab,snb->...nas", turn, self.offsets)
+        return torch.cat([parts[name] for name in motion.shared if name in parts], -1)
+
+
+@dataclass(frozen=True)
+class ChosenPoints:
+    """Points of a body that differ from frame to frame, (F, N)."""
+
+    points: ShapedPoints
+    index: Tensor
+
+    def linearize(self, motion: Motion) -> Linearized:
+        """Points (F, N, 3), frame (F, N, 3, 6 + A), shared (F, N, 3, S + O)."""
+        each = [
+            self.points.at(index.numpy()).linearize(motion[frame : frame + 1])
+            for frame, index in enumerate(self.index)
+        ]
+        points, frames, shared = zip(*each, strict=True)
+        return torch.cat(points), torch.cat(frames), torch.cat(shared)
 
 
 def mirrored_offsets(deviations: Sequence[float]) -> Tensor:
@@ -198,11 +235,11 @@ def mirrored_offsets(deviations: Sequence[float]) -> Tensor:
     return torch.stack(rows)
 
 
-def _shape(motion: Motion, basis: Tensor) -> Tensor:
-    """The coefficients that a basis is of."""
-    if motion.shape is None:
-        raise ValueError("motion of a body model needs shape coefficients; it has none")
-    return motion.shape[..., : len(basis)]
+def _shared(motion: Motion, name: str) -> Tensor:
+    """Coefficients of a shared block."""
+    if name not in motion.shared:
+        raise ValueError(f"motion of a body model needs a shared block {name!r}; it has none")
+    return motion.shared[name]
 
 
 def _joints(model: BodyModel, actor: Actor) -> tuple[Tensor, Tensor]:
