@@ -29,13 +29,13 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import triangulate
 from perfcap.metrics import joint_errors
-from perfcap.pipeline.adapt import track_twice
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import MotionProblem
+from perfcap.pipeline.track_motion import track_twice
 
 # the prior was chosen on the other clips, and the rendered sequences were made from some of these
 _HELD_OUT = (
@@ -200,7 +200,7 @@ def tracked(take: Take, config: PoseConfig) -> Tensor:
     config = relaxed(config, take.detections, unit)
     prepared = prepare(actor, cameras, take.detections, config.position.gate)
     initial, _ = initialize(actor, cameras, prepared, config, unit)
-    problem = MotionProblem(actor, cameras, prepared.detections, config, unit, _RATE)
+    problem = ClipProblem(actor, cameras, prepared.detections, config, unit, _RATE)
     motion, _, _ = track_twice(problem, initial)
     return actor.joints(motion)
 

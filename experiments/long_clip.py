@@ -21,12 +21,12 @@ from report import Report, Table
 from window_motion import default_skeleton, random_landmarks
 from window_problem import Sequence, bare_actor, observe
 
-from perfcap.pipeline.adapt import track_twice
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import MotionProblem
+from perfcap.pipeline.track_motion import track_twice
 
 _RATE = 30.0
 _PART = 300  # frames of a random motion; a clip repeats such parts
@@ -71,7 +71,7 @@ def _row(clip: Sequence) -> tuple[object, ...]:
         clocks.append(time.process_time())
         initial, _ = initialize(actor, cameras, prepared, config, unit)
         clocks.append(time.process_time())
-        problem = MotionProblem(actor, cameras, prepared.detections, config, unit, _RATE)
+        problem = ClipProblem(actor, cameras, prepared.detections, config, unit, _RATE)
         motion, windows, _ = track_twice(problem, initial)
         clocks.append(time.process_time())
     each = [1e3 * span / frames for span in np.diff(clocks).tolist()]

@@ -9,8 +9,10 @@ from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import Landmarks, Points
 from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.rig_reader import read_mjcf, read_urdf
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
 from perfcap.actor.surface_points import SkinnedPoints
@@ -24,9 +26,12 @@ __all__ = [
     "DeformationGraph",
     "EmbeddedPoints",
     "Hinge",
+    "Landmarks",
     "Motion",
+    "Points",
     "Pose",
     "Rig",
+    "ShapedPoints",
     "Skeleton",
     "SkinnedPoints",
     "Template",

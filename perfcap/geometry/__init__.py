@@ -10,6 +10,7 @@ from perfcap.geometry.alignment import (
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.dual_quaternion import DualQuaternion
 from perfcap.geometry.plain import torch_only
+from perfcap.geometry.record import Record
 from perfcap.geometry.rotation import (
     compose_rotvec,
     matrix_to_quaternion,
@@ -27,6 +28,7 @@ from perfcap.geometry.triangulation import triangulate
 __all__ = [
     "Camera",
     "DualQuaternion",
+    "Record",
     "Similarity",
     "compose_rotvec",
     "matrix_to_quaternion",

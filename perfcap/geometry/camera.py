@@ -157,6 +157,12 @@ class Camera(Record):
             return self
         return self.map(lambda each: each[index])
 
+    def every_frame(self, frames: int) -> Self:
+        """Cameras (F, C), from fixed ones too."""
+        if self.moving:
+            return self
+        return self.map(lambda each: each.expand(frames, *each.shape))
+
     def apart(self) -> Self:
         """Cameras for frames that are batch elements of one frame each, (F, 1, C) where moving."""
         if not self.moving:

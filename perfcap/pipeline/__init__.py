@@ -1,6 +1,7 @@
 """The job, stage by stage."""
 
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
+from perfcap.pipeline.clip_problem import FrameNumbers, Term
 from perfcap.pipeline.config import (
     BoneConfig,
     PoseConfig,
@@ -28,6 +29,7 @@ __all__ = [
     "BoneConfig",
     "CameraPath",
     "CaptureConfig",
+    "FrameNumbers",
     "Images",
     "Performance",
     "PoseConfig",
@@ -42,6 +44,7 @@ __all__ = [
     "StageReport",
     "StoredSurface",
     "SurfaceFrames",
+    "Term",
     "TrajectoryConfig",
     "WindowReport",
     "angle_bounds",

@@ -1,4 +1,4 @@
-"""From a motion solved once to the settings of its second solve."""
+"""What a first solve of a clip tells the second: sizes of errors, and the prior of each window."""
 
 from __future__ import annotations
 
@@ -8,129 +8,83 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.config import EvidenceConfig, PoseConfig, PositionConfig, TrajectoryConfig
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
+from perfcap.pipeline.config import PositionConfig
 from perfcap.pipeline.error_sizes import calibrated, gain, variance
-from perfcap.pipeline.objective import pose_objective
 from perfcap.pipeline.prior_evidence import evident_stiffness
-from perfcap.pipeline.track_motion import (
-    FittedPrior,
-    MotionProblem,
-    Progress,
-    WindowReport,
-    track_motion,
-)
-from perfcap.solve.energy import Energy
-from perfcap.temporal.window import partition
+from perfcap.temporal.window import Window, partition
 
 _STRETCH = 500  # frames whose errors are looked at together
+_SEEN_THROUGH = ("joints2d", "joints3d", "targets")  # energies whose errors have a size
 
 
-def track_twice(
-    problem: MotionProblem,
-    initial: Motion,
-    progress: Progress | None = None,
-    kept: Checkpoint = NO_CHECKPOINT,
-) -> tuple[Motion, list[WindowReport], MotionProblem]:
-    """Solve the windows with the stated settings, then with what that shows of errors and motion.
+def adapted(problem: ClipProblem, motion: Motion) -> ClipProblem:
+    """The problem with weights from the sizes of its errors and a prior that its windows ask for.
 
-    From the smooth motion of the first solve, the second one with its weaker prior does not
-    follow wrong detections, which it would from the frames each on its own. One view without 3D
-    joints is solved once: there the prior alone tells depth.
+    Confidences keep their graph; sizes and prior are constants.
 
-    Returns:
-        The motion (F,), a report for each window, and the problem that was solved last.
+    Args:
+        problem: the clip, before its first solve.
+        motion: what that found, (F,).
     """
-    config, detections = problem.config, problem.detections
-    last = kept.kept("track_motion")
-    if not config.evidence.enabled or (detections.views == 1 and detections.joints3d is None):
-        return *track_motion(problem, initial, progress, last), problem
-    loose = replace(config, tolerance=max(config.tolerance, config.evidence.tolerance))
-    first = kept.kept("track_motion_first")
-    rough, _ = track_motion(replace(problem, config=loose), initial, _half(progress, 0), first)
-    known = adapted(problem, rough)
-    return *track_motion(known, rough, _half(progress, 1), last), known
+    motion = motion.detach()
+    squared = _squared_errors(problem, motion)
+    detections, certain = problem.detections, problem.certain
+    if "joints2d" in squared:
+        confidence = calibrated(detections.confidence2d, squared["joints2d"])
+        detections = replace(detections, confidence2d=confidence)
+    if certain is not None and "targets" in squared:
+        certain = certain * gain(squared["targets"], certain > 0, 3)
+    gain3d, width3d = 1.0, 1.0
+    if "joints3d" in squared:
+        trusted = detections.trusted3d[..., None].expand(squared["joints3d"].shape)
+        gain3d = gain(squared["joints3d"], trusted, 3)
+        width3d = _width(problem.config.position, squared["joints3d"], trusted)
+    windows = partition(motion.frames, problem.config.window, problem.config.overlap)
+    starts = tuple(window.start for window in windows)
+    first = FirstSolve(starts, _stated(problem, len(starts)), gain3d, width3d)
+    known = replace(problem, detections=detections, certain=certain, first=first)
+    return replace(known, first=replace(first, stiffness=_stiffness(known, motion, windows)))
 
 
-def _half(progress: Progress | None, which: int) -> Progress | None:
-    """What tells the progress of the first or the second of two equal parts."""
-    if progress is None:
-        return None
-    return lambda done, total: progress(which * total + done, 2 * total)
+def _stated(problem: ClipProblem, windows: int) -> Tensor:
+    """The prior of ``config`` for every window, (W, 2 + A)."""
+    lower = problem.actor.skeleton.lower
+    return lower.new_ones(windows, 2 + len(lower))
+
+
+def _width(config: PositionConfig, squared: Tensor, trusted: Tensor) -> float:
+    """Share of the variance of 3D joints that a kernel is to have, as wide as errors are."""
+    if config.scale is None:
+        return 1.0
+    return max(min(1.0, variance(squared, trusted, 3)), 1e-4)
 
 
 @torch.no_grad()
-def adapted(problem: MotionProblem, motion: Motion) -> MotionProblem:
-    """The problem with weights from the sizes of its errors and a prior that its windows ask for.
-
-    Args:
-        problem: the clip, and the settings of the first solve.
-        motion: what that found, (F,).
-    """
-    config, detections = problem.config, problem.detections
-    squared2d, squared3d = _squared_errors(problem, motion)
-    confidence = calibrated(detections.confidence2d, squared2d)
-    position = config.position
-    if squared3d is not None:
-        trusted = detections.trusted3d[..., None].expand(squared3d.shape)
-        position = adapted_position(position, squared3d, trusted)
-    known = replace(
-        problem,
-        detections=replace(detections, confidence2d=confidence),
-        config=replace(
-            config, position=position, trajectory=fine(config.trajectory, config.evidence)
-        ),
-    )
-    return replace(known, fitted=_fitted(known, motion, config))
-
-
-def fine(config: TrajectoryConfig, evidence: EvidenceConfig) -> TrajectoryConfig:
-    """The prior of a second solve, but for its stiffness."""
-    return replace(config, rank=evidence.rank, edge=evidence.edge)
-
-
-def adapted_position(config: PositionConfig, squared: Tensor, trusted: Tensor) -> PositionConfig:
-    """A kernel as wide as errors are, and more weight where they are smaller than nominal.
-
-    Args:
-        config: of the first solve.
-        squared: squared errors of 3D joints in their stated deviation.
-        trusted: those that count, likewise.
-    """
-    share = min(1.0, variance(squared, trusted, 3))
-    scale = None if config.scale is None else config.scale * max(share, 1e-4) ** 0.5
-    return replace(config, scale=scale, weight=config.weight * gain(squared, trusted, 3))
-
-
-def squared_errors(energy: Energy[Motion], motion: Motion, like: Tensor) -> Tensor:
-    """Squared norms of an energy's groups in their unit, confidence aside, as ``like``."""
-    return energy.residual(motion).value.square().sum(-1).reshape(like.shape)
-
-
-def _squared_errors(problem: MotionProblem, motion: Motion) -> tuple[Tensor, Tensor | None]:
-    """Of 2D and, where there are any, of 3D joints, (F, C, 16)."""
-    found2d, found3d = [], []
+def _squared_errors(problem: ClipProblem, motion: Motion) -> dict[str, Tensor]:
+    """Squared errors in their unit, confidence aside, (F, C, 16) of every energy that has them."""
+    joints = replace(problem, terms={})
+    found: dict[str, Tensor] = {}
     for start in range(0, motion.frames, _STRETCH):
-        part = slice(start, start + _STRETCH)
-        cameras, seen = problem.cameras.frames(part), problem.detections.frames(part)
-        objective = pose_objective(problem.actor, cameras, seen, problem.config, problem.pixel_unit)
-        energies, like = dict(objective.items()), seen.confidence2d
-        found2d.append(squared_errors(energies["joints2d"], motion[part], like))
-        if seen.joints3d is not None:
-            known = "joints3d" in energies
-            none = torch.full_like(like, torch.nan)
-            found3d.append(
-                squared_errors(energies["joints3d"], motion[part], like) if known else none
-            )
-    return torch.cat(found2d), torch.cat(found3d) if found3d else None
+        stretch = Window(start, min(start + _STRETCH, motion.frames))
+        part = motion[stretch.index]
+        for name, energy in joints.objective(stretch).items():
+            if name in _SEEN_THROUGH:
+                errors = energy.residual(part).value.square().sum(-1)
+                errors = errors.reshape(len(errors), -1, len(LANDMARKS))
+                whole = errors.new_full((motion.frames, *errors.shape[1:]), torch.nan)
+                found.setdefault(name, whole)[stretch.index] = errors
+    return found
 
 
-def _fitted(problem: MotionProblem, motion: Motion, first: PoseConfig) -> FittedPrior:
-    """The stiffness of every window, from the evidence."""
-    windows = partition(motion.frames, first.window, first.overlap)
+@torch.no_grad()
+def _stiffness(problem: ClipProblem, motion: Motion, windows: list[Window]) -> Tensor:
+    """Of every window, from the evidence, (W, 2 + A)."""
     found = []
-    for start in range(0, len(windows), first.batch):
-        group = windows[start : start + first.batch]
-        index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(motion.angles.device)
-        found.append(evident_stiffness(problem.objective(index), motion[index], first))
-    return FittedPrior(tuple(window.start for window in windows), torch.cat(found))
+    for start in range(0, len(windows), problem.config.batch):
+        group = windows[start : start + problem.config.batch]
+        objective = problem.objective_of(WindowData.stack([problem.at(w) for w in group]))
+        state = Motion.stack([motion[window.index] for window in group])
+        found.append(evident_stiffness(objective, state, problem.config))
+    return torch.cat(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,9 +18,9 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.pipeline.adapt import track_twice
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
+from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
@@ -32,7 +32,7 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import MotionProblem, WindowReport
+from perfcap.pipeline.track_motion import WindowReport, track_twice
 from perfcap.solve import Status
 from perfcap.workers import settle_after_fork
 
@@ -49,6 +49,7 @@ def capture(
     *,
     images: Images | None = None,
     until: Stage | None = None,
+    energies: Mapping[str, Term] | None = None,
     solve_bones: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -67,6 +68,8 @@ def capture(
         config: weights and sizes; the measured defaults when not given.
         images: the frames that were detected in, for the stages that refine pose and surface.
         until: the last stage to run; all that images, or their absence, allow when not given.
+        energies: your own energies by name, see ``Term``: they act in the windows beside the
+            others, and ``run.json`` reports their share of every frame.
         solve_bones: find the person's bone lengths first and capture on an actor that has them;
             for an actor that is not the person.
         workers: threads of the stages that look at images; all cores when not given. Results do
@@ -81,11 +84,12 @@ def capture(
     settle_after_fork()
     require_matching(cameras, detections, rate, images)
     until = _last_stage(until, images)
+    own = own_terms(energies)
     clock = _Clock(progress or (lambda stage, done, total: None))
     kept = checkpoint or NO_CHECKPOINT
     settings = config or CaptureConfig()
     start = _start(actor, cameras, detections, rate, settings, solve_bones, clock, kept)
-    problem, motion = start.problem, start.motion
+    problem, motion = replace(start.problem, terms=own), start.motion
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion") as tell:
@@ -125,7 +129,7 @@ class _Start:
         bones: logarithms of the bone lengths' scales, (S,), where they were solved.
     """
 
-    problem: MotionProblem
+    problem: ClipProblem
     motion: Motion
     seen: Tensor
     config: CaptureConfig
@@ -160,7 +164,7 @@ def _start(
         motion, seen = kept.once(
             _started(like), partial(initialize, actor, cameras, prepared, pose, pixel_unit)
         )
-    problem = MotionProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
+    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
     return _Start(problem, motion, seen, replace(config, pose=pose), bones)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -13,15 +13,14 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, LANDMARKS16, JointSet
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.objective import angle_bounds
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
-from perfcap.pipeline.second_start import second_start, tells_depth
-from perfcap.pipeline.start_clip import StartedClip, start_clip
-from perfcap.pipeline.track_motion import select
-from perfcap.pipeline.window_batch import WEIGHTS, WindowBatch
-from perfcap.solve import Adjoint, Detached, Implicit, LevenbergMarquardt, Status, solve
+from perfcap.pipeline.start_clip import start_clip
+from perfcap.pipeline.track_motion import loose, select, solve_windows, twice
+from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
 
@@ -67,9 +66,11 @@ class PoseRefiner(nn.Module):
         config: weights, units and windows.
         adjoint: how solves are differentiated in ``train`` mode.
         learn_weights: make the weights of the energies parameters.
+        energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
     Attributes:
-        log_weights: logarithms of a factor on the weight of each energy of ``WEIGHTS``.
+        names: of the energies whose weights can be learned.
+        log_weights: logarithms of a factor on the weight of each of them.
 
     Raises:
         InputError: the joint set is not known, or lacks the hips or all of the trunk above them.
@@ -86,6 +87,7 @@ class PoseRefiner(nn.Module):
         adjoint: Adjoint | None = None,
         *,
         learn_weights: bool = False,
+        energies: Mapping[str, Term] | None = None,
     ) -> None:
         super().__init__()
         self.actor = actor
@@ -93,8 +95,12 @@ class PoseRefiner(nn.Module):
         self.rate = rate
         self.config = _without(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
+        self.energies = own_terms(energies)
+        self.names = TERMS
         like = actor.skeleton.lower
-        self.log_weights = nn.Parameter(like.new_zeros(len(WEIGHTS)), requires_grad=learn_weights)
+        self.log_weights = nn.Parameter(
+            like.new_zeros(len(self.names)), requires_grad=learn_weights
+        )
 
     def forward(
         self,
@@ -136,49 +142,26 @@ class PoseRefiner(nn.Module):
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
-            clips = [start_clip(self.actor, each, self.config) for each in estimates]
-            motions, status = self._solve_twice(clips, rate or self.rate)
+            started = [
+                start_clip(self.actor, each, self.config, rate or self.rate) for each in estimates
+            ]
+            factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
+            clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
+            motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
         return refined if batched else _single(refined)
 
-    def _solve_twice(self, clips: list[StartedClip], rate: float) -> tuple[list[Motion], list[int]]:
-        """Motion (F,) and worst status of each clip; the first solve is a constant."""
-        adjoint = self.adjoint if self.training else Detached()
-        ready = (
-            [each for each in clips if tells_depth(each)] if self.config.evidence.enabled else []
-        )
-        if ready:
-            with torch.no_grad():
-                weights = self.log_weights.exp()
-                first, _ = self._solve(ready, rate, Detached(), self.config.evidence.tolerance)
-            known = (
-                second_start(self.actor, clip, motion, self.config, rate, weights)
-                for clip, motion in zip(ready, first, strict=True)
-            )
-            clips = [next(known) if tells_depth(each) else each for each in clips]
-        return self._solve(clips, rate, adjoint)
-
-    def _solve(
-        self, clips: list[StartedClip], rate: float, adjoint: Adjoint, tolerance: float = 0.0
+    def _solve_twice(
+        self, clips: list[ClipProblem], initial: list[Motion]
     ) -> tuple[list[Motion], list[int]]:
-        """Motion (F,) and worst status of each clip."""
-        config = self.config
-        tolerance = max(tolerance, config.tolerance)
-        method = LevenbergMarquardt(config.max_steps, tolerance, config.damping)
-        weights = self.log_weights.exp()
-        bounds = angle_bounds(self.actor)
-        blenders = [MotionBlender() for _ in clips]
-        worst = [int(Status.CONVERGED)] * len(clips)
-        for group in _groups(clips, config):
-            batch = WindowBatch(
-                tuple(clips[clip] for clip, _ in group), tuple(window for _, window in group)
-            )
-            objective = batch.objective(self.actor, config, rate, weights)
-            solution = solve(objective, batch.start(), method, bounds, adjoint)
-            for i, (clip, window) in enumerate(group):
-                blenders[clip].push(window, select(solution.state, i))
-                worst[clip] = max(worst[clip], int(solution.status[i]))
-        return [blender.finish(self.actor.skeleton) for blender in blenders], worst
+        """Motion (F,) and worst status of each clip; the first solve is a constant."""
+        again = [index for index, clip in enumerate(clips) if twice(clip)]
+        if again:
+            with torch.no_grad():
+                first, _ = _solve([loose(clips[i]) for i in again], [initial[i] for i in again])
+            for index, motion in zip(again, first, strict=True):
+                clips[index], initial[index] = adapted(clips[index], motion), motion.detach()
+        return _solve(clips, initial, self.adjoint if self.training else Detached())
 
     def _pad(self, motions: list[Motion], status: list[int]) -> RefinedPose:
         longest = max(motion.frames for motion in motions)
@@ -193,16 +176,32 @@ class PoseRefiner(nn.Module):
         )
 
 
-def _groups(clips: list[StartedClip], config: PoseConfig) -> Iterator[list[tuple[int, Window]]]:
+def _solve(
+    clips: list[ClipProblem], initial: list[Motion], adjoint: Adjoint | None = None
+) -> tuple[list[Motion], list[int]]:
+    """Motion (F,) and worst status of each clip."""
+    blenders = [MotionBlender() for _ in clips]
+    worst = [int(Status.CONVERGED)] * len(clips)
+    for group in _groups(clips):
+        solution, _ = solve_windows(clips, initial, group, adjoint)
+        for i, (clip, window) in enumerate(group):
+            blenders[clip].push(window, select(solution.state, i))
+            worst[clip] = max(worst[clip], int(solution.status[i]))
+    skeleton = clips[0].actor.skeleton
+    return [blender.finish(skeleton) for blender in blenders], worst
+
+
+def _groups(clips: Sequence[ClipProblem]) -> Iterator[list[tuple[int, Window]]]:
     """Windows of all clips with the index of their clip, ``config.batch`` at once.
 
     Those of a group have one length, and all or none of them a prior from a first solve: what
     another clip lacks must not change this one. Those of a clip come in their order.
     """
+    config = clips[0].config
     alike: dict[tuple[int, bool], list[tuple[int, Window]]] = {}
     for index, clip in enumerate(clips):
-        for window in partition(clip.estimate.frames, config.window, config.overlap):
-            key = len(window), clip.second is None
+        for window in partition(clip.frames, config.window, config.overlap):
+            key = len(window), clip.first is None
             alike.setdefault(key, []).append((index, window))
     for windows in alike.values():
         for start in range(0, len(windows), config.batch):

@@ -20,6 +20,7 @@ from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import NEAR
 from perfcap.geometry.surface_topology import surface_topology
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.gaps import ranges
@@ -31,7 +32,7 @@ from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
-from perfcap.pipeline.track_motion import MotionProblem, Progress
+from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import SequenceSettings
 
 # a context in which a stage runs, by name; it gives what to tell progress to
@@ -80,7 +81,7 @@ class Refinement:
 
 
 def refine(
-    problem: MotionProblem,
+    problem: ClipProblem,
     motion: Motion,
     images: Images,
     config: CaptureConfig,
@@ -135,7 +136,7 @@ def refine(
     return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 
 
-def image_heights(problem: MotionProblem, motion: Motion, images: Images) -> Tensor:
+def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tensor:
     """Height of the upright person in each image, (C,), pixels.
 
     That of the detections; in views that have none, that of the joints of the motion (F,).

@@ -18,6 +18,7 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_target import JointTarget
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.motion_blender import MotionBlender
@@ -26,7 +27,7 @@ from perfcap.pipeline.overlap import blocks, clip_overlaps
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefinePoseConfig
-from perfcap.pipeline.track_motion import MotionProblem, Progress
+from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition
@@ -50,7 +51,7 @@ class PoseRefinement:
 
 
 def refine_pose(
-    problem: MotionProblem,
+    problem: ClipProblem,
     sight: Sight,
     evidence: Evidence,
     motion: Motion,
@@ -111,7 +112,7 @@ class _Terms:
 
     def __init__(
         self,
-        problem: MotionProblem,
+        problem: ClipProblem,
         window: Window,
         start: Motion,
         config: RefinePoseConfig,
@@ -129,7 +130,7 @@ class _Terms:
             )
         }
         if config.whole:
-            self.fixed.update(problem.objective(window.index).items())
+            self.fixed.update(problem.objective(window).items())
 
     def solve(self, motion: Motion, pairs: Correspondences, cameras: Camera) -> Motion:
         contour = self.config.contour

@@ -2,75 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
+from perfcap.pipeline.clip_problem import ClipProblem, targets_energy
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.initialize import initialize, joint_places, trunk_start
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import (
     angle_bounds,
-    kernel,
     neutral_angles,
     person_height,
     pose_objective,
 )
 from perfcap.pipeline.pose_estimate import ClipEstimate
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import FittedPrior
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 
 _FIT_POINTS = 3  # joints that fix a pose in space
-_ROOT_DEVIATION = 0.05  # m, of where estimators put a whole person
-
-
-@dataclass(frozen=True)
-class StartedClip:
-    """A clip and where its solve begins; none of it but the estimate carries a graph.
-
-    Attributes:
-        estimate: of the clip.
-        motion: to start from, (F,).
-        trusted3d: 3D poses that agree with the 2D joints, (F, C).
-        pixel_unit: one percent of the person's height in each view, (C,), pixels.
-        preference: share of the weight of trajectory and prior that the clip's jitter asks for.
-        second: what a first solve tells the second; None before it.
-    """
-
-    estimate: ClipEstimate
-    motion: Motion
-    trusted3d: Tensor
-    pixel_unit: Tensor
-    preference: float
-    second: SecondSolve | None = None
-
-
-@dataclass(frozen=True)
-class SecondSolve:
-    """What a first solve of a clip tells the second.
-
-    Attributes:
-        fitted: the trajectory prior of each window.
-        weight3d: factor on the weight of 3D joints.
-        width3d: share of the variance in which their robust kernel is stated.
-    """
-
-    fitted: FittedPrior
-    weight3d: float
-    width3d: float
 
 
 @torch.no_grad()
-def start_clip(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> StartedClip:
-    """Solve every frame of a clip on its own.
+def start_clip(
+    actor: Actor, clip: ClipEstimate, config: PoseConfig, rate: float
+) -> tuple[ClipProblem, Motion]:
+    """The problem of a clip, and every frame of it solved on its own, (F,).
+
+    Of the problem, detections, targets and cameras carry the graph of the estimate, nothing else.
 
     Raises:
         InputError: nobody is detected in the whole clip.
@@ -78,16 +43,26 @@ def start_clip(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> StartedC
     unit = 0.01 * person_height(clip.detections)
     relaxing = replace(clip.detections, joints3d=clip.targets) if clip.targets is not None else None
     calm = relaxed(config, relaxing or clip.detections, unit)
-    preference = calm.trajectory.weight / config.trajectory.weight
+    problem = ClipProblem(
+        actor,
+        clip.cameras,
+        clip.detections,
+        config,
+        unit,
+        rate,
+        clip.targets,
+        clip.certain,
+        calm.trajectory.weight / config.trajectory.weight,
+    )
     if clip.has_pixels or clip.targets is None:
         prepared = prepare(actor, clip.cameras, clip.detections, config.position.gate)
         motion, _ = initialize(actor, clip.cameras, prepared, config, unit)
         points, weights = joint_places(clip.cameras, prepared)
         if clip.targets is None and int(((weights > 0).sum(-1) >= _FIT_POINTS).sum()):
             motion = _better_seen(actor, clip, config, unit, motion, points, weights)
-        return StartedClip(clip, motion, prepared.detections.trusted3d, unit, preference)
-    motion = _placed_start(actor, clip, config)
-    return StartedClip(clip, motion, clip.detections.trusted3d, unit, preference)
+        trusted = prepared.detections.trusted3d
+        return replace(problem, detections=replace(clip.detections, trusted3d=trusted)), motion
+    return problem, _placed_start(actor, clip, config)
 
 
 def _better_seen(
@@ -140,15 +115,3 @@ def _placed_start(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> Motio
     objective = Objective(energies).to(actor.skeleton.lower)
     found: Motion = solve(objective, initial, method, angle_bounds(actor)).state
     return fill_gaps(found.map(lambda each: each[:, 0]), (total > 0).sum(-1) >= _FIT_POINTS)
-
-
-def targets_energy(
-    actor: Actor, points: Tensor, certain: Tensor, config: PoseConfig
-) -> JointTarget:
-    """Distance from places (*b, F, C, 16, 3) that an estimator gives, with confidence."""
-    own = points.new_tensor(config.position.deviation)
-    unit = (own.square() + _ROOT_DEVIATION**2).sqrt()
-    weight = config.position.weight
-    return JointTarget(
-        actor.landmarks, points, certain, weight, kernel(config.position.scale), unit
-    )

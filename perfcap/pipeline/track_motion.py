@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.detections import Detections
-from perfcap.geometry.camera import Camera
 from perfcap.io.journal import Record
-from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
-from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
+from perfcap.pipeline.clip_problem import ClipProblem, WindowData
 from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
-from perfcap.solve import LevenbergMarquardt, Objective, Status, solve
+from perfcap.pipeline.objective import angle_bounds
+from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
+from perfcap.solve.energy import Energy
 from perfcap.temporal.window import Window, partition
 
 Progress = Callable[[int, int], None]
@@ -37,60 +36,8 @@ class WindowReport:
     frame_terms: dict[str, list[float]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class FittedPrior:
-    """Stiffness of the trajectory prior of each window of a clip.
-
-    Attributes:
-        starts: first frame of every window.
-        stiffness: factors on the weights of translation, rotation and each angle, (W, 2 + A).
-    """
-
-    starts: tuple[int, ...]
-    stiffness: Tensor
-
-    def at(self, index: slice | Tensor) -> Tensor:
-        """Of the window of some frames, (2 + A,), or of several (N, W), (N, 2 + A)."""
-        if isinstance(index, slice):
-            return self.stiffness[self.starts.index(index.start)]
-        rows = [self.starts.index(start) for start in index[..., 0].flatten().tolist()]
-        return self.stiffness[rows].reshape(*index.shape[:-1], -1)
-
-
-@dataclass(frozen=True)
-class MotionProblem:
-    """What the motion of a clip is found from.
-
-    Attributes:
-        actor: gives the joints and the limits.
-        cameras: C views, fixed or moving.
-        detections: (F, C), prepared.
-        config: windows, weights, units.
-        pixel_unit: one percent of the person's height in each view, (C,), pixels.
-        rate: frames a second.
-        fitted: the prior of each window, where a first solve found it; else that of ``config``.
-    """
-
-    actor: Actor
-    cameras: Camera
-    detections: Detections
-    config: PoseConfig
-    pixel_unit: Tensor
-    rate: float
-    fitted: FittedPrior | None = None
-
-    def objective(self, index: slice | Tensor) -> Objective:
-        """E_pose of a window (W,) of frames, or of several (N, W)."""
-        seen = self.detections.map(lambda each: each[index])
-        frames = seen.joints2d.shape[-4]
-        stiffness = None if self.fitted is None else self.fitted.at(index)
-        prior = trajectory_prior(self.config.trajectory, frames, self.rate, stiffness)
-        cameras = self.cameras.frames(index)
-        return pose_objective(self.actor, cameras, seen, self.config, self.pixel_unit, prior)
-
-
 def track_motion(
-    problem: MotionProblem,
+    problem: ClipProblem,
     initial: Motion,
     progress: Progress | None = None,
     kept: Kept = NOTHING,
@@ -126,13 +73,10 @@ def track_motion(
 
 
 def _solve_group(
-    problem: MotionProblem, initial: Motion, group: list[Window]
+    problem: ClipProblem, initial: Motion, group: list[Window]
 ) -> tuple[Motion, list[WindowReport]]:
-    actor, config = problem.actor, problem.config
-    index = torch.stack([torch.arange(w.start, w.stop) for w in group]).to(initial.angles.device)
-    objective = problem.objective(index)
-    method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
-    solution = solve(objective, initial[index], method, angle_bounds(actor))
+    numbered = [(0, window) for window in group]
+    solution, objective = solve_windows([problem], [initial], numbered)
     shares = _frame_terms(objective, solution.state)
     reports = [
         WindowReport(
@@ -145,8 +89,78 @@ def _solve_group(
         )
         for i, window in enumerate(group)
     ]
-    motion: Motion = solution.state
-    return motion, reports
+    return solution.state, reports
+
+
+def solve_windows(
+    clips: Sequence[ClipProblem],
+    initial: Sequence[Motion],
+    group: Sequence[tuple[int, Window]],
+    adjoint: Adjoint | None = None,
+) -> tuple[Solution[Motion], Objective]:
+    """Minimise E_pose of windows of one length at once (Xu et al. 2018, Eq. 2 and 3).
+
+    Args:
+        clips: with the same actor and settings.
+        initial: motion of each clip to start from, (F,).
+        group: windows, each with the number of its clip.
+        adjoint: whether and how the solution carries gradients.
+
+    Returns:
+        The solution, of motions (N, W), and what was minimised.
+    """
+    problem = clips[group[0][0]]
+    config = problem.config
+    objective = problem.objective_of(
+        WindowData.stack([clips[clip].at(window, clip) for clip, window in group])
+    )
+    start = Motion.stack([initial[clip][window.index] for clip, window in group])
+    method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
+    bounds = angle_bounds(problem.actor)
+    return solve(objective, start, method, bounds, adjoint), objective
+
+
+def track_twice(
+    problem: ClipProblem,
+    initial: Motion,
+    progress: Progress | None = None,
+    kept: Checkpoint = NO_CHECKPOINT,
+) -> tuple[Motion, list[WindowReport], ClipProblem]:
+    """Solve the windows with the stated settings, then with what that shows of errors and motion.
+
+    From the smooth motion of the first solve, the second one with its weaker prior does not
+    follow wrong detections, which it would from the frames each on its own. One view without 3D
+    joints is solved once: there the prior alone tells depth.
+
+    Returns:
+        The motion (F,), a report for each window, and the problem that was solved last.
+    """
+    last = kept.kept("track_motion")
+    if not twice(problem):
+        return *track_motion(problem, initial, progress, last), problem
+    first = kept.kept("track_motion_first")
+    rough, _ = track_motion(loose(problem), initial, _half(progress, 0), first)
+    known = adapted(problem, rough)
+    return *track_motion(known, rough, _half(progress, 1), last), known
+
+
+def twice(problem: ClipProblem) -> bool:
+    """Whether a clip is solved a second time."""
+    return problem.config.evidence.enabled and problem.tells_depth
+
+
+def loose(problem: ClipProblem) -> ClipProblem:
+    """The problem as it is solved the first time."""
+    config = problem.config
+    tolerance = max(config.tolerance, config.evidence.tolerance)
+    return replace(problem, config=replace(config, tolerance=tolerance))
+
+
+def _half(progress: Progress | None, which: int) -> Progress | None:
+    """What tells the progress of the first or the second of two equal parts."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(which * total + done, 2 * total)
 
 
 def _codec(like: Tensor) -> Codec[tuple[Motion, list[WindowReport]]]:
@@ -171,11 +185,14 @@ def _report(values: dict[str, Any]) -> WindowReport:
 def _frame_terms(objective: Objective, motion: Motion) -> dict[str, Tensor]:
     """Each energy of each frame, (N, W) by name; their sum over frames is the energy."""
     with torch.no_grad():
-        return {
-            name: energy.weight
-            * energy.kernel.value(energy.residual(motion).squared_norm()).sum(-1)
-            for name, energy in objective.items()
-        }
+        return {name: _per_frame(energy, motion) for name, energy in objective.items()}
+
+
+def _per_frame(energy: Energy[Motion], motion: Motion) -> Tensor:
+    """An energy of each frame, (N, W); its weight is a number, or one a window."""
+    each = energy.kernel.value(energy.residual(motion).squared_norm()).sum(-1)
+    weight = energy.weight.to(each)
+    return (weight[..., None] if weight.ndim else weight) * each
 
 
 def select(motion: Motion, element: int) -> Motion:

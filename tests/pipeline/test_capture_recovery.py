@@ -8,6 +8,7 @@ import torch
 from takes import make_take
 
 from perfcap.actor.motion import Motion
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jobs import capture
@@ -16,7 +17,7 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import MotionProblem, track_motion
+from perfcap.pipeline.track_motion import track_motion
 
 
 def run(take: Any, config: PoseConfig | None = None, **options: Any) -> Performance:
@@ -147,7 +148,7 @@ def test_a_truth_that_is_smooth_stays_where_it_is() -> None:
     take = make_take(50, views=3, lifted=False)
     unit = 0.01 * person_height(take.detections)
     config = PoseConfig()
-    problem = MotionProblem(take.actor, take.cameras, take.detections, config, unit, take.rate)
+    problem = ClipProblem(take.actor, take.cameras, take.detections, config, unit, take.rate)
     motion, _ = track_motion(problem, take.truth)
     assert take.error_mm(take.actor.joints(motion)).mean() < 3
 

@@ -6,23 +6,21 @@ import copy
 import math
 import os
 from dataclasses import replace
-from typing import Any
 
 import pytest
 import torch
 from synthetic import actor, cameras
 from torch import Tensor, nn
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import COCO17, LANDMARKS, JointSet
 from perfcap.errors import InputError
 from perfcap.metrics import acceleration_error
 from perfcap.pipeline import pose_refiner
+from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
 from perfcap.pipeline.pose_refiner import PoseRefiner
-from perfcap.pipeline.second_start import second_start
-from perfcap.pipeline.start_clip import StartedClip
 from perfcap.solve import Implicit, Status, Unrolled
 from perfcap.temporal.subspace import dct_basis
 
@@ -148,17 +146,16 @@ def test_gradients_agree_with_differences(twice: bool, monkeypatch: pytest.Monke
     """
     tight = replace(CONFIG, max_steps=200, tolerance=1e-13, evidence=EvidenceConfig(twice))
     layer = refiner(config=tight).train()
-    told: list[StartedClip] = []
+    told: list[ClipProblem] = []
 
-    def held(actor: Actor, clip: StartedClip, motion: Motion, *settings: Any) -> StartedClip:
+    def held(clip: ClipProblem, motion: Motion) -> ClipProblem:
         if not told:
-            told.append(second_start(actor, clip, motion, *settings))
-        seen = clip.estimate.detections
-        weighed = replace(seen, confidence2d=told[0].estimate.detections.confidence2d.detach())
-        estimate = replace(clip.estimate, detections=weighed)
-        return replace(clip, estimate=estimate, motion=told[0].motion, second=told[0].second)
+            told.append(adapted(clip, motion))
+        confidence = told[0].detections.confidence2d.detach()
+        seen = replace(clip.detections, confidence2d=confidence)
+        return replace(clip, detections=seen, first=told[0].first)
 
-    monkeypatch.setattr(pose_refiner, "second_start", held)
+    monkeypatch.setattr(pose_refiner, "adapted", held)
     leaf = PIXELS.clone().requires_grad_()
     weights = normal(FRAMES, 16, 3, seed=3)
     refined = layer(VIEWS, leaf)

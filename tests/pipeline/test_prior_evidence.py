@@ -9,13 +9,15 @@ import torch
 from takes import make_take
 from torch import Tensor
 
-from perfcap.pipeline.adapt import adapted, track_twice
+from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
 from perfcap.pipeline.config import MONOPERFCAP_POSE, EvidenceConfig, PoseConfig
 from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.objective import person_height, trajectory_prior
 from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.prior_evidence import _maximize
-from perfcap.pipeline.track_motion import FittedPrior, MotionProblem
+from perfcap.pipeline.track_motion import track_twice
+from perfcap.temporal.window import Window
 
 F64 = torch.float64
 COSINES, FEATURES = 50, 7 + 4
@@ -25,10 +27,10 @@ def normal(*shape: int, seed: int = 0) -> Tensor:
     return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=F64)
 
 
-def problem(config: PoseConfig | None = None) -> MotionProblem:
+def problem(config: PoseConfig | None = None) -> ClipProblem:
     take = make_take(60)
     unit = 0.01 * person_height(take.detections)
-    return MotionProblem(
+    return ClipProblem(
         take.actor, take.cameras, take.detections, config or PoseConfig(), unit, take.rate
     )
 
@@ -91,9 +93,11 @@ def test_an_unseen_joint_stays_unseen() -> None:
 
 
 def test_windows_get_their_own_prior() -> None:
-    fitted = FittedPrior((0, 40), torch.tensor([[1.0, 2, 3], [4, 5, 6]]))
-    assert fitted.at(slice(40, 90)).tolist() == [4, 5, 6]
-    assert fitted.at(torch.tensor([[40, 41], [0, 1]])).tolist() == [[4, 5, 6], [1, 2, 3]]
+    own = problem()
+    stiffness = torch.arange(2.0 * (2 + len(own.actor.skeleton.lower))).reshape(2, -1)
+    known = replace(own, first=FirstSolve((0, 10), stiffness, 1.0, 1.0))
+    windows = [known.at(Window(start, start + 50)) for start in (10, 0)]
+    assert torch.equal(WindowData.stack(windows).stiffness, stiffness.flip(0))
 
 
 def test_stiffness_multiplies_the_weight_of_its_features() -> None:
@@ -135,10 +139,10 @@ def test_one_view_without_depth_is_solved_once() -> None:
 def test_adapting_changes_what_it_says() -> None:
     own = problem()
     known = adapted(own, make_take(60).truth)
-    assert known.fitted is not None and known.fitted.starts == (0, 10)
-    assert known.fitted.stiffness.shape == (2, 2 + len(own.actor.skeleton.lower))
-    assert (known.fitted.stiffness > 0).all()
-    assert known.config.trajectory.rank == own.config.evidence.rank
+    assert known.first is not None and known.first.starts == (0, 10)
+    assert known.first.stiffness.shape == (2, 2 + len(own.actor.skeleton.lower))
+    assert (known.first.stiffness > 0).all()
+    assert known.trajectory.rank == own.config.evidence.rank != own.trajectory.rank
 
 
 def refined(confidence: Tensor) -> Tensor:

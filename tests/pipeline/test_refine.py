@@ -17,13 +17,13 @@ from perfcap.io.calibration import read_cameras
 from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.pipeline import CaptureConfig, Performance, Stage, capture
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.refine import image_heights
 from perfcap.pipeline.refine_pose import PoseRefinement
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
-from perfcap.pipeline.track_motion import MotionProblem
 
 FRAMES = slice(40, 52)
 # enough to see everything work, in seconds
@@ -132,7 +132,7 @@ def test_a_view_that_detects_nobody_knows_how_tall_the_person_is() -> None:
     unit = 0.01 * person_height(blind)
     assert unit[1] == 0.01
     seen = prepare(made.actor, made.cameras, blind).detections
-    problem = MotionProblem(made.actor, made.cameras, seen, CONFIG.pose, unit, 30.0)
+    problem = ClipProblem(made.actor, made.cameras, seen, CONFIG.pose, unit, 30.0)
     intrinsics = made.cameras.intrinsics * torch.tensor([2.0, 2.0, 1.0]).double()[:, None]
     large = replace(made.cameras, intrinsics=intrinsics)
     heights = image_heights(problem, made.truth, Images(Painted(np.zeros(0, np.uint8)), large))

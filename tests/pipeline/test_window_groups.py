@@ -3,16 +3,16 @@
 from types import SimpleNamespace
 from typing import cast
 
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.pose_refiner import _groups
-from perfcap.pipeline.start_clip import StartedClip
 
 
 def test_windows_with_and_without_a_fitted_prior_are_solved_apart() -> None:
     """In one batch, a clip that was solved once would take the prior of the others away."""
     once, twice = (
-        cast(StartedClip, SimpleNamespace(estimate=SimpleNamespace(frames=20), second=second))
-        for second in (None, object())
+        cast(ClipProblem, SimpleNamespace(frames=20, first=first, config=PoseConfig()))
+        for first in (None, object())
     )
-    groups = list(_groups([twice, once, twice], PoseConfig()))
+    groups = list(_groups([twice, once, twice]))
     assert [[clip for clip, _ in group] for group in groups] == [[0, 2], [1]]

@@ -1,0 +1,116 @@
+"""An author's own energy in a capture and in a layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from takes import make_take
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.energy import PosePrior
+from perfcap.errors import InputError
+from perfcap.pipeline import PoseRefiner, capture
+from perfcap.pipeline.clip_problem import FrameNumbers
+from perfcap.pipeline.config import EvidenceConfig, PoseConfig
+from perfcap.solve import Energy, Residual
+
+WRIST = LANDMARKS.index("l_wrist")
+HELD = range(3, 7)
+F64 = torch.float64
+
+
+class Holds(Energy[Motion]):
+    """A wrist is at a place in some frames of one clip."""
+
+    def __init__(self, actor: Actor, where: FrameNumbers, place: Tensor, clip: int = 0) -> None:
+        super().__init__(weight=1e6)
+        self.actor, self.place = actor, place
+        inside = (where.frames >= HELD.start) & (where.frames < HELD.stop)
+        self.on = (inside & (where.clips == clip)[..., None]).to(place).unsqueeze(-1)
+
+    def residual(self, motion: Motion) -> Residual:
+        away = self.actor.joints(motion)[..., WRIST : WRIST + 1, :] - self.place
+        return Residual(away, self.on)
+
+
+def held_at(place: Tensor, clip: int = 0) -> Callable[[Actor, FrameNumbers], Energy[Motion]]:
+    return lambda actor, where: Holds(actor, where, place, clip)
+
+
+def test_a_capture_follows_it_where_it_acts() -> None:
+    take = make_take(60)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    plain = capture(*parts)
+    place = plain.joints()[HELD.start : HELD.stop, WRIST].mean(0) + 0.05
+    found = capture(*parts, energies={"holds": held_at(place)})
+    before, after = (
+        (each.joints()[HELD.start : HELD.stop, WRIST] - place).norm(dim=-1).max()
+        for each in (plain, found)
+    )
+    assert before > 0.05 and after < 0.005
+    # far from these frames nothing changes
+    torch.testing.assert_close(found.joints()[45:], plain.joints()[45:], rtol=0, atol=2e-3)
+    share = found.report()["energy"]["holds"]
+    assert [f for f, value in enumerate(share) if value > 0] == list(HELD)
+    assert "holds" in found.report()["windows"][0]["terms"]
+
+
+def test_a_layer_knows_which_clip_is_meant() -> None:
+    take = make_take(10)
+    layer = PoseRefiner(take.actor).eval()
+    pixels = [take.detections.joints2d, take.detections.joints2d.clone()]
+    plain = layer(take.cameras, pixels)
+    place = plain.joints[0, HELD.start : HELD.stop, WRIST].mean(0) + 0.05
+    own = PoseRefiner(take.actor, energies={"holds": held_at(place, clip=1)}).eval()
+    found = own(take.cameras, pixels)
+    torch.testing.assert_close(found.joints[0], plain.joints[0], rtol=0, atol=1e-9)
+    off = (found.joints[1, HELD.start : HELD.stop, WRIST] - place).norm(dim=-1)
+    assert off.max() < 0.005
+
+
+@pytest.mark.slow
+def test_gradients_reach_what_it_is_made_of() -> None:
+    take = make_take(10)
+    once = PoseConfig(evidence=EvidenceConfig(enabled=False), max_steps=200, tolerance=1e-12)
+    place = torch.tensor([0.3, 1.2, 0.2], dtype=F64, requires_grad=True)
+    weights = torch.randn(10, 16, 3, generator=torch.Generator().manual_seed(0), dtype=F64)
+
+    def value(at: Tensor) -> Tensor:
+        layer = PoseRefiner(take.actor, config=once, energies={"holds": soft(at)})
+        return (layer(take.cameras, take.detections.joints2d).joints * weights).sum()
+
+    def soft(at: Tensor) -> Callable[[Actor, FrameNumbers], Energy[Motion]]:
+        def make(actor: Actor, where: FrameNumbers) -> Energy[Motion]:
+            energy = Holds(actor, where, at)
+            energy.weight.fill_(100.0)
+            return energy
+
+        return make
+
+    (gradient,) = torch.autograd.grad(value(place), place)
+    step = 1e-3 * torch.tensor([0.6, 0.0, -0.8], dtype=F64)
+    with torch.no_grad():
+        slope = (value(place + step) - value(place - step)) / 2
+    assert float((gradient * step).sum()) == pytest.approx(float(slope), rel=2e-3)
+
+
+def test_names_that_are_taken_and_energies_already_made_are_refused() -> None:
+    take = make_take(4)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    with pytest.raises(InputError, match="'prior' is one of joints2d"):
+        capture(*parts, energies={"prior": held_at(torch.zeros(3))})
+    made = PosePrior(take.actor.skeleton.lower)
+    with pytest.raises(InputError, match=r"expected a function of \(actor, where\)"):
+        PoseRefiner(take.actor, energies={"mine": made})  # type: ignore[dict-item]
+
+
+def test_one_without_frames_to_act_in_changes_nothing() -> None:
+    take = make_take(12)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    found = capture(*parts, energies={"holds": held_at(torch.zeros(3, dtype=F64), 1)})
+    assert torch.equal(found.motion.angles, capture(*parts).motion.angles)
