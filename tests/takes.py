@@ -218,10 +218,15 @@ def write_actor(path: Path, template: Template) -> None:
     save_animation(path, template, rest, 30)
 
 
-def write_video(path: Path, frames: int, size: tuple[int, int], rate: float = 30.0) -> None:
+def write_video(
+    path: Path, frames: int, size: tuple[int, int], rate: float = 30.0, half: int = 20
+) -> None:
+    """A room with a dark half, nobody in it; each frame is a little brighter than the last."""
+    room = np.full((*size, 3), 60, np.uint8)
+    room[:, size[1] // 2 :] = half
     with VideoWriter(path, rate, preset="ultrafast") as writer:
         for i in range(frames):
-            writer.write(np.full((*size, 3), 60 + i, np.uint8))
+            writer.write(room + np.uint8(i % 128))
 
 
 def camera_entry(cameras: Camera, view: int = 0) -> dict[str, Any]:

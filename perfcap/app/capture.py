@@ -21,6 +21,7 @@ from perfcap.actor.actor import Actor
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import progress_bars
+from perfcap.app.input_doubts import doubts
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
@@ -114,7 +115,7 @@ def _capture(request: CaptureRequest) -> int:
 def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint) -> int:
     started = time.perf_counter()
     actor = load_actor(request.actor)
-    inputs = read_inputs(request, work)
+    inputs = _examined(request, read_inputs(request, work))
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
     performance = replace(_perform(request, actor, inputs, solve_bones, work), lost=inputs.lost)
@@ -125,13 +126,19 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
         wall = time.perf_counter() - started
         run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
-    for line in (
-        *inputs.warnings,
-        *performance.warnings,
-        *_made_up(performance, inputs.clip.start),
-    ):
+    for line in (*performance.warnings, *_made_up(performance, inputs.clip.start)):
         _LOG.warning("%s", line)
     return DONE if performance.complete else INCOMPLETE
+
+
+def _examined(request: CaptureRequest, inputs: Inputs) -> Inputs:
+    """The inputs with all there is to say of them, which is said before any work is done."""
+    needs_images = Stage[request.until.upper()].needs_images
+    more = doubts(inputs, needs_images=needs_images, detected=request.detector is not None)
+    inputs = replace(inputs, warnings=(*inputs.warnings, *more))
+    for line in inputs.warnings:
+        _LOG.warning("%s", line)
+    return inputs
 
 
 def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:

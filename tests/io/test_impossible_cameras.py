@@ -22,7 +22,9 @@ def test_plain_cameras() -> None:
     assert impossible_cameras(rig()) == []
 
 
-@pytest.mark.parametrize("lens", [(5.0, 50.0, 0, 0, 0), (-3.0, 0, 0, 0, 0), (0, 0, 0, 0, 400.0)])
+@pytest.mark.parametrize(
+    "lens", [(5.0, 50.0, 0, 0, 0), (-3.0, 0, 0, 0, 0), (0, 0, 0, 0, 400.0), (0, 0, 1.0, 0, 0)]
+)
 def test_lenses_that_bend_too_far(lens: tuple[float, ...]) -> None:
     wide = rig(1, lens)
     intrinsics = wide.cameras.intrinsics.clone()

@@ -37,7 +37,7 @@ def aside(captured: Performance, offset: float) -> Performance:
 def clip(folder: Path, views: int = 1, size: tuple[int, int] = SIZE) -> Clip:
     paths = [folder / f"a video {view}.mp4" for view in range(views)]
     for path in paths:
-        write_video(path, FRAMES, size)
+        write_video(path, FRAMES, size, half=60)
     return Clip.open(paths)
 
 

@@ -18,6 +18,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses
+from perfcap.io.doctor.timing import late_view
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
 # 0.01 to 0.02.
@@ -81,6 +82,14 @@ def _explain(
     if not FINE * height < now:
         return None
     best, left = _best_mistake(scene, names)
+    late = late_view(scene, names)
+    in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
+    if late is not None and in_time < min(left, now):
+        return (
+            Finding(Severity.ERROR, late.subject, late.what, late.remedy),
+            late.undo(scene),
+            names,
+        )
     outcast = _outcast(scene.sampled(), now, height)
     without = math.inf if outcast is None else outcast.rest
     if left < min(BETTER * now, PREFERRED * without):

@@ -9,26 +9,38 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.lifted import examine_lifted
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
+_LYING = 0.9  # share of frames
+_FEWEST = 10  # frames
+_NECK = LANDMARKS.index("neck")
+_ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 
 
-def examine_detections(rig: CameraRig, detections: Detections) -> list[Finding]:
-    """Coverage, image size, and units and axes of 3D poses.
+def examine_detections(
+    rig: CameraRig, detections: Detections, *, coverage: bool = True
+) -> list[Finding]:
+    """Coverage, image size, and units, axes and frames of 3D poses.
 
     Args:
         rig: C views.
         detections: (F, C).
+        coverage: whether to list frames in which nobody is detected.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
         return [Finding(Severity.ERROR, "detections", what, "give one a camera")]
     findings = _moving(rig, detections)
+    if findings:
+        return findings
+    plane = rig.cameras.to_plane(detections.joints2d)
     for view, name in enumerate(rig.names):
-        findings += _coverage(name, detections.confidence2d[:, view])
+        if coverage:
+            findings += _coverage(name, detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _image_size(name, pixels, rig.cameras.size[view])
@@ -37,8 +49,31 @@ def examine_detections(rig: CameraRig, detections: Detections) -> list[Finding]:
             pose = detections.joints3d[:, view][trusted]
             findings += _pose3d(name, pose)
             image = detections.joints2d[:, view][trusted]
-            findings += _axes3d(name, pose, image, confident[trusted])
+            wrong = _axes3d(name, pose, image, confident[trusted])
+            findings += wrong or examine_lifted(
+                name,
+                detections.joints3d[:, view],
+                plane[:, view],
+                detections.confidence2d[:, view],
+                trusted,
+            )
+        elif len(rig.names) == 1:
+            findings += _upright(name, detections.joints2d[:, view], confident)
     return findings
+
+
+def _upright(name: str, pixels: Tensor, confident: Tensor) -> list[Finding]:
+    """Somebody who lies on their side in nearly all frames (F, 16), where nothing else tells."""
+    both = confident[:, _NECK] & confident[:, _ANKLES].all(-1)
+    if int(both.sum()) < _FEWEST:
+        return []
+    down = pixels[both][:, _ANKLES].mean(1) - pixels[both, _NECK]
+    lying = float((down[:, 1] < 0.5 * down[:, 0].abs()).double().mean())
+    if lying < _LYING:
+        return []
+    what = f"the person lies or stands on their head in {lying:.0%} of the frames"
+    remedy = "if they do not, check whether x and y are exchanged, or the video is turned"
+    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _moving(rig: CameraRig, detections: Detections) -> list[Finding]:

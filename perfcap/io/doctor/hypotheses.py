@@ -15,7 +15,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.evidence import Scene
 
 SCALES = (0.25, 0.5, 2 / 3, 1.5, 2.0, 4.0)
-DELAYS = (-8, -5, -3, -2, 2, 3, 5, 8)  # frames
+DELAYS = (-20, -14, -10, -7, -5, -3, -2, 2, 3, 5, 7, 10, 14, 20)  # frames, of two views
 _SIDES = {"l": "r", "r": "l"}
 _MIRROR = [
     LANDMARKS.index(_SIDES[name[0]] + name[1:]) if name[1] == "_" else i
@@ -36,7 +36,7 @@ class Hypothesis:
 
 
 def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
-    """All mistakes looked for, of all cameras, of pairs and of single views."""
+    """All mistakes looked for, of all cameras, of pairs and of single views, but late views."""
     yield from _conventions()
     for scale in SCALES:
         yield Hypothesis(
@@ -54,6 +54,8 @@ def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesi
         )
     for view in views:
         yield from _single(names[view], view)
+        if len(views) < 3:
+            yield from _delays(names[view], view)
 
 
 def _conventions() -> Iterator[Hypothesis]:
@@ -94,13 +96,17 @@ def _single(name: str, view: int) -> Iterator[Hypothesis]:
             "convert it to metres",
             partial(_farther, view=view, factor=factor),
         )
+
+
+def _delays(name: str, view: int) -> Iterator[Hypothesis]:
+    """Of more views, ``late_view`` finds the very frame."""
     for delay in DELAYS:
         way = "late" if delay > 0 else "early"
         yield Hypothesis(
             name,
             f"looks {abs(delay)} or so frames {way}",
             "synchronise the videos",
-            partial(_delayed, view=view, delay=delay),
+            partial(delayed, view=view, delay=delay),
         )
 
 
@@ -167,7 +173,7 @@ def _exchanged(scene: Scene, first: int, second: int) -> Scene:
     return replace(scene, detections=scene.detections.select(order))
 
 
-def _delayed(scene: Scene, view: int, delay: int) -> Scene:
+def delayed(scene: Scene, view: int, delay: int) -> Scene:
     """What a view shows ``delay`` frames later, moved to where it belongs."""
     joints, confidence = scene.detections.joints2d.clone(), scene.detections.confidence2d.clone()
     joints[:, view] = joints[:, view].roll(-delay, 0)

@@ -7,15 +7,24 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from torch import Tensor
+
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
-from perfcap.io.calibration import CameraRig, read_cameras, read_pixel_map
+from perfcap.io.calibration import (
+    CameraRig,
+    PixelMap,
+    match_image,
+    read_cameras,
+    read_pixel_map,
+)
 from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.footage import examine_blank, examine_timing
 
 Value = TypeVar("Value")
 
@@ -43,22 +52,43 @@ def examine_inputs(
     rig = _try(findings, lambda: read_cameras(cameras, sizes))
     maps = _try(findings, lambda: read_pixel_map(video_map)) if video_map else None
     if clip is not None:
-        findings += _warnings("videos", clip.warnings)
+        findings += [*_warnings("videos", clip.warnings), *examine_blank(clip, clip.names)]
     if rig is None:
         return findings
     if clip is not None:
         rig = _try(findings, partial(rig.match, clip.names)) or rig
     findings += examine_cameras(rig, sizes, maps)
     if detections:
-        frames = None if clip is None else len(clip)
-        findings += _examine_detections(rig, detections, frames)
+        findings += _examine_detections(rig, detections, clip, maps)
+    return findings
+
+
+def examine_take(
+    rig: CameraRig, detections: Detections, clip: Clip | None, pixel_map: PixelMap | None
+) -> list[Finding]:
+    """Whether cameras, joints and video belong together, of what is read already.
+
+    Args:
+        rig: C views.
+        detections: (F, C), in pixels of the calibration.
+        clip: the same frames and views; None of no video.
+        pixel_map: from the clip's pixels to the calibration's.
+    """
+    findings = examine_agreement(rig, detections)
+    fits = rig.cameras.views == detections.views and not rig.cameras.moving
+    if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
+        findings += examine_timing(clip, detections, pixel_map.to_video(detections.joints2d))
     return findings
 
 
 def _examine_detections(
-    rig: CameraRig, paths: Sequence[str | Path], frames: int | None
+    rig: CameraRig,
+    paths: Sequence[str | Path],
+    clip: Clip | None,
+    maps: dict[str, Tensor] | None,
 ) -> list[Finding]:
     findings: list[Finding] = []
+    frames = None if clip is None else len(clip)
 
     def read() -> tuple[Detections, list[str]]:
         return read_detections(paths, views=rig.names, pixel_offset=rig.pixel_offset, frames=frames)
@@ -70,8 +100,20 @@ def _examine_detections(
     return [
         *_warnings("detections", warnings),
         *examine_detections(rig, detections),
-        *examine_agreement(rig, detections),
+        *examine_take(rig, detections, clip, _pixel_map(rig, clip, maps)),
     ]
+
+
+def _pixel_map(
+    rig: CameraRig, clip: Clip | None, maps: dict[str, Tensor] | None
+) -> PixelMap | None:
+    """The map between pixels; None where there is none, which is a finding of the cameras."""
+    if clip is None:
+        return None
+    try:
+        return match_image(rig, clip.sizes, maps)
+    except InputError:
+        return None
 
 
 def _try(findings: list[Finding], read: Callable[[], Value]) -> Value | None:

@@ -1,0 +1,157 @@
+"""What the pixels of videos say: frames that show nothing, and joints of other frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.clip import Clip
+from perfcap.io.doctor.finding import Finding, Severity, ranges
+
+Array = NDArray[np.float32]
+
+SHIFTS = 30  # frames looked at, both ways
+_SIDE = 160  # px, of the longer side of images that are looked at
+_PLAIN = 8.0  # grey levels between the darkest and the brightest hundredth
+_STRETCH, _STEP, _ENOUGH = 160, 4, 30  # frames
+_FEW = 5  # frames in which something must be seen
+_VIEWS = 2  # most that are looked at for shifts
+_CLEAR, _GAIN, _PEAK = 0.6, 0.08, 0.05  # shares of joints on what moves
+_CONFIDENT = 0.3
+_LIMBS = [
+    *(("head_top", "neck"), ("neck", "r_hip"), ("neck", "l_hip")),
+    *((f"{side}_shoulder", f"{side}_elbow") for side in "lr"),
+    *((f"{side}_elbow", f"{side}_wrist") for side in "lr"),
+    *((f"{side}_hip", f"{side}_knee") for side in "lr"),
+    *((f"{side}_knee", f"{side}_ankle") for side in "lr"),
+]
+_BONES = np.array([[LANDMARKS.index(name) for name in limb] for limb in _LIMBS])
+
+
+def examine_blank(clip: Clip, names: Sequence[str]) -> list[Finding]:
+    """Views whose images are of one color, from a few frames evenly spread.
+
+    Args:
+        clip: C views.
+        names: of the views, C.
+    """
+    index = np.linspace(0, len(clip) - 1, min(len(clip), _FEW)).round().astype(int).tolist()
+    findings = []
+    for view, name in enumerate(names):
+        plain = [frame for frame in index if _is_plain(_small(clip, view, frame))]
+        if not plain:
+            continue
+        severity = Severity.ERROR if 2 * len(plain) > len(index) else Severity.WARNING
+        where = ranges([clip.start + frame for frame in plain])
+        what = f"images are of one color, nothing can be seen in them (frames {where}"
+        what += f" of {len(index)} looked at)"
+        remedy = "check the video; without images, --until track_motion takes joints alone"
+        findings.append(Finding(severity, name, what, remedy))
+    return findings
+
+
+def examine_timing(clip: Clip, detections: Detections, joints2d: Tensor) -> list[Finding]:
+    """Whether joints lie on what moves in their frame, or do in frames before or after it.
+
+    Cameras are at rest. What differs from the median image of a stretch of video moves; a person
+    who stays in one place for all of it says nothing.
+
+    Args:
+        clip: C views.
+        detections: (F, C), of the clip's frames.
+        joints2d: the same joints in pixels of the videos, (F, C, 16, 2).
+    """
+    count = min(len(clip), detections.frame_count)
+    start = _liveliest(joints2d[:count], detections.confidence2d[:count])
+    step = max(1, min(_STEP, count // _ENOUGH))
+    index = list(range(start, min(count, start + _STRETCH), step))
+    most = min(SHIFTS, count // 2)
+    scores = np.zeros(2 * most + 1)
+    views = range(min(clip.views, _VIEWS))
+    for view in views:
+        height, width = clip.sizes[view]
+        moving = _moving(np.stack([_small(clip, view, frame) for frame in index]))
+        places = joints2d[:count, view].numpy() * (_SIDE / max(height, width))
+        seen = detections.confidence2d[:count, view].numpy() > _CONFIDENT
+        for shift in range(-most, most + 1):
+            scores[shift + most] += _hits(moving, places, seen, index, shift) / len(views)
+    return _late(scores, most)
+
+
+def _late(scores: NDArray[np.float64], most: int) -> list[Finding]:
+    """A finding where another shift than none is a clear and narrow maximum."""
+    best = int(scores.argmax())
+    around = [scores[at] for at in (best - 8, best + 8) if 0 <= at < len(scores)]
+    clear = scores[best] > _CLEAR and scores[best] - scores[most] > _GAIN
+    if abs(best - most) < 3 or not clear or scores[best] - max(around, default=0.0) < _PEAK:
+        return []
+    shift = best - most
+    way = "late" if shift > 0 else "early"
+    what = (
+        f"joints look {abs(shift)} or so frames {way}: so many frames away {scores[best]:.0%} of "
+        f"them lie on what moves in the video, {scores[most]:.0%} as they are"
+    )
+    remedy = "detect in this very video, and count frames from its first"
+    return [Finding(Severity.ERROR, "detections", what, remedy)]
+
+
+def _liveliest(joints: Tensor, confidence: Tensor) -> int:
+    """The first frame of the stretch in which joints move farthest."""
+    count = len(joints) - _STRETCH
+    if count <= 0:
+        return 0
+    both = (confidence[1:] > _CONFIDENT) & (confidence[:-1] > _CONFIDENT)
+    steps = torch.where(both, joints.diff(dim=0).norm(dim=-1), 0).clamp(max=50).sum((1, 2))
+    path = torch.cat((steps.new_zeros(1), steps.cumsum(0)))
+    return int((path[_STRETCH:] - path[: len(path) - _STRETCH]).argmax())
+
+
+def _small(clip: Clip, view: int, frame: int) -> Array:
+    image = clip.read_view(view, frame, frame + 1)[0]
+    height, width = image.shape[:2]
+    scale = _SIDE / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small: Array = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    return small
+
+
+def _is_plain(image: Array) -> bool:
+    low, high = np.percentile(image.mean(-1), (1, 99))
+    return bool(high - low < _PLAIN)
+
+
+def _moving(images: Array) -> Array:
+    """How surely each pixel differs from the median image, 0 to 1, (N, h, w)."""
+    difference = np.abs(images - np.median(images, 0)).sum(-1)
+    usual = np.median(difference)
+    share: Array = difference / (difference + 3 * usual + 10)
+    return share
+
+
+def _hits(
+    moving: Array,
+    places: NDArray[np.float64],
+    seen: NDArray[np.bool_],
+    index: list[int],
+    shift: int,
+) -> float:
+    """Mean of ``moving`` under the limbs of joints ``shift`` frames later."""
+    share = np.linspace(0, 1, 5)[:, None, None]
+    values = []
+    for image, frame in zip(moving, index, strict=True):
+        if not 0 <= frame + shift < len(places):
+            continue
+        ends = places[frame + shift][_BONES[seen[frame + shift][_BONES].all(1)]]  # B 2 2
+        points = ((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)
+        x, y = np.rint(np.clip(points, -1, 1e6)).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
+        if inside.sum() > 5:
+            values.append(float(image[y[inside], x[inside]].mean()))
+    return float(np.mean(values)) if 2 * len(values) >= len(index) and values else 0.0

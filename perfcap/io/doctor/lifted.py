@@ -1,0 +1,106 @@
+"""Whether 3D poses belong to the 2D joints of their view: their axes and their frames."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from perfcap.geometry.resection import translation_from_plane
+from perfcap.io.doctor.finding import Finding, Severity
+
+# Shares of the person's height in the image. Good detectors and lifters leave 0.036 to 0.047.
+FINE = 0.01  # below this nothing is looked for
+LOST = 0.15  # more is no pose of these joints
+FAR = 0.3  # errors beyond this count as this: a joint behind the camera has any
+NEARER = 0.8  # a shift explains a misfit if undoing it leaves at most this share
+EXCHANGED = 0.5
+SHIFTS = 30  # frames looked at, both ways
+_COARSE = (2, 3, 5, 8, 12, 16, 20, 25, SHIFTS)
+_FRAMES = 240  # looked at, evenly spread
+_FEWEST = 10  # frames that say something
+_CONFIDENT = 0.3
+_NEAREST = 0.3  # m from the camera
+
+
+def examine_lifted(
+    name: str, pose: Tensor, plane: Tensor, confidence: Tensor, trusted: Tensor
+) -> list[Finding]:
+    """Place each 3D pose where it projects best onto its 2D joints, and explain what is left.
+
+    Args:
+        name: of the view.
+        pose: in camera axes, relative to the middle of the hips, (F, 16, 3), metres.
+        plane: undistorted image coordinates of the joints, (F, 16, 2).
+        confidence: of the joints, (F, 16).
+        trusted: frames of which there is a pose, (F,), bool.
+    """
+    view = _View(pose, plane, confidence * trusted[:, None])
+    now = view.misfit(0)
+    if not now > FINE:  # also where there is nothing to compare
+        return []
+    exchanged = _View(pose[..., [1, 0, 2]], plane, view.confidence).misfit(0)
+    if exchanged < EXCHANGED * now:
+        what = "x and y look exchanged between the 2D joints and the 3D poses"
+        remedy = "expected x to the right and y down in both"
+        return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
+    shift, least = _best_shift(view)
+    if least < NEARER * now:
+        way = "late" if shift > 0 else "early"
+        what = f"3D poses look {abs(shift)} frames {way} against the 2D joints"
+        remedy = "give 2D and 3D joints of the same frames"
+        return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
+    if now > LOST:
+        what = f"3D poses miss the 2D joints by {now:.0%} of the person's height"
+        remedy = "check that they are of this view, in its camera's axes, and in the same frames"
+        return [Finding(Severity.WARNING, name, what, remedy)]
+    return []
+
+
+class _View:
+    """The poses and joints of one view, frame by frame."""
+
+    def __init__(self, pose: Tensor, plane: Tensor, confidence: Tensor) -> None:
+        self.pose, self.plane = pose, plane
+        seen = confidence > _CONFIDENT
+        self.confidence = torch.where(seen, confidence, 0)
+        y = plane[..., 1]
+        height = y.masked_fill(~seen, -math.inf).amax(-1) - y.masked_fill(~seen, math.inf).amin(-1)
+        height = height[seen.sum(-1) > 8]
+        self.height = float(height.median()) if len(height) else math.nan
+
+    def misfit(self, shift: int) -> float:
+        """Mean distance of poses ``shift`` frames later from the joints, in heights; NaN if none.
+
+        ``shift`` is how many frames the poses are late.
+        """
+        count = len(self.pose) - abs(shift)
+        if count < _FEWEST:
+            return math.nan
+        index = torch.linspace(0, count - 1, min(count, _FRAMES)).round().long()
+        frames, poses = index + max(0, -shift), index + max(0, shift)
+        pose, plane, weight = self.pose[poses], self.plane[frames], self.confidence[frames]
+        weight = weight * (self.confidence[poses] > 0).any(-1, keepdim=True)
+        place, _ = translation_from_plane(pose, plane, weight)
+        points = pose + place[:, None]
+        error = (points[..., :2] / points[..., 2:] - plane).norm(dim=-1) / self.height
+        error = torch.where(points[..., 2] > _NEAREST, error, FAR).nan_to_num(FAR).clamp(max=FAR)
+        used = weight > 0
+        return float(error[used].mean()) if int(used.any(-1).sum()) >= _FEWEST else math.nan
+
+
+def _best_shift(view: _View) -> tuple[int, float]:
+    """The shift of least misfit that is not zero, and that; searched for coarsely, then finely."""
+    found: dict[int, float] = {}
+
+    def measure(shift: int) -> float:
+        if shift not in found:
+            misfit = view.misfit(shift)
+            found[shift] = misfit if math.isfinite(misfit) else math.inf
+        return found[shift]
+
+    best = min((way * step for step in _COARSE for way in (1, -1)), key=measure)
+    near = [shift for shift in range(best - 4, best + 5) if 0 < abs(shift) <= SHIFTS]
+    best = min(near, key=measure)
+    return best, found[best]

@@ -1,0 +1,54 @@
+"""What a capture says of inputs that do not belong together, and what it refuses."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from runs import Command
+from takes import TakeFiles, write_detections, write_take
+
+from perfcap.io.video_writer import VideoWriter
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> TakeFiles:
+    return write_take(tmp_path_factory.mktemp("take"), 40)
+
+
+def test_good_input_is_quiet(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    outcome = perfcap(take.command(tmp_path / "out", "--until", "initialize", "--no-overlay"))
+    assert outcome.code == 0 and not outcome.notes
+
+
+def test_exchanged_axes_and_other_frames(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    seen = take.take.detections
+    assert seen.joints3d is not None
+    index = (torch.arange(40) - 10).clamp(min=0)
+    cases = {
+        "exchanged": replace(seen, joints3d=seen.joints3d[..., [1, 0, 2]]),
+        "10 frames late": replace(seen, joints3d=seen.joints3d[index]),
+    }
+    for words, wrong in cases.items():
+        write_detections(tmp_path / "d.npz", wrong)
+        out = tmp_path / words.split()[0]
+        more = ("--until", "initialize", "--no-overlay")
+        outcome = perfcap(take.command(out, *more, detections=tmp_path / "d.npz"))
+        assert any(words in note for note in outcome.notes), outcome.notes
+        assert words in (out / "run.json").read_text()
+
+
+def test_a_black_video_is_refused_where_images_are_needed(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    with VideoWriter(tmp_path / "black.mp4", 30.0, preset="ultrafast") as writer:
+        for _ in range(40):
+            writer.write(np.zeros((120, 160, 3), np.uint8))
+    out = tmp_path / "out"
+    call = take.command(out, "--until", "refine_surface", video=tmp_path / "black.mp4")
+    outcome = perfcap(call)
+    assert outcome.code == 2 and "of one color" in outcome.err and not list(out.iterdir())
+    call = take.command(out, "--until", "initialize", video=tmp_path / "black.mp4")
+    outcome = perfcap(call)
+    assert outcome.code == 0 and any("of one color" in note for note in outcome.notes)
