@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 _ROOT = Path(__file__).resolve().parents[1]
-for _folder in ("tools", "tests", "tests/io"):
+for _folder in ("tools", "tests", "tests/io", "tests/io/datasets"):
     sys.path.insert(0, str(_ROOT / _folder))
 
 from fuzzing.corpus import targets  # noqa: E402
@@ -36,7 +36,7 @@ from fuzzing.targets import Target, not_a_number, prepare  # noqa: E402
 
 LONGEST = 10  # s
 MOST = 1 << 30  # bytes, and four times the file
-BATCH = 200  # cases of one process
+BATCH = 500  # cases of one process
 
 
 class Hang(BaseException):
@@ -117,13 +117,17 @@ def _serve(known: list[Target], work: Path, seed: int, first: int, pipe: int) ->
 
 
 def target_of(known: list[Target], seed: int, number: int) -> Target:
-    return random.Random(f"{seed} {number}").choice(known)
+    return draw(known, random.Random(f"{seed} {number}"))
+
+
+def draw(known: list[Target], rng: random.Random) -> Target:
+    return rng.choices(known, [each.weight for each in known])[0]
 
 
 def one(known: list[Target], work: Path, seed: int, number: int) -> dict[str, str] | None:
     """What is wrong with a case; None where nothing is."""
     rng = random.Random(f"{seed} {number}")
-    target = rng.choice(known)
+    target = draw(known, rng)
     size = prepare(target, work, rng)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     what = _outcome(target, work, rng)

@@ -11,8 +11,10 @@ import calibration_files
 import cv2
 import detection_files
 import numpy as np
+import trimesh
 from fuzzing import mutate
 from fuzzing.mutate import Random
+from fuzzing.recordings import data_sets
 from fuzzing.targets import Target, command, spoiled
 from takes import TakeFiles, make_take, write_take
 from tiny_networks import write_tiny
@@ -48,6 +50,7 @@ def targets(root: Path) -> list[Target]:
         Target("result", out, lambda f, _: _whole(read_result(f))),
         *_commands(root, take, out),
         *_arrays(root),
+        *data_sets(root),
     ]
 
 
@@ -105,6 +108,14 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (meshes / "a.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf -1 -2 -3 -4\n"
     )
+    plys, stls, gltf = (_new(root, name) for name in ("ply", "stl", "gltf"))
+    box = trimesh.creation.box()
+    box.visual.vertex_colors = np.full((8, 4), 200, np.uint8)
+    (plys / "text.ply").write_bytes(box.export(file_type="ply", encoding="ascii"))
+    (plys / "binary.ply").write_bytes(box.export(file_type="ply"))
+    (stls / "binary.stl").write_bytes(box.export(file_type="stl"))
+    (stls / "text.stl").write_text(box.export(file_type="stl_ascii"))
+    _write_gltf(gltf / "a.gltf")
     (bvh / "a.bvh").write_bytes((root / "result" / "motion.bvh").read_bytes())
     masks, pickles = _new(root, "masks"), _new(root, "pickles")
     picture = np.zeros((40, 30), np.uint8)
@@ -113,14 +124,28 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (pickles / "a.pkl").write_bytes(_PICKLE)
     return [
         Target("actor", actor, lambda f, _: load_actor(str(f)).template),
-        Target("body", body, lambda f, _: load_body_model(f / "body.npz")),
+        Target("body", body, lambda f, _: load_body_model(f / "body.npz"), weight=0.3),
         Target("obj", meshes, lambda f, _: read_mesh(f / "a.obj")),
+        Target("ply", plys, _meshes),
+        Target("stl", stls, _meshes),
+        Target("gltf", gltf, _meshes),
         Target("off", off, lambda f, _: read_off(f / "a.off")),
         Target("trc", trc, lambda f, _: read_trc(f / "a.trc").rate),
         Target("bvh", bvh, lambda f, _: _played(load_bvh(f / "a.bvh"))),
         Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
         Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
     ]
+
+
+def _meshes(folder: Path, _: Random) -> Any:
+    return [read_mesh(path) for path in sorted(folder.iterdir()) if path.suffix != ".bin"]
+
+
+def _write_gltf(path: Path) -> None:
+    """A box of separate files: a tree, and the numbers beside it."""
+    exported = trimesh.creation.box().export(file_type="gltf")
+    for name, data in exported.items():
+        (path if name.endswith(".gltf") else path.with_name(name)).write_bytes(data)
 
 
 def _networks(root: Path) -> list[Target]:
@@ -144,6 +169,8 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         ],
         ["evaluate", "RESULT", "--truth", str(take.truth)],
         ["export", "RESULT", "--to", "bvh", "trc", "csv", "--frames", "0:2"],
+        [*("export", "RESULT", "--to", "npz", "glb", "--up", "z", "--unit", "mm")],
+        ["evaluate", "RESULT", "--dataset", "rendered", "--truth", "RESULT", "--sequence", "x"],
         ["actor", "inspect", str(take.actor)],
     ]
     words = ("", "-", "--", "0:", "3:1", "a:b", "nan", "1e300", "here", "[/x]", "é\x1b", "RESULT")
@@ -175,7 +202,7 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         os.chdir(folder)  # names that are left of a call land here
         command([each.replace("OUT", str(folder / "new")) for each in call or [""]])
 
-    return [Target("commands", out, run, mutates_files=False)]
+    return [Target("commands", out, run, mutates_files=False, weight=0.5)]
 
 
 def _arrays(root: Path) -> list[Target]:
@@ -208,8 +235,8 @@ def _arrays(root: Path) -> list[Target]:
 
     refused = (ValueError, TypeError)
     return [
-        Target("arrays_capture", nothing, solve, refused, mutates_files=False),
-        Target("arrays_refiner", nothing, refine, refused, mutates_files=False),
+        Target("arrays_capture", nothing, solve, refused, False, 0.3),
+        Target("arrays_refiner", nothing, refine, refused, False, 0.02),
     ]
 
 

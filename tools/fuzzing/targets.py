@@ -25,6 +25,7 @@ _BY_SUFFIX: dict[str, Callable[[Random, bytes], bytes]] = {
 _MOST = 100  # frames of an array
 _TREES = (".json", ".gltf")
 _TEXTS = (".toml", ".yml", ".yaml", ".txt", ".obj", ".off", ".bvh", ".trc", ".calibration")
+_TEXTS += (".calib", ".cal", ".xml")
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Target:
         folder: files that it reads as they should be.
         run: reads the files of a folder; what it gives back must be free of NaN.
         refuses: errors that are an answer.
-        file_cost: whether files are mutated; otherwise ``run`` is given the random numbers.
+        mutates_files: whether files are mutated; otherwise ``run`` is given the random numbers.
+        weight: how often it is drawn, relative to others; what solves is drawn less.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Target:
     run: Callable[[Path, Random], Any]
     refuses: tuple[type[BaseException], ...] = (InputError,)
     mutates_files: bool = True
+    weight: float = 1.0
 
 
 def prepare(target: Target, place: Path, rng: Random) -> int:

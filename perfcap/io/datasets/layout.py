@@ -15,6 +15,7 @@ from perfcap.errors import InputError
 from perfcap.io.files import natural_key
 
 MAX_FRAMES = 1_000_000
+_FARTHEST = 1e9  # metres or pixels; a joint out there is no measurement
 
 
 def wrong_layout(folder: Path, title: str, missing: str, expected: str) -> InputError:
@@ -70,12 +71,13 @@ def landmarks_of(points: NDArray[np.float64], joint_set: JointSet, scale: float 
     """The 16 landmarks (..., 16, d) of joints (..., J, d), NaN where there are none.
 
     Args:
-        points: NaN where a joint is unknown.
+        points: NaN where a joint is unknown; so are those too far away for any recording.
         joint_set: names of the J joints.
         scale: what makes metres of the file's unit.
     """
     values = torch.from_numpy(points) * scale
-    known = values.isfinite().all(-1).to(values.dtype)
+    known = (values.abs() < _FARTHEST).all(-1).to(values.dtype)
+    values = torch.where(known.unsqueeze(-1) > 0, values, 0)
     mapped, found = map_to_landmarks(values, known, joint_set)
     return torch.where(found.unsqueeze(-1) > 0, mapped, torch.nan)
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.datasets import DATASETS, Dataset, find_dataset
+from perfcap.io.datasets.joint_sets import SMPL24
+from perfcap.io.datasets.layout import landmarks_of
 
 IDS = [dataset.name for dataset in DATASETS]
 
@@ -50,3 +53,11 @@ def test_unknown_names() -> None:
     assert len(set(IDS)) == len(IDS) == 9
     with pytest.raises(InputError, match="expected one of monoperfcap, human36m"):
         find_dataset("coco")
+
+
+@pytest.mark.parametrize("far", [1e300, float("inf"), float("nan")])
+def test_joints_that_are_nowhere_are_unknown(far: float) -> None:
+    points = np.ones((2, 24, 3))
+    points[0, :, 1] = far
+    found = landmarks_of(points, SMPL24)
+    assert found[0].isnan().all() and found[1].isfinite().any()
