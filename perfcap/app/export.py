@@ -52,6 +52,11 @@ def run_export(request: ExportRequest) -> int:
     name = _name(request)
     recording = _recording(request, name, read_result(request.folder))
     out = request.out or request.folder / FOLDER
+    if request.out is None and out.is_symlink():
+        raise InputError(
+            f"{out}: is a link; nothing outside the folder of a result is written unless --out "
+            "names it"
+        )
     with publishing(out) as scratch:
         for chosen in formats.values():
             free = not chosen.fixed

@@ -23,11 +23,12 @@ from perfcap.actor.rig import Rig, with_limits
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.atomic import unwritable, writing
+from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
 from perfcap.io.gltf_write import save_animation
+from perfcap.io.publish import publishing
 
 MESH, MANIFEST = "actor.glb", "manifest.toml"
 UNKNOWN = "unknown"
@@ -71,8 +72,7 @@ def save_actor(
     """Write an actor as a folder that ``load_actor`` reads back.
 
     Vertices, texture coordinates, weights and texture come back bit for bit if the template is
-    ``rounded``, as all that perfcap reads or imports is. Each file appears complete or not at all,
-    the manifest last.
+    ``rounded``, as all that perfcap reads or imports is. The files appear complete, together.
 
     Args:
         actor: what to write; its skeleton is the human one.
@@ -96,14 +96,11 @@ def save_actor(
         {n: (template.bone_names[b], _triple(p)) for n, (b, p) in _landmarks(template).items()},
         _own_limits(actor),
     )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from None
     still = np.eye(4)[None, None].repeat(len(template.bone_names), 1)
-    save_animation(folder / MESH, template, still, fps=1.0)
-    with writing(folder / MANIFEST) as file:
-        file.write("\n".join([*_lines(manifest, folder / MESH), ""]).encode())
+    with publishing(folder) as scratch:
+        save_animation(scratch / MESH, template, still, fps=1.0)
+        with writing(scratch / MANIFEST) as file:
+            file.write("\n".join([*_lines(manifest, scratch / MESH), ""]).encode())
 
 
 def _joint_bones(template: Template) -> Mapping[str, int]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perfcap.errors import InputError
-from perfcap.io.atomic import unwritable, writing
+from perfcap.io.atomic import settle, unwritable, writing
 from perfcap.io.files import read_json
 from perfcap.io.mask_files import remove_masks
 
@@ -46,7 +46,7 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"--out {folder}: another perfcap writes into this folder at the moment; wait for "
+                f"{folder}: another perfcap writes into this folder at the moment; wait for "
                 "it, or choose another folder"
             ) from None
         except OSError as error:
@@ -151,6 +151,7 @@ def finish(folder: Path) -> None:
     _move(scratch, folder, [name for name in plan.names if name != REPORT])
     _remove_older(folder, plan)
     _move(scratch, folder, [REPORT])
+    settle(folder)
     _remove(folder / WORK / _PLAN)
     tidy(folder, everything=plan.last)
 
@@ -201,6 +202,8 @@ def _plan(folder: Path, scratch: Path, last: bool) -> None:
     older = holds_result(folder)
     with writing(folder / WORK / _PLAN) as file:
         file.write(json.dumps({"names": names, "older": older, "last": last}).encode())
+    for place in (scratch, folder / WORK):
+        settle(place)  # no loss of power brings the plan without what it speaks of
 
 
 def _move(scratch: Path, folder: Path, names: Collection[str]) -> None:

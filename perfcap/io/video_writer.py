@@ -14,7 +14,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.io.atomic import partial_path, unwritable
+from perfcap.io.atomic import claim, partial_path, unwritable
 
 
 class VideoWriter:
@@ -53,6 +53,7 @@ class VideoWriter:
         self._options = {"crf": str(crf), "preset": preset, "x264-params": "mbtree=0"}
         self._container: Any = None
         self._stream: Any = None
+        self._claim: int | None = None  # descriptor of the temporary file, locked
         self._size: tuple[int, int] | None = None
 
     def __enter__(self) -> Self:
@@ -100,7 +101,10 @@ class VideoWriter:
             self._container.mux(self._stream.encode())
             self._container.close()
             self._container = None
+            assert self._claim is not None
+            os.fsync(self._claim)
             os.replace(self._partial, self.path)
+            self._release()
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
@@ -117,11 +121,19 @@ class VideoWriter:
             with suppress(OSError):  # closing writes the rest, which may be what failed
                 self._container.close()
             self._container = None
-        with suppress(OSError):
-            self._partial.unlink()
+        if self._claim is not None:
+            with suppress(OSError):
+                self._partial.unlink()
+            self._release()
+
+    def _release(self) -> None:
+        if self._claim is not None:
+            os.close(self._claim)
+            self._claim = None
 
     def _begin(self, size: tuple[int, int]) -> None:
         self._size = size
+        self._claim = claim(self.path)
         self._container = av.open(
             str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
         )

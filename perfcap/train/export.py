@@ -16,6 +16,7 @@ from perfcap.detect.lifting import FEATURES
 from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.publish import publishing
 from perfcap.train.lifter import Lifter, LifterCommittee
 
 MODEL = "model.onnx"
@@ -79,10 +80,10 @@ licence = {_quoted(licence)}
 origin = {_quoted(origin)}
 
 {network}"""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in ((MODEL, data), (MANIFEST, text.encode())):
-        with writing(folder / name) as file:
-            file.write(content)
+    with publishing(folder) as scratch:
+        for name, content in ((MODEL, data), (MANIFEST, text.encode())):
+            with writing(scratch / name) as file:
+                file.write(content)
 
 
 def to_onnx(

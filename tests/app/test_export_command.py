@@ -197,3 +197,12 @@ def test_older_results_are_read(folder: Path, perfcap: Command) -> None:
     (folder / "run.json").write_text("{}")
     assert perfcap(["export", folder, "--to", *PLAIN, "--frames", ":2"]).code == 0
     assert not list((folder / "export").glob("*_angles.csv"))
+
+
+def test_nothing_is_written_through_a_link(folder: Path, tmp_path: Path, perfcap: Command) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (folder / "export").symlink_to(elsewhere)
+    assert "is a link" in perfcap(["export", folder, "--to", "bvh"]).refused()
+    assert not list(elsewhere.iterdir())
+    assert perfcap(["export", folder, "--to", "bvh", "--out", elsewhere]).code == 0

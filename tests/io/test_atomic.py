@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.atomic import writing
+from perfcap.io.atomic import partial_path, writing
 from perfcap.io.video_writer import VideoWriter
 
 
@@ -66,3 +66,48 @@ def test_videos_too(tmp_path: Path, place: str) -> None:
         VideoWriter(tmp_path / place, 30) as writer,
     ):
         writer.write(np.zeros((32, 32, 3), np.uint8))
+
+
+def test_what_a_killed_writer_left_is_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    partial_path(path).write_bytes(b"what was written before the kill")
+    with writing(path) as file:
+        file.write(b"new")
+    assert path.read_bytes() == b"new" and [p.name for p in tmp_path.iterdir()] == ["a.bin"]
+    partial_path(tmp_path / "a.mp4").write_bytes(b"half")
+    with VideoWriter(tmp_path / "a.mp4", 30) as writer:
+        writer.write(np.zeros((32, 32, 3), np.uint8))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.bin", "a.mp4"]
+
+
+def test_one_writer_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    with writing(path) as file:
+        file.write(b"first")
+        with pytest.raises(InputError, match="another perfcap writes it"), writing(path) as other:
+            other.write(b"second")
+        file.write(b", whole")
+    assert path.read_bytes() == b"first, whole"
+
+
+def test_a_link_in_the_way_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_bytes(b"mine")
+    partial_path(tmp_path / "a").symlink_to(tmp_path / "precious")
+    with pytest.raises(InputError, match="cannot be written"), writing(tmp_path / "a") as file:
+        file.write(b"x")
+    os.mkfifo(partial_path(tmp_path / "b"))
+    with pytest.raises(InputError, match="cannot be written"), writing(tmp_path / "b") as file:
+        file.write(b"x")
+    assert (tmp_path / "precious").read_bytes() == b"mine"
+
+
+def test_content_is_on_the_disk_before_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+    sync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda fd: (seen.append("sync"), sync(fd)))
+    monkeypatch.setattr(os, "replace", lambda a, b: (seen.append("name"), replace(a, b)))
+    with writing(tmp_path / "a") as file:
+        file.write(b"x")
+    assert seen == ["sync", "name"]

@@ -1,6 +1,9 @@
 """Where exports go, and what things in them are called."""
 
+import errno
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -55,3 +58,118 @@ def test_an_export_replaces_an_older_one_and_nothing_else(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="is a folder already"), publishing(tmp_path) as scratch:
         (scratch / "seq").write_text("x")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.glb", "seq"]
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Files by their names, hidden ones too."""
+    return {
+        str(path.relative_to(folder)): path.read_text()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def put(folder: Path, content: str) -> None:
+    with publishing(folder) as scratch:
+        (scratch / "a.glb").write_text(content)
+        (scratch / "seq").mkdir()
+        (scratch / "seq" / "1.obj").write_text(content)
+
+
+def test_a_kill_at_any_change_leaves_the_old_or_the_new(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the next call finds after every call that changes a folder was the last."""
+    old = {"a.glb": "old", "seq/1.obj": "old"}
+    new = {"a.glb": "new", "seq/1.obj": "new"}
+
+    class Killed(BaseException):
+        pass
+
+    calls = 0
+    real = {name: getattr(os, name) for name in ("replace", "mkdir", "unlink", "rmdir", "fsync")}
+
+    def dying(name: str, last: int) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            nonlocal calls
+            calls += 1
+            if calls >= last:  # nothing works any more, cleaning up neither
+                raise Killed
+            return real[name](*args, **kwargs)
+
+        return call
+
+    ends = set()
+    for last in range(1, 60):
+        folder = tmp_path / str(last)
+        put(folder, "old")
+        calls = 0
+        with monkeypatch.context() as patch:
+            for name in real:
+                patch.setattr(os, name, dying(name, last))
+            try:
+                put(folder, "new")
+            except Killed:
+                pass
+            else:
+                break
+        with publishing(folder):
+            pass
+        found = contents(folder)
+        assert found in (old, new), (last, found)
+        ends.add(found["a.glb"])
+    assert ends == {"old", "new"} and last > 8
+
+
+def test_a_refusing_disk_leaves_the_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every call that takes space is refused in turn: the old stays, and is what is read."""
+    refused = 0
+    real = {name: getattr(os, name) for name in ("mkdir", "fsync", "open")}
+    for at in range(1, 40):
+        folder = tmp_path / str(at)
+        put(folder, "old")
+        calls = 0
+
+        def full(name: str, at: int = at) -> Any:
+            def call(*args: Any, **kwargs: Any) -> Any:
+                nonlocal calls
+                calls += 1
+                if calls == at:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                return real[name](*args, **kwargs)
+
+            return call
+
+        with monkeypatch.context() as patch:
+            for name in real:
+                patch.setattr(os, name, full(name))
+            try:
+                put(folder, "new")
+            except (InputError, OSError):
+                refused += 1
+        assert contents(folder) in (
+            {"a.glb": "old", "seq/1.obj": "old"},
+            {"a.glb": "new", "seq/1.obj": "new"},
+        ), at
+        if calls < at:
+            break
+    assert refused > 3
+
+
+def test_one_at_a_time(tmp_path: Path) -> None:
+    with (
+        publishing(tmp_path),
+        pytest.raises(InputError, match="another perfcap"),
+        publishing(tmp_path),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("plan", ['["../x"]', "[1]", '{"a": 1}', '["a/b"]'])
+def test_damaged_plans_move_nothing(plan: str, tmp_path: Path) -> None:
+    work = tmp_path / "out" / ".perfcap-new"
+    (work / "new").mkdir(parents=True)
+    (work / "publish.json").write_text(plan)
+    with pytest.raises(InputError, match="is damaged"), publishing(tmp_path / "out"):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -1,8 +1,8 @@
 """A finished capture as files of other programs."""
 
-from perfcap.io.export.folder import publishing
 from perfcap.io.export.formats import FORMATS, Format
 from perfcap.io.export.options import UNITS, Options
 from perfcap.io.export.recording import Recording, upright_from
+from perfcap.io.publish import publishing
 
 __all__ = ["FORMATS", "UNITS", "Format", "Options", "Recording", "publishing", "upright_from"]
