@@ -77,9 +77,15 @@ def landmarks_of(points: NDArray[np.float64], joint_set: JointSet, scale: float 
     """
     values = torch.from_numpy(points) * scale
     known = (values.abs() < _FARTHEST).all(-1).to(values.dtype)
-    values = torch.where(known.unsqueeze(-1) > 0, values, 0)
+    values = torch.where(known.unsqueeze(-1) > 0, values, 0)  # NaN times zero is NaN
     mapped, found = map_to_landmarks(values, known, joint_set)
     return torch.where(found.unsqueeze(-1) > 0, mapped, torch.nan)
+
+
+def measured(points: NDArray[np.float64]) -> Tensor:
+    """Points (..., d), NaN where a coordinate is unknown or too far away for any recording."""
+    values = torch.from_numpy(points)
+    return torch.where((values.abs() < _FARTHEST).all(-1, keepdim=True), values, torch.nan)
 
 
 def present(paths: Sequence[Path]) -> tuple[Path, ...]:

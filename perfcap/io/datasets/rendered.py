@@ -17,7 +17,14 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.calibration import CameraRig, read_cameras
-from perfcap.io.datasets.layout import array_of, check_name, matching, present, wrong_layout
+from perfcap.io.datasets.layout import (
+    array_of,
+    check_name,
+    matching,
+    measured,
+    present,
+    wrong_layout,
+)
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol, SurfaceTruth
 from perfcap.io.files import read_json
 from perfcap.metrics import Alignment
@@ -26,6 +33,7 @@ _TITLE = "the rendered sequences"
 _LAYOUT = "NAME/camera.json with NAME/gt.npz, or NAME/cameras.json with NAME/person1/gt.npz"
 _TRUTH = "the truth of a rendered sequence"
 _TEMPLATE = "the template of a rendered sequence"
+_FARTHEST = 1e6  # m
 _LOOSE = ("skirt", "coat")
 
 
@@ -66,9 +74,9 @@ def _one_view(folder: Path, name: str) -> DatasetSequence:
         folder=folder,
         frames=torch.arange(frames),
         rate=rate,
-        joints3d=torch.from_numpy(joints3d),
+        joints3d=measured(joints3d),
         rig=rig,
-        pixels=torch.from_numpy(pixels)[:, None],
+        pixels=measured(pixels)[:, None],
         videos=present([folder / "video.mp4"]),
         masks=tuple(masks),
         surface=partial(_read_surface, folder, packed=False),
@@ -88,9 +96,9 @@ def _several_views(folder: Path, person: Path, name: str) -> DatasetSequence:
         folder=person,
         frames=torch.arange(len(joints3d)),
         rate=rate,
-        joints3d=torch.from_numpy(joints3d),
+        joints3d=measured(joints3d),
         rig=rig,
-        pixels=torch.from_numpy(pixels),
+        pixels=measured(pixels),
         videos=present([folder / "views" / f"{view}.mp4" for view in rig.names]),
         surface=partial(_read_surface, person, packed=True),
     )
@@ -121,6 +129,8 @@ def _read_surface(folder: Path, packed: bool) -> SurfaceTruth:
         vertices = steps.cumsum(0).transpose(0, 2, 1) * scale
     else:
         vertices = array_of(f"{path}: vertices", truth.get("vertices"), (None, None, 3))
+    if not (np.abs(vertices) < _FARTHEST).all():
+        raise InputError(f"{path}: vertices are not all numbers of metres; expected a true surface")
     return _on_template(folder / "template.npz", vertices)
 
 
@@ -139,6 +149,8 @@ def _on_template(path: Path, vertices: NDArray[np.float64]) -> SurfaceTruth:
             raise InputError(f"{path}: {what} name vertices that are not among the {count}")
     order = np.zeros(count, np.int64)
     order[places.astype(np.int64)] = np.arange(len(places))
+    if template["part_names"].ndim != 1:
+        raise InputError(f"{path}: part_names has no axis, expected one name a part")
     loose = [i for i, title in enumerate(template["part_names"]) if str(title) in _LOOSE]
     return SurfaceTruth(vertices, faces, order, len(places), np.isin(part, loose))
 

@@ -75,6 +75,8 @@ def _numbers(where: str, key: str, block: dict[str, list[str]], count: int) -> N
         numbers = np.array([float(value) for value in block.get(key, [])])
     except ValueError as error:
         raise InputError(f"{where}: {key} holds something that is no number") from error
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where}: {key} holds NaN or infinity, expected numbers")
     if len(numbers) != count:
         raise InputError(f"{where}: {key} has {len(numbers)} numbers, expected {count}")
     return numbers

@@ -84,6 +84,7 @@ def test_meshes_that_cannot_be_used(tmp_path: Path, text: str) -> None:
         ("nothing\n", "no line 'intrinsic'"),
         ("intrinsic 1 2 3\n", "extrinsic has 0 numbers|intrinsic has 3"),
         ("name 0\nanimated 1\nintrinsic 1\n", "is animated"),
+        ("name 0\nsize nan 1080\nintrinsic 1\n", "size holds NaN or infinity"),
     ],
 )
 def test_camera_files_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:

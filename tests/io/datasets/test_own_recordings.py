@@ -135,6 +135,27 @@ def test_truth_that_cannot_be_used(tmp_path: Path) -> None:
         surface()
 
 
+def test_truth_of_numbers_that_are_none(tmp_path: Path) -> None:
+    write_rendered(tmp_path)
+    truth = tmp_path / "dev" / "gt.npz"
+    points, vertices = np.zeros((5, 16, 3)), np.zeros((5, 4, 3))
+    points[1, 2], vertices[1, 2] = np.inf, np.nan
+    np.savez(truth, joints3d=points, joints2d=points[..., :2], vertices=vertices)
+    sequence = RENDERED.read(tmp_path, "dev")
+    assert sequence.joints3d is not None and sequence.pixels is not None
+    assert sequence.joints3d[1, 2].isnan().all() and sequence.pixels[1, 0, 2].isnan().all()
+    assert sequence.surface is not None
+    with pytest.raises(InputError, match="vertices are not all numbers"):
+        sequence.surface()
+    np.savez(truth, joints3d=points, joints2d=points[..., :2], vertices=0 * np.nan_to_num(vertices))
+    one_name = surface_arrays() | {"part_names": np.array("skirt")}
+    np.savez(tmp_path / "dev" / "template.npz", **one_name)
+    surface = RENDERED.read(tmp_path, "dev").surface
+    assert surface is not None
+    with pytest.raises(InputError, match="part_names has no axis"):
+        surface()
+
+
 def write_trc(path: Path, points: Floats, unit: str = "m") -> None:
     """As Pose2Sim writes it: Y up."""
     names = "\t\t\t".join(TRC_NAMES)
