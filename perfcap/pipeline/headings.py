@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
+from perfcap.pipeline.checkpoint import NOTHING, Kept, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.objective import neutral_angles
@@ -32,6 +33,7 @@ def search_headings(
     pixel_unit: Tensor,
     motion: Motion,
     known: Tensor,
+    kept: Kept = NOTHING,
 ) -> tuple[Motion, Tensor]:
     """Poses for frames far from any that is known, each from the view that shows most joints.
 
@@ -47,6 +49,7 @@ def search_headings(
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
         motion: (F,); anything where it is not known.
         known: frames of which it is, (F,), bool.
+        kept: keeps each batch of poses.
 
     Returns:
         motion: with the poses found, (F,).
@@ -55,17 +58,27 @@ def search_headings(
     views = _telling_views(detections) & ~_near(known)[:, None]
     between = fill_gaps(motion, known) if bool(known.any() & views.any()) else None
     motion, found = motion if between is None else between, known.clone()
-    for view in torch.nonzero(views.any(0)).flatten().tolist():
-        for index in torch.split(torch.nonzero(views[:, view]).flatten(), config.initial_batch):
-            some = replace(detections.frames(index).select([view]), joints3d=None)
-            camera, unit = cameras.frames(index).select([view]), pixel_unit[[view]]
-            pose, energy = _best_heading(actor, camera, some, config, unit)
-            if between is not None:
-                guess = between[index]
-                _, rival = solve_frames(actor, camera, some, config, unit, guess)
-                pose = pose.where(energy + _CLEARLY < rival.nan_to_num(torch.inf), guess)
-            motion = _replaced(motion, index, pose)
-            found[index] = torch.isfinite(pose.coordinates().frame).all(-1)
+    tasks = [
+        (view, index)
+        for view in torch.nonzero(views.any(0)).flatten().tolist()
+        for index in torch.split(torch.nonzero(views[:, view]).flatten(), config.initial_batch)
+    ]
+
+    def solve(task: tuple[int, Tensor]) -> Motion:
+        view, index = task
+        some = replace(detections.frames(index).select([view]), joints3d=None)
+        camera, unit = cameras.frames(index).select([view]), pixel_unit[[view]]
+        pose, energy = _best_heading(actor, camera, some, config, unit)
+        if between is None:
+            return pose
+        guess = between[index]
+        _, rival = solve_frames(actor, camera, some, config, unit, guess)
+        return pose.where(energy + _CLEARLY < rival.nan_to_num(torch.inf), guess)
+
+    poses = kept.each(motions(motion.translation), solve, tasks)
+    for (_, index), pose in zip(tasks, poses, strict=True):
+        motion = _replaced(motion, index, pose)
+        found[index] = torch.isfinite(pose.coordinates().frame).all(-1)
     return motion, found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,6 +15,7 @@ from perfcap.geometry.alignment import procrustes
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.geometry.triangulation import triangulate
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.headings import search_headings
@@ -32,6 +34,7 @@ def initialize(
     prepared: Prepared,
     config: PoseConfig,
     pixel_unit: Tensor,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> tuple[Motion, Tensor]:
     """Minimise E_2d + E_3d frame by frame (Xu et al. 2018, Sec. 4; MPC-15).
 
@@ -45,6 +48,7 @@ def initialize(
         prepared: detections of F frames.
         config: of the pose.
         pixel_unit: one percent of the person's height in each view, (C,), pixels.
+        checkpoint: keeps every batch of frames.
 
     Returns:
         motion: (F,); frames that cannot be solved alone are filled from their neighbours.
@@ -54,18 +58,35 @@ def initialize(
         InputError: no view shows the person in any frame.
     """
     detections = prepared.detections
-    motions, placed = [], []
-    for start in range(0, detections.frame_count, config.initial_batch):
-        part = slice(start, start + config.initial_batch)
+    starts = range(0, detections.frame_count, config.initial_batch)
+    tasks = [slice(start, start + config.initial_batch) for start in starts]
+
+    def solve(part: slice) -> tuple[Motion, Tensor]:
         some = prepared.frames(part)
-        motion, known = _initialize_part(actor, cameras.frames(part), some, config, pixel_unit)
-        motions.append(motion)
+        return _initialize_part(actor, cameras.frames(part), some, config, pixel_unit)
+
+    kept = checkpoint.kept("initialize").each(_parts_of(detections.joints2d), solve, tasks)
+    solved, placed = [], []
+    for motion, known in kept:
+        solved.append(motion)
         placed.append(known & torch.isfinite(motion.coordinates().frame).all(-1))
     seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
-    whole = Motion.cat(motions)
+    whole = Motion.cat(solved)
     known = torch.cat(placed) & seen
-    found = search_headings(actor, cameras, detections, config, pixel_unit, whole, known)
+    more = checkpoint.kept("headings")
+    found = search_headings(actor, cameras, detections, config, pixel_unit, whole, known, more)
     return fill_gaps(*found), seen
+
+
+def _parts_of(like: Tensor) -> Codec[tuple[Motion, Tensor]]:
+    """How some frames and what is known of them are kept."""
+    motion = motions(like)
+
+    def unpack(record: dict[str, Any]) -> tuple[Motion, Tensor]:
+        known = torch.from_numpy(record.pop("known")).to(like.device)
+        return motion.unpack(record), known
+
+    return Codec(lambda part: {**motion.pack(part[0]), "known": part[1].numpy(force=True)}, unpack)
 
 
 def _initialize_part(

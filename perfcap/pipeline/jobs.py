@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -19,7 +18,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
@@ -160,24 +159,9 @@ def _start(
             actor = actor.resized(bones)
     with clock.stage("initialize"):
         prepared = prepare(actor, cameras, detections, pose.position.gate)
-        kept = checkpoint.kept("initialize")
-        motion, seen = kept.once(
-            _started(like), partial(initialize, actor, cameras, prepared, pose, pixel_unit)
-        )
+        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit, checkpoint)
     problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
     return _Start(problem, motion, seen, replace(config, pose=pose), bones)
-
-
-def _started(like: Tensor) -> Codec[tuple[Motion, Tensor]]:
-    motion = motions(like)
-
-    def unpack(record: dict[str, Any]) -> tuple[Motion, Tensor]:
-        seen = torch.from_numpy(record.pop("seen")).to(like.device)
-        return motion.unpack(record), seen
-
-    return Codec(
-        lambda result: {**motion.pack(result[0]), "seen": result[1].numpy(force=True)}, unpack
-    )
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:

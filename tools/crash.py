@@ -1,0 +1,314 @@
+"""Kill captures, fill their disk and turn back their clock; what they leave must be whole.
+
+    python tools/crash.py kills --count 100   # at random moments and at changes of files
+    python tools/crash.py disk                # a tmpfs: full, without inodes, read-only; needs root
+    python tools/crash.py clock               # time that runs backwards
+
+Takes of one view and of four are filmed small, captured with images to the surface, and resumed
+after each kill. The result must have the bits of a capture that nobody disturbed. Each capture runs
+in a process that is forked from this one, so that a kill costs no start of Python.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import mmap
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[1]
+for _folder in ("tests", "tests/pipeline"):
+    sys.path.insert(0, str(_ROOT / _folder))
+
+import numpy as np  # noqa: E402
+import torch  # noqa: E402
+from takes import (  # noqa: E402
+    camera_entry,
+    detect,
+    make_take,
+    marked_template,
+    shrunk,
+    write_actor,
+    write_detections,
+    write_json,
+)
+from test_checkpoint import FRAMES, SIDE, film  # noqa: E402
+
+from perfcap.actor.actor import Actor  # noqa: E402
+from perfcap.cli import main as perfcap  # noqa: E402
+from perfcap.io.journal import Journal  # noqa: E402
+from perfcap.io.video_writer import VideoWriter  # noqa: E402
+
+CHANGES = ("replace", "mkdir", "unlink", "rmdir", "fsync")
+TIMED = ("wall_s", "stages", "peak_memory_mib")  # of run.json
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The files of a take and the command that captures it."""
+
+    folder: Path
+    views: int
+
+    def call(self, out: Path, *more: str) -> list[str]:
+        """Arguments of ``perfcap``."""
+        names = [f"cam{view}" for view in range(self.views)]
+        videos = [str(self.folder / f"{name}.mp4") for name in names]
+        detections = [str(self.folder / f"{name}.npz") for name in names]
+        options = {"actor": "actor.glb", "cameras": "cameras.json"}
+        files = [text for name, file in options.items()
+                 for text in (f"--{name}", str(self.folder / file))]  # fmt: skip
+        return ["capture", *videos, *files, "--detections", *detections, "--out", str(out), *more]
+
+
+def make_scene(folder: Path, views: int) -> Scene:
+    actor = Actor(marked_template())
+    take = make_take(FRAMES, views=views, actor=actor)
+    cameras = shrunk(take.cameras, (SIDE, SIDE))
+    take = replace(take, cameras=cameras, detections=detect(actor, cameras, take.truth))
+    folder.mkdir(parents=True)
+    write_actor(folder / "actor.glb", actor.template)
+    shown = film(take, cameras)
+    names = [f"cam{view}" for view in range(views)]
+    for view, name in enumerate(names):
+        write_detections(folder / f"{name}.npz", take.detections.select([view]))
+        with VideoWriter(folder / f"{name}.mp4", take.rate, preset="ultrafast") as writer:
+            for image in shown.read_view(view, 0, FRAMES):
+                writer.write(np.ascontiguousarray(image))
+    entries = {name: camera_entry(cameras, view) for view, name in enumerate(names)}
+    write_json(folder / "cameras.json", entries["cam0"] if views == 1 else {"views": entries})
+    return Scene(folder, views)
+
+
+def start(arguments: list[str], prepare: Callable[[], None] = lambda: None) -> int:
+    """Run a command in a forked process, quietly; returns its number."""
+    child = os.fork()
+    if child:
+        return child
+    code = 70
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as sink:
+            words = io.StringIO()
+            with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(words):
+                torch.set_num_threads(1)
+                prepare()
+                try:
+                    perfcap(arguments)
+                except SystemExit as end:
+                    code = int(end.code or 0)
+    finally:
+        os._exit(code)
+
+
+def finished(child: int) -> int:
+    """Exit code of a process; minus its signal where it was killed."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def run(arguments: list[str], prepare: Callable[[], None] = lambda: None) -> int:
+    return finished(start(arguments, prepare))
+
+
+def bits(out: Path) -> dict[str, str]:
+    """Every file of a result by its digest, but for what tells of time and memory."""
+    found = {}
+    for path in sorted(out.rglob("*")):
+        if not path.is_file():
+            continue
+        data = path.read_bytes()
+        if path.name == "run.json":
+            report = json.loads(data)
+            for name in TIMED:
+                report.pop(name, None)
+            report["request"].pop("out")
+            data = json.dumps(report, sort_keys=True).encode()
+        found[str(path.relative_to(out))] = hashlib.sha256(data).hexdigest()
+    return found
+
+
+def dying(last: int, note: Callable[[int], None] = lambda count: None) -> Callable[[], None]:
+    """Make the process kill itself just before, or at half of, its ``last``-th change of files."""
+
+    def prepare() -> None:
+        count = [0]
+
+        def counted(genuine: Callable[..., object], half: bool) -> Callable[..., object]:
+            def call(*args: object, **kwargs: object) -> object:
+                count[0] += 1
+                note(count[0])
+                if count[0] == last:
+                    if half and last % 2:
+                        genuine(*args, **kwargs)
+                        path = args[0].path  # type: ignore[attr-defined]
+                        os.truncate(path, path.stat().st_size - 5)
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return genuine(*args, **kwargs)
+
+            return call
+
+        for name in CHANGES:
+            setattr(os, name, counted(getattr(os, name), half=False))
+        Journal.append = counted(Journal.append, half=True)  # type: ignore[method-assign, assignment]
+
+    return prepare
+
+
+def count_changes(scene: Scene, out: Path) -> int:
+    """How often a capture changes files."""
+    with mmap.mmap(-1, 8) as shared:  # the process that counts is another
+
+        def note(count: int) -> None:
+            shared[:8] = count.to_bytes(8, "little")
+
+        assert run(scene.call(out), dying(-1, note)) == 0
+        return int.from_bytes(shared[:8], "little")
+
+
+def kills(scenes: list[Scene], work: Path, count: int, seed: int) -> Iterator[str]:
+    """Half of the kills at random moments, half at changes of files spread over all of them."""
+    rng = random.Random(seed)
+    for scene in scenes:
+        began = time.monotonic()
+        whole = work / f"whole{scene.views}"
+        assert run(scene.call(whole)) == 0
+        took, expected = time.monotonic() - began, bits(whole)
+        changes = count_changes(scene, work / "counted")
+        share = count // len(scenes)
+        places = np.linspace(1, changes, share - share // 2).round().astype(int).tolist()
+        done = survived = restarts = 0
+        while done < share:
+            out = work / f"killed{scene.views}_{done}"
+            code = -1
+            while code < 0:
+                resume = scene.call(out, "--resume")
+                if done >= share:
+                    code = run(resume)
+                elif done % 2 and places:
+                    code = run(resume, dying(places.pop(rng.randrange(len(places)))))
+                else:
+                    child = start(resume)
+                    time.sleep(rng.uniform(0, took))
+                    os.kill(child, signal.SIGKILL)
+                    code = finished(child)
+                done += code < 0
+                restarts += 1
+            equal = code == 0 and bits(out) == expected
+            survived += equal
+            if not equal:
+                yield f"FOUND: views {scene.views}, {out}: code {code}, other bits"
+            else:
+                shutil.rmtree(out)
+            if code >= 0 and not equal:
+                break
+        yield (
+            f"{scene.views} views: {done} kills in {restarts} runs, {changes} changes of files, "
+            f"{survived} results, all with the bits of the undisturbed one; {took:.1f} s each"
+        )
+
+
+def disk(scene: Scene, work: Path, steps: int) -> Iterator[str]:
+    """An older result lies on a disk that is too small for the next one."""
+    older, place = work / "older", work / "disk"
+    assert run(scene.call(older, "--until", "initialize", "--no-overlay")) == 0
+    assert run(scene.call(work / "whole")) == 0
+    expected, before = bits(work / "whole"), bits(older)
+    size = sum(path.stat().st_size for path in older.rglob("*") if path.is_file())
+    new = sum(path.stat().st_size for path in (work / "whole").rglob("*") if path.is_file())
+    place.mkdir()
+    cases = [f"size={size + 65536 + int(3 * new * at / steps)}" for at in range(steps)]
+    cases += [f"size=1g,nr_inodes={len(before) + 4 + at * 2}" for at in range(steps)]
+    lost = refused = 0
+    for case in [*cases, "ro"]:
+        options = "size=1g" if case == "ro" else case
+        subprocess.run(["mount", "-t", "tmpfs", "-o", options, "none", str(place)], check=True)
+        try:
+            out = place / "out"
+            shutil.copytree(older, out)
+            if case == "ro":
+                subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+            code = run(scene.call(out, "--overwrite"))
+            found = {name: data for name, data in bits(out).items() if ".perfcap" not in name}
+            refused += code == 2
+            if code not in (0, 2) or found != (expected if code == 0 else before):
+                lost += 1
+                yield f"FOUND: {case}: code {code}, {sorted(set(found) ^ set(before))[:5]}"
+            if code == 2:
+                more = "remount,rw,size=1g,nr_inodes=100000"
+                subprocess.run(["mount", "-o", more, str(place)], check=True)
+                again = run(scene.call(out, "--resume", "--overwrite"))
+                if again != 0 or bits(out) != expected:
+                    lost += 1
+                    yield f"FOUND: {case}: resumed with code {again}, other bits"
+        finally:
+            subprocess.run(["umount", str(place)], check=True)
+    yield f"{len(cases) + 1} disks, {refused} of them too small: {lost} older results lost"
+
+
+def clock(scene: Scene, work: Path) -> Iterator[str]:
+    """Time that runs backwards, an hour with every question."""
+    assert run(scene.call(work / "whole")) == 0
+    now = [time.time()]
+
+    def backwards() -> float:
+        now[0] -= 3600
+        return now[0]
+
+    def prepare() -> None:
+        time.time = backwards
+        time.time_ns = lambda: int(1e9 * backwards())
+
+    def dies() -> None:
+        prepare()
+        dying(20)()
+
+    codes = [
+        run(scene.call(work / "out"), dies),
+        run(scene.call(work / "out", "--resume"), prepare),
+    ]
+    equal = bits(work / "out") == bits(work / "whole")
+    yield f"clock backwards: codes {codes}, {'the same bits' if equal else 'FOUND: other bits'}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("kills", "disk", "clock"))
+    parser.add_argument("--count", type=int, default=100, help="kills")
+    parser.add_argument("--steps", type=int, default=12, help="sizes of disks, and of inodes")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--views", type=int, nargs="+", default=[1, 4])
+    options = parser.parse_args()
+    bad = 0
+    with tempfile.TemporaryDirectory() as name:
+        work = Path(name)
+        scenes = [make_scene(work / f"scene{views}", views) for views in options.views]
+        torch.set_num_threads(1)
+        with contextlib.suppress(SystemExit), contextlib.redirect_stderr(io.StringIO()):
+            perfcap(scenes[0].call(work / "warm"))  # compiled once, for all that is forked
+        if options.what == "kills":
+            lines = kills(scenes, work, options.count, options.seed)
+        elif options.what == "disk":
+            lines = disk(scenes[0], work, options.steps)
+        else:
+            lines = clock(scenes[0], work)
+        for line in lines:
+            bad += "FOUND" in line
+            sys.stdout.write(f"{line}\n")
+            sys.stdout.flush()
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
