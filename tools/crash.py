@@ -53,6 +53,7 @@ from perfcap.io.journal import Journal  # noqa: E402
 from perfcap.io.video_writer import VideoWriter  # noqa: E402
 
 CHANGES = ("replace", "mkdir", "unlink", "rmdir", "fsync")
+SAID = Path(tempfile.gettempdir()) / f"crash-{os.getpid()}.txt"  # by the last command
 TIMED = ("wall_s", "stages", "peak_memory_mib")  # of run.json
 
 
@@ -94,21 +95,23 @@ def make_scene(folder: Path, views: int) -> Scene:
 
 
 def start(arguments: list[str], prepare: Callable[[], None] = lambda: None) -> int:
-    """Run a command in a forked process, quietly; returns its number."""
+    """Run a command in a forked process; what it says goes to ``SAID``. Returns its number."""
     child = os.fork()
     if child:
         return child
     code = 70
     try:
-        with open(os.devnull, "w", encoding="utf-8") as sink:
-            words = io.StringIO()
-            with contextlib.redirect_stdout(sink), contextlib.redirect_stderr(words):
-                torch.set_num_threads(1)
-                prepare()
-                try:
-                    perfcap(arguments)
-                except SystemExit as end:
-                    code = int(end.code or 0)
+        with (
+            SAID.open("w", encoding="utf-8") as words,
+            contextlib.redirect_stdout(words),
+            contextlib.redirect_stderr(words),
+        ):
+            torch.set_num_threads(1)
+            prepare()
+            try:
+                perfcap(arguments)
+            except SystemExit as end:
+                code = int(end.code or 0)
     finally:
         os._exit(code)
 
@@ -208,7 +211,8 @@ def kills(scenes: list[Scene], work: Path, count: int, seed: int) -> Iterator[st
             equal = code == 0 and bits(out) == expected
             survived += equal
             if not equal:
-                yield f"FOUND: views {scene.views}, {out}: code {code}, other bits"
+                said = SAID.read_text()[-300:]
+                yield f"FOUND: views {scene.views}, {out}: code {code}, other bits; {said}"
             else:
                 shutil.rmtree(out)
             if code >= 0 and not equal:
@@ -307,6 +311,7 @@ def main() -> int:
             bad += "FOUND" in line
             sys.stdout.write(f"{line}\n")
             sys.stdout.flush()
+    SAID.unlink(missing_ok=True)
     return 1 if bad else 0
 
 

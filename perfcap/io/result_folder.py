@@ -152,6 +152,10 @@ def finish(folder: Path) -> None:
     _remove_older(folder, plan)
     _move(scratch, folder, [REPORT])
     settle(folder)
+    # the plan goes last: without it, half-removed checkpoints would be those of another call
+    for entry in (folder / WORK).iterdir() if plan.last else ():
+        if entry.name != _PLAN:
+            _remove(entry)
     _remove(folder / WORK / _PLAN)
     tidy(folder, everything=plan.last)
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,6 +161,47 @@ def test_a_kill_leaves_nothing_that_stays(performance: Performance, tmp_path: Pa
     (tmp_path / WORK / "next" / "surface.npz").write_bytes(b"half of it")
     performance.save(tmp_path)
     assert not (tmp_path / WORK).exists() and "surface.npz" not in content(tmp_path)
+
+
+def test_a_kill_while_checkpoints_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Never blocks of work without what says whose they are, but where the next call goes on."""
+
+    class Killed(BaseException):
+        pass
+
+    real = {name: getattr(os, name) for name in ("replace", "unlink", "rmdir")}
+    for last in range(1, 40):
+        folder, calls = tmp_path / str(last), 0
+        work = folder / ".perfcap" / "checkpoint"
+        work.mkdir(parents=True)
+        for name in ("a.log", "call.json", "z.log"):
+            (work / name).write_text("x")
+
+        def dying(name: str, last: int = last) -> Any:
+            def call(*args: Any, **kwargs: Any) -> Any:
+                nonlocal calls
+                calls += 1
+                if calls >= last:
+                    raise Killed
+                return real[name](*args, **kwargs)
+
+            return call
+
+        with monkeypatch.context() as patch:
+            for name in real:
+                patch.setattr(os, name, dying(name))
+            try:
+                with replacing(folder, last=True) as scratch:
+                    (scratch / "run.json").write_text("{}")
+            except Killed:
+                pass
+            else:
+                break
+        finish(folder)
+        assert (work / "call.json").exists() or not list(work.glob("*.log")), last
+    assert last > 5 and not (folder / ".perfcap").exists()
 
 
 def test_a_plan_cannot_name_files_of_others(tmp_path: Path) -> None:
