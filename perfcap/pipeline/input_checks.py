@@ -57,6 +57,13 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
     Raises:
         InputError: a focal length is zero or no number, or there are more or fewer poses.
     """
+    parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
+    if not all(part.is_floating_point() for part in parts):
+        kinds = ", ".join(str(part.dtype) for part in parts)
+        raise InputError(
+            f"{what} have intrinsics, rotation, translation of {kinds}; expected "
+            "floating-point numbers"
+        )
     focal = cameras.intrinsics[..., :2, :2].diagonal(dim1=-2, dim2=-1)
     if not bool(((focal.abs() > 0) & focal.isfinite()).all()):
         raise InputError(

@@ -82,6 +82,7 @@ def capture(
     """
     settle_after_fork()
     require_matching(cameras, detections, rate, images)
+    detections = detections.to(detections.joints2d)  # 3D joints may be of another type
     until = _last_stage(until, images)
     own = own_terms(energies)
     clock = _Clock(progress or (lambda stage, done, total: None))

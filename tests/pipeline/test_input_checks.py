@@ -12,6 +12,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.stage import Stage
 
 
 class Blank:
@@ -120,3 +121,15 @@ def test_half_precision_is_refused() -> None:
     half = replace(take.detections, joints2d=take.detections.joints2d.half())
     with pytest.raises(InputError, match="float16"):
         capture(take.actor, take.cameras, half, 30.0)
+
+
+def test_types_that_differ() -> None:
+    take = make_take(6)
+    seen = take.detections
+    assert seen.joints3d is not None
+    mixed = replace(seen, joints3d=seen.joints3d.float(), confidence2d=seen.confidence2d.float())
+    found = capture(take.actor, take.cameras, mixed, 30.0, until=Stage.INITIALIZE)
+    assert bool(found.motion.translation.isfinite().all())
+    whole = replace(take.cameras, intrinsics=take.cameras.intrinsics.to(torch.uint64))
+    with pytest.raises(InputError, match=r"of torch.uint64, .* expected floating-point"):
+        capture(take.actor, whole, seen, 30.0, until=Stage.INITIALIZE)

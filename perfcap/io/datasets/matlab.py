@@ -1,47 +1,41 @@
-"""Arrays of MATLAB files: up to version 7 with scipy, of 7.3 (HDF5) with h5py, if it is there."""
+"""Arrays of MATLAB files: version 5 to 7, and 7.3 (HDF5) with h5py, if it is there."""
 
 from __future__ import annotations
 
 import math
 import struct
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.datasets.mat_file import read_variables
 from perfcap.io.files import MEBIBYTE, require_file
 
 LIMIT = 1024 * MEBIBYTE
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _UNREADABLE = (
     *(OSError, ValueError, TypeError, LookupError, EOFError, MemoryError),
-    *(RuntimeError, AttributeError, struct.error, zlib.error),
-    NameError,  # scipy, on types of array it does not know
+    *(RuntimeError, AttributeError, struct.error),
 )
 
 
 def read_mat(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
-    """Those of the named arrays that a file up to version 7 has; cells are arrays of objects.
+    """Those of the named arrays that a file of version 5 to 7 has; cells are arrays of objects.
 
     Raises:
         InputError: it is missing, too large, damaged, or of version 7.3.
     """
     require_file(path, LIMIT, what)
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
     try:
-        values = loadmat(path, variable_names=list(names))
-    except (*_UNREADABLE, MatReadError) as error:
+        return read_variables(path.read_bytes(), names)
+    except (ValueError, struct.error) as error:
         reason = " ".join(str(error).split())[:100]
         raise InputError(
-            f"{path}: is no readable MATLAB file up to version 7 ({reason}); expected {what}"
+            f"{path}: is no readable MATLAB file of version 5 to 7 ({reason}); expected {what}"
         ) from error
-    return {name: values[name] for name in names if isinstance(values.get(name), np.ndarray)}
 
 
 def read_hdf5(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
