@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -18,17 +19,19 @@ _BORDER = 0  # what networks saw outside images when they were trained: black
 
 @dataclass(frozen=True)
 class Crop:
-    """An upright rectangle of an image, drawn at a network's input size.
+    """A rectangle of an image, drawn at a network's input size.
 
     Attributes:
         center: (x, y) of its middle, image pixels.
         width: image pixels; the height follows from the input's shape.
         size: (height, width) of the input, pixels.
+        angle: from the image's x axis to the crop's, towards y, radians; 0 is upright.
     """
 
     center: tuple[float, float]
     width: float
     size: tuple[int, int]
+    angle: float = 0.0
 
     @classmethod
     def around(
@@ -59,9 +62,7 @@ class Crop:
     def cut(self, frame: Frame) -> Frame:
         """The crop of a frame (H, W, 3), (h, w, 3); black outside the image."""
         height, width = self.size
-        matrix = np.array(
-            [[self.scale, 0, self._origin[0]], [0, self.scale, self._origin[1]]], np.float64
-        )
+        matrix = self.matrix(torch.zeros((), dtype=torch.float64)).numpy()
         part: Frame = cv2.warpAffine(
             frame,
             matrix,  # crop to image: that is the direction the map is evaluated in
@@ -74,22 +75,27 @@ class Crop:
 
     def to_image(self, points: Tensor) -> Tensor:
         """Image pixels of crop pixels (..., 2)."""
-        return points * self.scale + points.new_tensor(self._origin)
+        matrix = self.matrix(points)
+        return points @ matrix[:, :2].mT + matrix[:, 2]
 
     def from_image(self, points: Tensor) -> Tensor:
         """Crop pixels of image pixels (..., 2)."""
-        return (points - points.new_tensor(self._origin)) / self.scale
+        matrix = self.matrix(points)
+        return (points - matrix[:, 2]) @ matrix[:, :2] / self.scale**2
 
     def matrix(self, like: Tensor) -> Tensor:
         """``to_image`` as an affine map, (2, 3)."""
-        x, y = self._origin
-        return like.new_tensor([[self.scale, 0.0, x], [0.0, self.scale, y]])
+        across, down = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
+        # pixel centres are at integers in both
+        x, y = 0.5 * (self.size[1] - 1), 0.5 * (self.size[0] - 1)
+        left = self.center[0] - across * x + down * y
+        top = self.center[1] - down * x - across * y
+        return like.new_tensor([[across, -down, left], [down, across, top]])
 
-    @property
-    def _origin(self) -> tuple[float, float]:
-        """Image place of crop pixel (0, 0): pixel centres are at integers in both."""
-        half = 0.5 * (self.size[1] - 1), 0.5 * (self.size[0] - 1)
-        return self.center[0] - self.scale * half[0], self.center[1] - self.scale * half[1]
+    def turn(self, like: Tensor) -> Tensor:
+        """Takes 3D vectors from the crop's axes to the image's, x right, y down; (3, 3)."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return like.new_tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 # How far a body reaches beyond its joints: crown above the eyes, toes below the ankles.

@@ -7,13 +7,25 @@ import torch
 from perfcap.detect.crop import Crop, body_box, next_crop
 
 CROP = Crop((61.5, 40.25), 48.0, (128, 96))
+TURNED = Crop((61.5, 40.25), 48.0, (128, 96), 0.7)
 
 
-def test_to_image_undoes_from_image() -> None:
+@pytest.mark.parametrize("crop", [CROP, TURNED], ids=["upright", "turned"])
+def test_to_image_undoes_from_image(crop: Crop) -> None:
     points = torch.randn(50, 2, dtype=torch.float64) * 100
-    torch.testing.assert_close(CROP.to_image(CROP.from_image(points)), points)
-    matrix = CROP.matrix(points)
-    torch.testing.assert_close(points @ matrix[:, :2].T + matrix[:, 2], CROP.to_image(points))
+    torch.testing.assert_close(crop.to_image(crop.from_image(points)), points)
+    matrix = crop.matrix(points)
+    torch.testing.assert_close(points @ matrix[:, :2].T + matrix[:, 2], crop.to_image(points))
+
+
+def test_a_turned_crop_shows_somebody_on_the_side_upright() -> None:
+    """Its way up is the image's way right at a quarter turn, and 3D vectors turn with it."""
+    crop = Crop((50.0, 50.0), 64.0, (64, 64), 0.5 * np.pi)
+    low, high = torch.tensor([[31.5, 61.5], [31.5, 1.5]], dtype=torch.float64)
+    up = crop.to_image(high) - crop.to_image(low)
+    torch.testing.assert_close(up, torch.tensor([60.0, 0.0], dtype=torch.float64))
+    turned = crop.turn(low) @ torch.tensor([0.0, -60.0, 5.0], dtype=torch.float64)
+    torch.testing.assert_close(turned, torch.tensor([60.0, 0.0, 5.0], dtype=torch.float64))
 
 
 def test_the_middle_is_the_middle_with_pixel_centres_at_integers() -> None:
@@ -24,12 +36,12 @@ def test_the_middle_is_the_middle_with_pixel_centres_at_integers() -> None:
     torch.testing.assert_close(whole.to_image(corner), corner)
 
 
-@pytest.mark.parametrize("width", [30.0, 96.0, 150.0])
-def test_what_is_cut_lies_where_the_map_says(width: float) -> None:
+@pytest.mark.parametrize(("width", "angle"), [(30.0, 0.0), (96.0, 0.0), (96.0, 1.9), (150.0, 0.0)])
+def test_what_is_cut_lies_where_the_map_says(width: float, angle: float) -> None:
     """A smooth ramp sampled by the crop has the value of its place in the image."""
     y, x = np.mgrid[:200, :200]
     frame = np.stack((x, y, np.zeros_like(x)), -1).astype(np.uint8)
-    crop = Crop((100.0, 90.0), width, (40, 30))
+    crop = Crop((100.0, 90.0), width, (40, 30), angle)
     part = crop.cut(frame)
     v, u = np.mgrid[:40, :30]
     places = crop.to_image(torch.tensor(np.stack((u, v), -1).reshape(-1, 2), dtype=torch.float64))
