@@ -7,7 +7,7 @@ import platform
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -18,6 +18,7 @@ import torch
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
+from perfcap.app.auto_actor import AUTO, cast, find_source
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import progress_bars
@@ -27,13 +28,14 @@ from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
-from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.actor_folder import MANIFEST
+from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
 from perfcap.io.files import read_json
 from perfcap.io.mask_files import view_folders
 from perfcap.io.result import require_one_capture
 from perfcap.io.result_folder import (
+    ASSUMED_CAMERA,
     DETECTIONS,
     FILES,
     OVERLAY,
@@ -67,7 +69,8 @@ _LOG = logging.getLogger(__name__)
 class CaptureRequest(InputRequest):
     """What the command line asks for; see ``perfcap capture --help``."""
 
-    actor: str
+    actor: str = AUTO
+    height: float | None = None
     out: Path
     until: str = "refine_surface"
     preset: str = "default"
@@ -77,6 +80,12 @@ class CaptureRequest(InputRequest):
     report: bool = False
     resume: bool = False
     overwrite: bool = False
+
+
+def default_folder(videos: Sequence[Path]) -> Path:
+    """Where a capture of these videos goes if nobody says: named after the first one."""
+    name = videos[0].resolve().stem if videos else "perfcap"
+    return Path(f"{name}_capture")
 
 
 def run_capture(request: CaptureRequest) -> int:
@@ -95,7 +104,7 @@ def _capture(request: CaptureRequest) -> int:
     folder = make_folder(request.out)
     with locked(folder):
         finish(folder)  # what a killed run had complete
-        source = find_actor(request.actor)
+        source = find_source(request.actor, request.height)
         used = list(_used(request, source.path))
         spare_inputs(folder, used, detected=any(_networks(request)))
         require_places(folder)
@@ -114,19 +123,30 @@ def _capture(request: CaptureRequest) -> int:
 
 def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint) -> int:
     started = time.perf_counter()
-    actor = load_actor(request.actor)
     inputs = _examined(request, read_inputs(request, work))
+    with progress_bars() as tell:
+        chosen = cast(request.actor, request.height, inputs, tell)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
-    performance = replace(_perform(request, actor, inputs, solve_bones, work), lost=inputs.lost)
+    performance = replace(
+        _perform(request, chosen.actor, inputs, solve_bones, work), lost=inputs.lost
+    )
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs)
         if any(_networks(request)):
             _save_detections(scratch, inputs)
+        if request.cameras is None:
+            save_assumed(
+                scratch / ASSUMED_CAMERA, performance.cameras, inputs.rig.names, inputs.clip.fps
+            )
         wall = time.perf_counter() - started
         run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
-    for line in (*performance.warnings, *_made_up(performance, inputs.clip.start)):
+    for line in (
+        *chosen.warnings,
+        *performance.warnings,
+        *_made_up(performance, inputs.clip.start),
+    ):
         _LOG.warning("%s", line)
     return DONE if performance.complete else INCOMPLETE
 
@@ -143,7 +163,9 @@ def _examined(request: CaptureRequest, inputs: Inputs) -> Inputs:
 
 def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:
     """Files and folders that a request reads."""
-    yield from (*request.videos, request.cameras, *request.detections, actor)
+    yield from (*request.videos, *request.detections, actor)
+    if request.cameras is not None:
+        yield request.cameras
     manifest = actor.with_name(MANIFEST)
     if manifest.is_file():
         yield manifest
@@ -154,8 +176,8 @@ def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:
 
 def _networks(request: CaptureRequest) -> Iterator[Path]:
     """Folders of the networks that a request uses."""
-    for name, kind in ((request.detector, DETECTORS), (request.lifter, LIFTERS)):
-        if name is not None:
+    for names, kind in ((request.detectors, DETECTORS), (request.lifters, LIFTERS)):
+        for name in names:
             yield find_model(name, kind)
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from perfcap.app.console import progress_bars
 from perfcap.app.networks import (
+    DEFAULT_DETECTORS,
+    DEFAULT_LIFTER,
     DETECTORS,
     LIFTERS,
     Detecting,
@@ -16,12 +19,14 @@ from perfcap.app.networks import (
     parse_boxes,
 )
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.lifter import OnnxLifter
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.calibration import (
     CameraRig,
     PixelMap,
+    assumed_rig,
     match_image,
     read_cameras,
     read_pixel_map,
@@ -38,25 +43,43 @@ class InputRequest:
 
     Attributes:
         videos: a video or a folder of images a view.
-        cameras: the calibration.
-        detections: one file or folder a view, or one npz of all.
-        detector: name or folder of a network that finds the joints instead.
-        box: where it finds the person in the first frame, four numbers a view.
-        lifter: name or folder of a network that gives 3D poses to views without.
+        cameras: the calibration; None for one view, whose lens is then assumed.
+        fov: degrees across the longer side of the image, of a view without calibration.
+        detections: one file or folder a view, or one npz of all; none to find the joints.
+        detector: names or folders of networks that find the joints; shipped ones if none is given.
+        box: where they find the person in the first frame, four numbers a view.
+        person: which person they find, where no box says it: 1 for the surest.
+        lifter: name or folder of a network that gives 3D poses to views without; a shipped one for
+            one view whose joints are found in the video.
         frames: ``A:B``, the part of the clip to use.
         video_map: maps from video to calibration pixels, where they differ.
         detections_in: whose pixels those of the detections are: ``calibration`` or ``video``.
     """
 
     videos: tuple[Path, ...]
-    cameras: Path
+    cameras: Path | None = None
+    fov: float | None = None
     detections: tuple[Path, ...] = ()
-    detector: str | None = None
+    detector: tuple[str, ...] = ()
     box: tuple[float, ...] = ()
+    person: int | None = None
     lifter: str | None = None
     frames: str | None = None
     video_map: Path | None = None
     detections_in: str = "calibration"
+
+    @property
+    def detectors(self) -> tuple[str, ...]:
+        """The networks that find the joints; none where files hold them."""
+        return () if self.detections else self.detector or DEFAULT_DETECTORS
+
+    @property
+    def lifters(self) -> tuple[str, ...]:
+        """The network that lifts them, or none."""
+        if self.lifter is not None:
+            return (self.lifter,)
+        found = not self.detections and not self.detector and len(self.videos) == 1
+        return (DEFAULT_LIFTER,) if found else ()
 
 
 @dataclass(frozen=True)
@@ -91,25 +114,32 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
         InputError: anything that cannot be used, in one line.
     """
     _check_detections(request)
-    lifter = None if request.lifter is None else OnnxLifter(find_model(request.lifter, LIFTERS))
-    if request.detector is None:
+    lifter = next((OnnxLifter(find_model(name, LIFTERS)) for name in request.lifters), None)
+    if not request.detectors:
         return _lifted(_read(request), lifter)
-    detector = OnnxDetector(find_model(request.detector, DETECTORS))
+    detectors = tuple(OnnxDetector(find_model(name, DETECTORS)) for name in request.detectors)
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
-        return _lifted(_read(request, Detecting(detector, boxes, tell, checkpoint)), lifter)
+        detecting = Detecting(detectors, boxes, request.person or 1, tell, checkpoint)
+        return _lifted(_read(request, detecting), lifter)
 
 
 def _check_detections(request: InputRequest) -> None:
-    """Joints come from files or from a detector, one of the two."""
-    if bool(request.detections) == (request.detector is not None):
-        given = "and --detector are both given" if request.detections else "is missing"
+    """Joints come from files or from networks, one of the two."""
+    if request.detections and request.detector:
         raise InputError(
-            f"--detections: {given}; expected files of joints, or --detector MODEL to find them in "
-            "the videos"
+            "--detections: and --detector are both given; expected files of joints, or networks "
+            "that find them in the videos"
         )
-    if request.box and request.detector is None:
-        raise InputError("--box: is for --detector; expected no box with --detections")
+    if request.detections and (request.box or request.person is not None):
+        name = "--box" if request.box else "--person"
+        raise InputError(f"{name}: is for joints found in videos; leave it out with --detections")
+    if request.box and request.person is not None:
+        raise InputError("--person: and --box are both given; leave one of them out")
+    if request.person is not None and request.person < 1:
+        raise InputError(f"--person: is {request.person}; expected 1 for the surest, 2, 3, ...")
+    if request.fov is not None and request.cameras is not None:
+        raise InputError("--fov: and --cameras are both given; leave one of them out")
 
 
 def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
@@ -117,7 +147,10 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     part = parse_frames(request.frames)
     videos = list(request.videos)
     clip = Clip.open(videos, frames=part)
-    rig = read_cameras(request.cameras, clip.sizes)
+    if request.cameras is None:
+        rig = assumed_rig(clip, request.fov)
+    else:
+        rig = read_cameras(request.cameras, clip.sizes)
     if rig.fps is not None and all(source.fps is None for source in clip.sources):
         clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
@@ -127,7 +160,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     if detecting is not None:
         _require_possible(request.cameras, rig)
         chosen = _detect(clip, rig, pixel_map, detecting)
-        told = (*about, *detecting.detector.warnings)
+        told = (*about, *_about_networks(detecting.detectors))
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
@@ -146,7 +179,17 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     return Inputs(clip, rig, chosen, pixel_map, (*about, *notes), lost)
 
 
-def _require_possible(path: Path, rig: CameraRig) -> None:
+def _about_networks(detectors: Sequence[OnnxDetector]) -> tuple[str, ...]:
+    """What a user should know of networks: of one, all; of several, what none of them sees."""
+    if len(detectors) == 1:
+        return detectors[0].warnings
+    lost = [name for name in LANDMARKS if all(name in d.joint_set.missing() for d in detectors)]
+    note = f"no network sees {', '.join(lost)}"
+    about = dict.fromkeys(line for d in detectors for line in d.session.warnings)
+    return (*about, *((note,) if lost else ()))
+
+
+def _require_possible(path: Path | None, rig: CameraRig) -> None:
     for finding in impossible_cameras(rig):
         raise InputError(f"{path}: {finding}")
 

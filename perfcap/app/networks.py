@@ -8,9 +8,10 @@ from pathlib import Path
 
 from perfcap.detect.crop import Frame
 from perfcap.detect.detections import Detections
+from perfcap.detect.look import Box
 from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.detect.onnx import OnnxDetector, stack_views
-from perfcap.detect.person import Box, follow_person
+from perfcap.detect.person import Start, follow_person
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import models_folder
@@ -19,6 +20,8 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.remembering import RememberingNetwork
 
 DETECTORS, LIFTERS = "detectors", "lifters"
+DEFAULT_DETECTORS = ("thunder", "blazepose", "rendered")  # the first one follows the person
+DEFAULT_LIFTER = "cmu"
 
 _CHUNK = 16  # frames decoded at once
 
@@ -31,15 +34,17 @@ class Detecting:
     """How to detect joints in the images of a clip.
 
     Attributes:
-        detector: the network.
+        detectors: the networks; the first one follows the person, the others add to it.
         boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
             search.
+        person: which one of a search, 1 for the surest.
         tell: told how far it is.
         checkpoint: keeps what the network answered.
     """
 
-    detector: OnnxDetector
+    detectors: tuple[OnnxDetector, ...]
     boxes: tuple[Box, ...] = ()
+    person: int = 1
     tell: Tell = lambda stage, done, total: None
     checkpoint: Checkpoint = NO_CHECKPOINT
 
@@ -105,23 +110,27 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
         InputError: nobody is found anywhere.
     """
     boxes: Sequence[Box | None] = detecting.boxes or [None] * clip.views
-    found = [
-        follow_person(
-            RememberingNetwork(detecting.detector, detecting.checkpoint.kept(f"detect_{view}")),
-            _frames(clip, view, detecting.tell),
-            box,
-            _view(cameras, view, len(clip)),
+    found = []
+    for view, box in enumerate(boxes):
+        first, *others = (
+            RememberingNetwork(detector, detecting.checkpoint.kept(_kept_name(number, view)))
+            for number, detector in enumerate(detecting.detectors)
         )
-        for view, box in enumerate(boxes)
-    ]
+        frames = _frames(clip, view, detecting.tell)
+        start, camera = Start(box, detecting.person), _view(cameras, view, len(clip))
+        found.append(follow_person(first, frames, start, camera, others))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
         raise InputError(
             f"{', '.join(clip.names)}: nobody is found in any frame by "
-            f"{detecting.detector.manifest.path.parent}; expected a visible person; say where "
+            f"{detecting.detectors[0].manifest.path.parent}; expected a visible person; say where "
             "with --box LEFT TOP RIGHT BOTTOM"
         )
     return whole
+
+
+def _kept_name(number: int, view: int) -> str:
+    return f"detect_{view}" if number == 0 else f"detect_{view}_{number}"
 
 
 def _frames(clip: Clip, view: int, tell: Tell) -> Iterator[Frame]:

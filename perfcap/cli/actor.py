@@ -81,16 +81,20 @@ class ActorFit:
 
     videos: tyro.conf.Positional[tuple[Path, ...]]
     """A video or a folder of images; one for each view."""
-    cameras: Path
-    """Calibration, as for capture."""
     out: Path
     """Folder for actor.glb, manifest.toml, measurements.json, contact_sheet.jpg and fit.jpg."""
+    cameras: Path | None = None
+    """Calibration, as for capture; one view needs none."""
+    fov: float | None = None
+    """Degrees across the longer side of the image, as for capture."""
     detections: tuple[Path, ...] = ()
-    """Joints, as for capture; one for each view."""
-    detector: str | None = None
-    """Find the joints in the videos instead: a folder with manifest.toml and an ONNX network."""
+    """Joints, as for capture; one for each view. Found in the videos if not given."""
+    detector: tuple[str, ...] = ()
+    """Networks that find the joints, as for capture."""
     box: tuple[float, ...] = ()
-    """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view."""
+    """Where they find the person in the first frame: LEFT TOP RIGHT BOTTOM for each view."""
+    person: int | None = None
+    """Which person of the first frame, 1 for the surest, as for capture."""
     lifter: str | None = None
     """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
     masks: tuple[Path, ...] = ()

@@ -27,23 +27,33 @@ class Demo:
 
 @dataclass(frozen=True)
 class Capture:
-    """Capture the motion and surface of one person from one or several calibrated videos."""
+    """Capture one person's motion and surface from a video, or from several calibrated ones."""
 
     videos: tyro.conf.Positional[tuple[Path, ...]]
     """A video or a folder of images; one for each view."""
-    actor: str
-    """Name of a shipped actor, a skinned .glb/.gltf, or a folder with actor.glb."""
-    cameras: Path
-    """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder."""
-    out: Path
-    """Folder for the results."""
+    actor: str = "auto"
+    """auto: a body with the person's bone lengths. Or a shipped actor's name, a skinned
+    .glb/.gltf, or a folder with actor.glb."""
+    height: float | None = None
+    """Of the person, metres, for --actor auto; one camera does not tell it."""
+    cameras: Path | None = None
+    """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder.
+    One view needs none: its lens is read from the video, or assumed."""
+    fov: float | None = None
+    """Degrees that a camera without calibration sees across the longer side of the image."""
+    out: Path | None = None
+    """Folder for the results; VIDEO_capture in the working directory if not given."""
     detections: tuple[Path, ...] = ()
-    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view."""
-    detector: str | None = None
-    """Find the joints in the videos instead: a folder with manifest.toml and an ONNX network."""
+    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view. Found in the
+    videos if not given."""
+    detector: tuple[str, ...] = ()
+    """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
+    one follows the person, the others add to it. perfcap models lists them."""
     box: tuple[float, ...] = ()
-    """Where --detector finds the person in the first frame: LEFT TOP RIGHT BOTTOM for each view,
-    pixels; searched for if not given."""
+    """Where the person is in the first frame: LEFT TOP RIGHT BOTTOM for each view, pixels; searched
+    for if not given."""
+    person: int | None = None
+    """Which person of the first frame, where several are seen: 1 is the surest, 2 the next."""
     lifter: str | None = None
     """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
@@ -71,9 +81,10 @@ class Capture:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.capture import CaptureRequest, run_capture
+        from perfcap.app.capture import CaptureRequest, default_folder, run_capture
 
-        return run_capture(CaptureRequest(**vars(self)))
+        given = vars(self) | {"out": self.out or default_folder(self.videos)}
+        return run_capture(CaptureRequest(**given))
 
 
 @dataclass(frozen=True)

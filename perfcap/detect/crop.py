@@ -12,6 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+
 Frame = NDArray[np.uint8]
 
 _BORDER = 0  # what networks saw outside images when they were trained: black
@@ -103,6 +105,8 @@ _BEYOND = 0.08  # of the larger extent of the joints
 _KEPT_SIZE = 0.9  # of the width of the last crop: limbs that are lost for a frame come back
 _WIDER, _MANY = 0.15, 4  # how much wider the crop is where so many joints are missing, or more
 _MIN_JOINTS = 4
+_SHOULDERS = [LANDMARKS.index("l_shoulder"), LANDMARKS.index("r_shoulder")]
+_HIPS = [LANDMARKS.index("l_hip"), LANDMARKS.index("r_hip")]
 
 
 def body_box(
@@ -124,8 +128,40 @@ def body_box(
     return left, top, right, bottom
 
 
+def body_crop(
+    joints2d: Tensor,
+    confidence: Tensor,
+    threshold: float,
+    size: tuple[int, int],
+    padding: float,
+    angle: float = 0.0,
+) -> Crop | None:
+    """The smallest crop around a body, in axes turned by an angle; None with too few joints.
+
+    Args:
+        joints2d: (J, 2), image pixels.
+        confidence: (J,).
+        threshold: below which a joint does not count.
+        size: (height, width) of the network's input.
+        padding: size of the crop, in sizes of the body.
+        angle: of the crop, radians.
+    """
+    turn = Crop((0.0, 0.0), 1.0, (1, 1), angle).matrix(joints2d)[:, :2]
+    box = body_box(joints2d @ turn, confidence, threshold)
+    if box is None:
+        return None
+    crop = Crop.around(box, size, padding)
+    x, y = (turn @ turn.new_tensor(crop.center)).tolist()
+    return Crop((x, y), crop.width, size, angle)
+
+
 def next_crop(
-    crop: Crop, joints2d: Tensor, confidence: Tensor, threshold: float, padding: float
+    crop: Crop,
+    joints2d: Tensor,
+    confidence: Tensor,
+    threshold: float,
+    padding: float,
+    angle: float = 0.0,
 ) -> Crop | None:
     """Where to look in the next frame, from the joints of this one; None when the person is lost.
 
@@ -138,10 +174,27 @@ def next_crop(
         confidence: (J,).
         threshold: below which a joint does not count.
         padding: size of the crop, in sizes of the body.
+        angle: of the next crop, radians.
     """
-    box = body_box(joints2d, confidence, threshold)
-    if box is None:
-        return None
     missing = min(1.0, float((confidence < threshold).sum()) / _MANY)
-    found = Crop.around(box, crop.size, (1 + _WIDER * missing) * padding)
+    wider = (1 + _WIDER * missing) * padding
+    found = body_crop(joints2d, confidence, threshold, crop.size, wider, angle)
+    if found is None:
+        return None
     return replace(found, width=max(found.width, _KEPT_SIZE * crop.width))
+
+
+def body_angle(joints2d: Tensor, confidence: Tensor, joint_set: JointSet) -> float | None:
+    """How far a body leans, from hips to shoulders, radians: the angle of a crop that shows it
+    upright. None where shoulders or hips are not seen.
+
+    Args:
+        joints2d: (J, 2), image pixels.
+        confidence: (J,).
+        joint_set: names of the J joints.
+    """
+    points, trust = map_to_landmarks(joints2d, confidence, joint_set)
+    if bool((trust[[*_SHOULDERS, *_HIPS]] <= 0).any()):
+        return None
+    right, down = (points[_SHOULDERS].mean(0) - points[_HIPS].mean(0)).tolist()
+    return math.atan2(right, -down) if right or down else None

@@ -14,6 +14,7 @@ FILE = "manifest.toml"
 
 _MAPS = ("heatmaps", "location_maps")
 KINDS = (*_MAPS, "simcc", "coordinates", "joints3d")
+TURNS = ("none", "quarters", "upright")
 COLUMNS = ("x", "y", "z", "confidence", "ignored")
 # how many outputs a kind has, for messages and for the check against the model
 _OUTPUTS = {
@@ -47,12 +48,14 @@ class InputSpec:
         size: (height, width) of the crop, pixels.
         color: order of the channels, ``rgb`` or ``bgr``; mean and std are in this order.
         layout: ``nchw`` or ``nhwc``.
-        dtype: ``float32``, ``float16`` or ``uint8``.
+        dtype: ``float32``, ``float16``, ``uint8`` or ``int32``.
         scale: factor of pixels.
         mean: of each channel, after ``scale``.
         std: of each channel, after ``scale``.
         padding: size of the crop, in sizes of the person.
         flip_test: whether mirror images are looked at too, unless a user says otherwise.
+        turns: of crops: ``none``; ``quarters``, for somebody upside down or lying; ``upright``,
+            for networks that learned crops turned so that shoulders are above hips.
     """
 
     name: str
@@ -65,6 +68,7 @@ class InputSpec:
     std: tuple[float, ...]
     padding: float
     flip_test: bool
+    turns: str = "none"
 
 
 @dataclass(frozen=True)
@@ -194,16 +198,19 @@ def _read_input(table: TomlTable) -> InputSpec:
         size=(int(size[0]), int(size[1])),
         color=table.text("color", choices=("rgb", "bgr")),
         layout=table.text("layout", "nchw", ("nchw", "nhwc")),
-        dtype=table.text("dtype", "float32", ("float32", "float16", "uint8")),
+        dtype=table.text("dtype", "float32", ("float32", "float16", "uint8", "int32")),
         scale=table.number("scale", 1.0),
         mean=table.numbers("mean", (0.0, 0.0, 0.0), count=3),
         std=std,
         padding=table.number("padding", 1.25, low=1.0),
         flip_test=table.flag("flip_test", False),
+        turns=table.text("turns", "none", TURNS),
     )
     plain = spec.scale == 1 and set(spec.mean) == {0.0} and set(spec.std) == {1.0}
-    if spec.dtype == "uint8" and not plain:
-        table.fail("dtype", "is uint8 with a scale, mean or std", "bytes as they are, or float32")
+    if "int" in spec.dtype and not plain:
+        table.fail(
+            "dtype", f"is {spec.dtype} with a scale, mean or std", "bytes as they are, or float32"
+        )
     table.done()
     return spec
 

@@ -16,8 +16,9 @@ from perfcap.detect.crop import Frame
 from perfcap.detect.decode import Estimate, decode
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import JointSet
+from perfcap.detect.look import Box
 from perfcap.detect.manifest import Manifest, read_manifest
-from perfcap.detect.person import Box, follow_person
+from perfcap.detect.person import Start, follow_person
 from perfcap.detect.session import Execution, Session
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -113,7 +114,7 @@ class OnnxDetector:
         self, frames: Iterable[Frame], box: Box | None = None, camera: Camera | None = None
     ) -> Detections:
         """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1)."""
-        return follow_person(self, frames, box, camera)
+        return follow_person(self, frames, Start(box), camera)
 
     def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
         """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""
@@ -149,8 +150,8 @@ class OnnxDetector:
     def _prepare(self, crops: NDArray[np.uint8]) -> NDArray[Any]:
         spec = self.manifest.input
         channels = crops[..., ::-1] if spec.color == "bgr" else crops
-        if spec.dtype == "uint8":
-            values: NDArray[Any] = channels
+        if "int" in spec.dtype:
+            values: NDArray[Any] = channels.astype(spec.dtype)
         else:
             mean, std = (np.asarray(v, np.float32) for v in (spec.mean, spec.std))
             values = ((channels * np.float32(spec.scale) - mean) / std).astype(spec.dtype)

@@ -2,193 +2,214 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Protocol
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.candidates import Candidates, join_candidates
-from perfcap.detect.crop import Crop, Frame, body_box, next_crop
-from perfcap.detect.decode import Estimate
+from perfcap.detect.candidates import join_candidates
+from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
-from perfcap.detect.manifest import Manifest
+from perfcap.detect.fusion import Landmarks, exchanged, fuse
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
+from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
+from perfcap.detect.search import centre, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
 from perfcap.detect.viewing_ray import toward
 from perfcap.geometry.camera import Camera
 
-Box = tuple[float, float, float, float]
-
-SEEN = 0.3  # confidence from which a joint tells where the person is
-_FOUND = 0.3  # mean confidence of a body's landmarks from which somebody is there
-_SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
-_STEP = 0.5  # of a window: how far apart they are
-_CANDIDATES = 3  # windows looked at again around what they show
-_AGAIN = (1.5, 1.0)  # crops centred on what is seen, the first wider: limbs may be cut off
-
-
-class CropNetwork(Protocol):
-    """What following needs of a detector."""
-
-    manifest: Manifest
-
-    @property
-    def joint_set(self) -> JointSet:
-        """Names of its joints."""
-
-    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
-        """Joints of crops (N, h, w, 3)."""
+_SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
+_JUMPED = 0.5  # of that size, for the middle
+_AGE = 8  # frames after which somebody who was lost may be anywhere and of any size
 
 
 @dataclass(frozen=True)
-class _Look:
-    """What a network sees in one crop, in pixels of the image."""
+class Start:
+    """Whom to follow.
 
-    crop: Crop
-    joints2d: Tensor  # (J, 2)
-    confidence: Tensor  # (J,)
-    joints3d: Tensor | None  # (J, 3)
-    candidates: Candidates | None  # (1, J, C)
+    Attributes:
+        box: (left, top, right, bottom) of the person in the first frame; None to search.
+        person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
+    """
 
-    def box(self) -> Box | None:
-        return body_box(self.joints2d, self.confidence, SEEN)
+    box: Box | None = None
+    person: int = 1
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What all networks see of the person in one frame; the first one followed."""
+
+    look: Look
+    others: tuple[Look | None, ...]
 
 
 def follow_person(
-    network: CropNetwork, frames: Iterable[Frame], box: Box | None, camera: Camera | None = None
+    network: CropNetwork,
+    frames: Iterable[Frame],
+    start: Start,
+    camera: Camera | None = None,
+    others: Sequence[CropNetwork] = (),
 ) -> Detections:
     """Joints of one person in every frame of a view, (F, 1).
 
-    The crop of a frame is centred on the joints of the frame before. Where nobody is followed,
-    windows of several sizes are searched all over the image. Left and right are settled at the
-    end, by motion; see ``settle_sides``.
+    The crop of a frame is centred on the joints of the frame before. Where nobody is followed, and
+    where somebody shrinks or jumps from one frame to the next, windows of several sizes are
+    searched all over the image. Left and right are settled at the end, by motion; see
+    ``settle_sides``. Other networks look at the person whom the first one follows, and add what
+    they see better; see ``fuse``.
 
     Args:
         network: the detector.
         frames: (H, W, 3), RGB, in order.
-        box: (left, top, right, bottom) of the person in the first frame; None to search.
+        start: whom to follow.
         camera: the view, in pixels of the frames; turns 3D joints from the axes of each crop
             into the camera's where the manifest says they are (Mehta et al. 2017).
+        others: further detectors of 2D joints.
 
     Returns:
-        The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found.
+        The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found. 3D
+        joints are those of the first network that has any.
     """
-    looks = _settled(list(_follow(network, frames, box)), network.joint_set)
+    seen = list(_with_others(network, frames, start, others))
+    looks = [None if one is None else one.look for one in seen]
+    found = _to_detections(_finished(looks, network, camera), network.joint_set)
+    if not others:
+        return found
+    size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
+    further = [_helped(other, k, seen, camera) for k, other in enumerate(others)]
+    return _fused(found, further, size.clamp(min=1.0))
+
+
+def _finished(
+    looks: list[Look | None], network: CropNetwork, camera: Camera | None
+) -> list[Look | None]:
+    settled = _settled(looks, network.joint_set)
+    if camera is not None and network.manifest.output.crop_axes:
+        settled = _in_camera_axes(settled, camera)
+    return settled
+
+
+def _helped(
+    network: CropNetwork, place: int, seen: list[_Seen | None], camera: Camera | None
+) -> Detections:
+    """What another network saw, with the sides as it saw them."""
+    looks = [None if one is None else one.others[place] for one in seen]
     if camera is not None and network.manifest.output.crop_axes:
         looks = _in_camera_axes(looks, camera)
     return _to_detections(looks, network.joint_set)
 
 
-def _follow(
-    network: CropNetwork, frames: Iterable[Frame], box: Box | None
-) -> Iterator[_Look | None]:
-    spec = network.manifest.input
-    crop = None if box is None else Crop.around(box, spec.size, spec.padding)
-    whole_only = network.manifest.output.kind == "joints3d"
-    for number, frame in enumerate(frames):
-        if whole_only:  # no 2D joints to follow
-            part = Crop.around(box or _whole(frame), spec.size, spec.padding if box else 1.0)
-            yield _look(network, frame, [part])[0]
+def _fused(first: Detections, others: Sequence[Detections], size: Tensor) -> Detections:
+    """One person's detections by several networks, each (F, 1), as one."""
+    marks = [Landmarks(d.joints2d[:, 0], d.confidence2d[:, 0]) for d in (first, *others)]
+    whole_body = fuse(marks[0], marks[1:], size)
+    joints3d, trusted = first.joints3d, first.trusted3d
+    for other, seen in zip(others, marks[1:], strict=True):
+        if joints3d is None and other.joints3d is not None:
+            swapped = exchanged(seen, marks[0], size)[:, None, None, None]
+            mirrored = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
+            joints3d, trusted = torch.where(swapped, mirrored, other.joints3d), other.trusted3d
+    points, confidence = whole_body.joints2d[:, None], whole_body.confidence[:, None]
+    return Detections(points, confidence, joints3d, trusted)
+
+
+def _with_others(
+    network: CropNetwork, frames: Iterable[Frame], start: Start, others: Sequence[CropNetwork]
+) -> Iterator[_Seen | None]:
+    for frame, look in _follow(network, frames, start):
+        if look is None:
+            yield None
             continue
-        look = None
-        if crop is not None:
-            look = _look(network, frame, [crop])[0]
-            if number == 0:
-                look = _centre(network, frame, look)
-        if look is None or not is_person(look.confidence, network.joint_set):
-            look = _search(network, frame)
-        yield look
-        crop = (
-            None
-            if look is None
-            else next_crop(look.crop, look.joints2d, look.confidence, SEEN, spec.padding)
+        crops = [look.around(other, network.joint_set) for other in others]
+        yield _Seen(
+            look,
+            tuple(
+                None if crop is None else look_at(other, frame, [crop])[0]
+                for other, crop in zip(others, crops, strict=True)
+            ),
         )
 
 
-def is_person(confidence: Tensor, joint_set: JointSet) -> bool:
-    """Whether the landmarks that a set has are seen well enough, on average, to be somebody."""
-    return bool(_sureness(confidence, joint_set) >= _FOUND)
-
-
-def _sureness(confidence: Tensor, joint_set: JointSet) -> float:
-    sources = [joint_set.sources(name) for name in LANDMARKS]
-    known = [confidence[list(source)].amin() for source in sources if source]
-    return float(torch.stack(known).mean())
-
-
-def _search(network: CropNetwork, frame: Frame) -> _Look | None:
-    """The surest person of windows all over the image, looked at once more up close."""
+def _follow(
+    network: CropNetwork, frames: Iterable[Frame], start: Start
+) -> Iterator[tuple[Frame, Look | None]]:
     spec = network.manifest.input
-    windows = list(_windows(frame, spec.size))
-    looks = _look(network, frame, windows)
-    looks.sort(key=lambda look: -_sureness(look.confidence, network.joint_set))
-    closer = [_centre(network, frame, look) for look in looks[:_CANDIDATES]]
-    best = max(closer, key=lambda look: _sureness(look.confidence, network.joint_set))
-    return best if is_person(best.confidence, network.joint_set) else None
+    crop = None if start.box is None else Crop.around(start.box, spec.size, spec.padding)
+    known = _Known()
+    for number, frame in enumerate(frames):
+        if network.manifest.output.kind == "joints3d":  # no 2D joints to follow
+            padding = spec.padding if start.box else 1.0
+            part = Crop.around(start.box or whole(frame), spec.size, padding)
+            yield frame, look_at(network, frame, [part])[0]
+            continue
+        look = None if crop is None else look_at(network, frame, [crop])[0]
+        if look is not None and number == 0:
+            look = turn_around(network, frame, centre(network, frame, look))
+        if look is None or not is_person(look.confidence, network.joint_set):
+            look = search(network, frame, start.person if not known.ever else 1)
+        elif known.doubts(look):
+            look = _surer(look, search(network, frame), network.joint_set, known)
+        known = known.after(look)
+        yield frame, look
+        crop = None
+        if look is not None:
+            angle = turned(look, network.joint_set, spec.turns)
+            joints = look.joints2d, look.confidence, SEEN
+            crop = next_crop(look.crop, *joints, spec.padding, angle)
 
 
-def _centre(network: CropNetwork, frame: Frame, look: _Look) -> _Look:
-    """The same person from crops that fit better and better."""
-    spec = network.manifest.input
-    for wider in _AGAIN:
-        box = look.box()
+@dataclass(frozen=True)
+class _Known:
+    """Where the person was seen last: the box, and how many frames ago."""
+
+    box: Box | None = None
+    age: int = 0
+    ever: bool = False
+
+    def after(self, look: Look | None) -> _Known:
+        box = None if look is None else look.box()
         if box is None:
-            return look
-        look = _look(network, frame, [Crop.around(box, spec.size, wider * spec.padding)])[0]
-    return look
+            return replace(self, age=self.age + 1)
+        return _Known(box, 0, True)
+
+    def doubts(self, look: Look) -> bool:
+        """Whether a look shows something smaller, or elsewhere, than a frame before."""
+        box = look.box()
+        if self.box is None or box is None or self.age >= _AGE:
+            return False
+        return _size(box) < _SHRUNK * _size(self.box) or self.moved(box) > _JUMPED
+
+    def moved(self, box: Box) -> float:
+        """Distance of the middles, in sizes of the person."""
+        if self.box is None:
+            return 0.0
+        x, y = (0.5 * (box[i] + box[i + 2] - self.box[i] - self.box[i + 2]) for i in (0, 1))
+        return float((x * x + y * y) ** 0.5) / max(_size(self.box), 1e-6)
 
 
-def _whole(frame: Frame) -> Box:
-    height, width = frame.shape[:2]
-    return -0.5, -0.5, width - 0.5, height - 0.5
+def _surer(look: Look, other: Look | None, joint_set: JointSet, known: _Known) -> Look:
+    """The likelier of two people to be the one who was followed."""
+    if other is None:
+        return look
+
+    def score(one: Look) -> float:
+        box = one.box()
+        return sureness(one.confidence, joint_set) - (1.0 if box is None else known.moved(box))
+
+    return other if score(other) > score(look) else look
 
 
-def _windows(frame: Frame, size: tuple[int, int]) -> Iterator[Crop]:
-    """The whole image, and overlapping windows of the input's shape in smaller sizes."""
-    left, top, right, bottom = _whole(frame)
-    whole = Crop.around((left, top, right, bottom), size)
-    yield whole
-    longer = max(frame.shape[:2])
-    for scale in _SCALES:
-        width = scale * longer * min(1.0, size[1] / size[0])
-        height = width * size[0] / size[1]
-        for x in _places(left, right, width):
-            for y in _places(top, bottom, height):
-                if width < 0.99 * whole.width:
-                    yield Crop((x, y), width, size)
+def _size(box: Box) -> float:
+    return max(box[2] - box[0], box[3] - box[1])
 
 
-def _places(low: float, high: float, length: float) -> list[float]:
-    """Middles of windows that cover a range, half a window apart."""
-    if length >= high - low:
-        return [0.5 * (low + high)]
-    count = int(np.ceil((high - low - length) / (_STEP * length))) + 1
-    return [float(v) for v in np.linspace(low + 0.5 * length, high - 0.5 * length, count)]
-
-
-def _look(network: CropNetwork, frame: Frame, crops: list[Crop]) -> list[_Look]:
-    found = network.estimate(np.stack([crop.cut(frame) for crop in crops]))
-    looks = []
-    for row, crop in enumerate(crops):
-        pose = None if found.joints3d is None else found.joints3d[row]
-        others = None
-        if found.candidates is not None:
-            places, support = found.candidates.places[[row]], found.candidates.support[[row]]
-            others = Candidates(crop.to_image(places), support)
-        points = crop.to_image(found.joints2d[row])
-        looks.append(_Look(crop, points, found.confidence[row], pose, others))
-    return looks
-
-
-def _settled(looks: list[_Look | None], joint_set: JointSet) -> list[_Look | None]:
+def _settled(looks: list[Look | None], joint_set: JointSet) -> list[Look | None]:
     """The same looks with sides that motion allows, wherever somebody is followed."""
     order = joint_set.mirrored()
-    settled: list[_Look | None] = []
+    settled: list[Look | None] = []
     for _, group in groupby(looks, key=lambda look: look is None):
         run = list(group)
         seen = [look for look in run if look is not None]
@@ -196,7 +217,7 @@ def _settled(looks: list[_Look | None], joint_set: JointSet) -> list[_Look | Non
     return settled
 
 
-def _settle(looks: list[_Look], order: tuple[int, ...]) -> list[_Look]:
+def _settle(looks: list[Look], order: tuple[int, ...]) -> list[Look]:
     """The same for frames in a row."""
     track = Track(
         torch.stack([look.joints2d for look in looks]),
@@ -215,7 +236,7 @@ def _settle(looks: list[_Look], order: tuple[int, ...]) -> list[_Look]:
     return settled
 
 
-def _in_camera_axes(looks: list[_Look | None], camera: Camera) -> list[_Look | None]:
+def _in_camera_axes(looks: list[Look | None], camera: Camera) -> list[Look | None]:
     """The same looks with 3D joints turned from the ray through their crop to the camera."""
     centers = [(0.0, 0.0) if look is None else look.crop.center for look in looks]
     pixels = torch.tensor(centers, dtype=camera.intrinsics.dtype)[:, None, None]
@@ -228,7 +249,7 @@ def _in_camera_axes(looks: list[_Look | None], camera: Camera) -> list[_Look | N
     ]
 
 
-def _to_detections(looks: list[_Look | None], joint_set: JointSet) -> Detections:
+def _to_detections(looks: list[Look | None], joint_set: JointSet) -> Detections:
     """Looks of F frames as detections of the landmarks, (F, 1)."""
     joints = len(joint_set)
     nothing = torch.zeros(joints, 2), torch.zeros(joints)

@@ -24,6 +24,7 @@ _DTYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
     "tensor(uint8)": np.uint8,
+    "tensor(int32)": np.int32,
 }
 
 _LOG = logging.getLogger(__name__)

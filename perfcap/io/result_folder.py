@@ -23,7 +23,8 @@ REPORT, MOTION, SURFACE, MASKS = "run.json", "motion.npz", "surface.npz", "masks
 FILES = (MOTION, "motion.bvh", "capture.glb", "config.yaml", REPORT)
 OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
 METRICS, PAGE = "metrics.json", "report.html"
-ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE)  # tell of one result
+ASSUMED_CAMERA = "assumed_camera.json"
+ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE, ASSUMED_CAMERA)  # tell of one result
 OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
 
 WORK = ".perfcap"  # where a result grows; gone once it is complete

@@ -40,6 +40,7 @@ class VideoFile:
         self.size = self.index.size
         self.lost = self.index.lost
         self.total = self.index.total
+        self.film_focal = self.index.film_focal
         self.timestamps = seconds(self.index)
         self.fps, notes = frame_rate(self.timestamps, self.index)
         self.warnings = tuple(f"{path}: {note}" for note in (*self.index.warnings, *notes))

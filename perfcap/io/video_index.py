@@ -15,6 +15,8 @@ from perfcap.errors import InputError
 PIXEL_LIMIT = 2**27  # pixels a frame
 FRAME_LIMIT = 1_000_000  # a file that promises more is not believed
 UNKNOWN_FPS = 30.0
+_SHORTEST, _LONGEST = 8.0, 600.0  # mm that a lens may have on 35 mm film
+FILM_FOCAL = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 # A file could be a playlist that makes the demuxer open other files or addresses.
 OPEN_OPTIONS = {"protocol_whitelist": "file"}
 PLAYLISTS = frozenset({"hls", "concat", "dash", "image2", "tty"})
@@ -34,6 +36,7 @@ class VideoIndex:
         total: frames of the whole file: those it promises, or has where these are more; None where
             it promises none and was not read to its end.
         warnings: what a user should know about the file.
+        film_focal: the lens's focal length in millimetres on 35 mm film, where the file says so.
     """
 
     pts: tuple[int | None, ...]
@@ -44,6 +47,7 @@ class VideoIndex:
     lost: int
     total: int | None
     warnings: tuple[str, ...]
+    film_focal: float | None = None
 
     @property
     def addressable(self) -> bool:
@@ -94,7 +98,17 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
             lost,
             _total(promised_frames(stream), len(pts), stop),
             warnings,
+            _film_focal(container),
         )
+
+
+def _film_focal(container: Any) -> float | None:
+    """Millimetres, where a phone wrote them; None where it did not, or wrote nonsense."""
+    try:
+        focal = float(container.metadata.get(FILM_FOCAL, "nan"))
+    except ValueError:
+        return None
+    return focal if _SHORTEST <= focal <= _LONGEST else None
 
 
 def _decode_all(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from perfcap.detect.candidates import Candidates
 from perfcap.detect.decode import Estimate
 from perfcap.detect.joint_set import JointSet
+from perfcap.detect.look import CropNetwork
 from perfcap.detect.manifest import Manifest
-from perfcap.detect.person import CropNetwork
 from perfcap.io.journal import Record
 from perfcap.pipeline.checkpoint import Codec, Kept
 

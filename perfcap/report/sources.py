@@ -20,7 +20,7 @@ from perfcap.io.calibration import (
 from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.result import Result
-from perfcap.io.result_folder import DETECTIONS, own_file
+from perfcap.io.result_folder import ASSUMED_CAMERA, DETECTIONS, own_file
 
 _RATE = 0.01  # share by which frame rates may differ and mean the same
 
@@ -120,7 +120,7 @@ class _Finder:
     ) -> tuple[CameraRig | None, Camera | None, PixelMap | None]:
         """The calibration of the views, in its own pixels and in those of the clip."""
         text = self.request.get("cameras")
-        path = given or (self._find(text) if isinstance(text, str) else None)
+        path = given or (self._find(text) if isinstance(text, str) else self._assumed())
         if path is None:
             self.notes.append("The capture does not say which cameras it was made with.")
             return None, None, None
@@ -182,6 +182,10 @@ class _Finder:
     def _maps(self) -> Any:
         text = self.request.get("video_map")
         return read_pixel_map(self._find(text)) if isinstance(text, str) else None
+
+    def _assumed(self) -> Path | None:
+        """The camera that a capture without calibration wrote down."""
+        return own_file(self.folder, ASSUMED_CAMERA)
 
     def _find(self, text: str) -> Path:
         """A file by the name the capture knew it under, from here or from the result's folder."""

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.detect.detections import Detections
-from perfcap.detect.person import Box
+from perfcap.detect.look import Box
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.triangulation import triangulate
 from perfcap.render import ProjectedMesh, Texture, look_at, render

@@ -70,7 +70,7 @@ def test_images_and_a_network_are_enough(
     assert located(found, truth) < 0.5
     assert found.joints3d is None
     run = json.loads((tmp_path / "run.json").read_text())
-    assert run["request"]["detector"] == str(network)
+    assert run["request"]["detector"] == [str(network)]
     with np.load(tmp_path / "motion.npz") as motion:
         pixels = dots.take.cameras.project(torch.tensor(motion["joints3d"]))
     # one view and no 3D joints: depth is a guess, the image is not
@@ -121,6 +121,10 @@ MISTAKES = {
     "both": (("--detections", "x.npz"), "both given"),
     "a short box": (("--box", "1", "2", "3"), "LEFT TOP RIGHT BOTTOM"),
     "an empty box": (("--box", "9", "2", "3", "8"), "is no box"),
+    "nobody": (("--person", "0"), "expected 1 for the surest"),
+    "a box and a number": (("--person", "2", "--box", "1", "2", "8", "9"), "both given"),
+    "two lenses": (("--fov", "60"), "--fov: and --cameras are both given"),
+    "a height of a character": (("--height", "1.8"), "--height: is for --actor auto"),
 }
 
 
@@ -136,13 +140,6 @@ def test_mistakes(
 def test_no_such_network(dots: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     line = perfcap(call(dots, "none", tmp_path)).refused()
     assert "--detector none: no such folder" in line
-
-
-def test_neither_files_nor_network(dots: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
-    line = call(dots, "none", tmp_path)
-    place = line.index("--detector")
-    del line[place : place + 2]
-    assert "--detections: is missing" in perfcap(line).refused()
 
 
 def test_nobody_in_the_images(

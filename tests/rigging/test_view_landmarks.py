@@ -15,7 +15,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import BODY
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.detect.person import Box
+from perfcap.detect.look import Box
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model

@@ -1,0 +1,112 @@
+"""Captures of nothing but a video, scored: no camera, no character, no detections, no height.
+
+The rendered sequences have exact truth; that of the real man is triangulated from other detections
+in four views, good to some centimetres. Truth is used to score alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import report
+import torch
+from recordings import balancing, rendered
+from report import Report, Table, data_folder
+from torch import Tensor
+
+from perfcap.app.capture import CaptureRequest, run_capture
+from perfcap.io.calibration.assumed import ASSUMED_FOV
+from perfcap.metrics import joint_errors
+
+_REAL = "pose2sim_balancing"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    sequences: tuple[str, ...] = ("dev_tight", "dev_skirt", "dev_coat")
+    """Of the rendered set."""
+    views: tuple[int, ...] = (0, 1, 2, 3)
+    """Of the real man's, each captured alone."""
+    detector: tuple[str, ...] = ()
+    """Networks to use instead of the default."""
+    until: str = "track_motion"
+    """The last stage to run."""
+    fovs: tuple[float, ...] = field(default_factory=tuple)
+    """Degrees to assume across the longer side, in turn; perfcap's own if none is given."""
+    keep: Path | None = None
+    """Folder to keep the captures in, with pictures."""
+
+
+@dataclass(frozen=True)
+class Video:
+    """A video, and the truth about its joints: (F, 16, 3) m, NaN where unknown."""
+
+    name: str
+    path: Path
+    truth: Tensor
+    rate: float
+
+
+def run(config: Experiment) -> Report:
+    """PA-MPJPE of each video, for each assumed lens."""
+    rows: list[tuple[str | float, ...]] = []
+    for fov in config.fovs or (None,):
+        found = [_row(config, video, fov) for video in _videos(config)]
+        real = [row for row in found if str(row[0]).startswith(_REAL)]
+        rows += found
+        if len(real) > 1:
+            rows.append((f"{_REAL}, mean", *np.mean([r[1:] for r in real], 0).tolist()))
+    columns = ("video", "field of view", "PA-MPJPE mm", "acceleration error", "s a frame")
+    return Report((Table("a video alone", columns, tuple(rows)),), ())
+
+
+def _videos(config: Experiment) -> list[Video]:
+    videos = []
+    for name in config.sequences:
+        known = rendered(config.data, name)
+        videos.append(Video(name, known.folder / "video.mp4", known.truth, known.rate))
+    if config.views:
+        real = balancing(config.data)
+        folder = data_folder(config.data, _REAL) / "videos"
+        for view in config.views:
+            name = real.rig.names[view]
+            path = sorted(folder.glob("*.mp4"))[view]  # in the order of the calibration
+            videos.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate))
+    return videos
+
+
+def _row(config: Experiment, video: Video, fov: float | None) -> tuple[str | float, ...]:
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) if config.keep is None else config.keep / video.path.parent.name
+        out = out / f"{video.name.replace(', ', '_')}"
+        start = time.perf_counter()
+        request = CaptureRequest(
+            videos=(video.path,),
+            out=out,
+            fov=fov,
+            detector=config.detector,
+            lifter="cmu",
+            until=config.until,
+            overlay=config.keep is not None,
+            overwrite=True,
+        )
+        run_capture(request)
+        wall = time.perf_counter() - start
+        with np.load(out / "motion.npz") as file:
+            joints = torch.from_numpy(file["joints3d"]).double()
+    frames = min(len(joints), len(video.truth))
+    errors = joint_errors(joints[:frames], video.truth[:frames].double(), video.rate)
+    scores = float(errors.mpjpe_similarity), float(errors.acceleration_error)
+    return (video.name, fov or ASSUMED_FOV, *scores, wall / frames)
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "video_alone")

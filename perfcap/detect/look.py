@@ -1,0 +1,121 @@
+"""What a joint network sees in parts of an image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.candidates import Candidates
+from perfcap.detect.crop import Crop, Frame, body_angle, body_box, body_crop
+from perfcap.detect.decode import Estimate
+from perfcap.detect.joint_set import LANDMARKS, JointSet
+from perfcap.detect.manifest import Manifest
+
+Box = tuple[float, float, float, float]
+
+SEEN = 0.3  # confidence from which a joint tells where the person is
+_FOUND = 0.3  # mean confidence of a body's landmarks from which somebody is there
+_QUARTER = 0.5 * np.pi
+_LEANING = np.pi / 3  # from the crop's way up: beyond it, another quarter turn fits better
+
+
+class CropNetwork(Protocol):
+    """What following needs of a detector."""
+
+    manifest: Manifest
+
+    @property
+    def joint_set(self) -> JointSet:
+        """Names of its joints."""
+
+    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
+        """Joints of crops (N, h, w, 3)."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a network sees in one crop, in pixels and axes of the image.
+
+    Attributes:
+        crop: where it looked.
+        joints2d: (J, 2).
+        confidence: (J,).
+        joints3d: (J, 3), metres; None without.
+        candidates: where else joints may be, (1, J, C); None without heat maps.
+    """
+
+    crop: Crop
+    joints2d: Tensor
+    confidence: Tensor
+    joints3d: Tensor | None
+    candidates: Candidates | None
+
+    def box(self) -> Box | None:
+        """Around the body; None with too few joints."""
+        return body_box(self.joints2d, self.confidence, SEEN)
+
+    def around(self, network: CropNetwork, joint_set: JointSet, wider: float = 1.0) -> Crop | None:
+        """A crop of this body for a network; None with too few joints.
+
+        Args:
+            network: that is to look.
+            joint_set: of the joints of this look.
+            wider: factor of the network's padding.
+        """
+        spec = network.manifest.input
+        angle = turned(self, joint_set, spec.turns)
+        return body_crop(
+            self.joints2d, self.confidence, SEEN, spec.size, wider * spec.padding, angle
+        )
+
+
+def turned(look: Look, joint_set: JointSet, turns: str) -> float:
+    """Angle of the next crop of a body, as the network's manifest wants crops."""
+    if turns == "none":
+        return 0.0
+    before = look.crop.angle
+    angle = body_angle(look.joints2d, look.confidence, joint_set)
+    if angle is None:
+        return before
+    if turns == "upright":
+        return angle
+    kept = _QUARTER * round(before / _QUARTER)
+    apart = (angle - kept + np.pi) % (2 * np.pi) - np.pi
+    return kept if abs(apart) <= _LEANING else float(_QUARTER * round(angle / _QUARTER))
+
+
+def look_at(network: CropNetwork, frame: Frame, crops: Sequence[Crop]) -> list[Look]:
+    """What a network sees in crops of a frame."""
+    found = network.estimate(np.stack([crop.cut(frame) for crop in crops]))
+    looks = []
+    for row, crop in enumerate(crops):
+        pose = None
+        if found.joints3d is not None:
+            pose = found.joints3d[row]
+            if crop.angle:
+                pose = pose @ crop.turn(pose).mT
+        others = None
+        if found.candidates is not None:
+            places, support = found.candidates.places[[row]], found.candidates.support[[row]]
+            others = Candidates(crop.to_image(places), support)
+        points = crop.to_image(found.joints2d[row])
+        looks.append(Look(crop, points, found.confidence[row], pose, others))
+    return looks
+
+
+def is_person(confidence: Tensor, joint_set: JointSet) -> bool:
+    """Whether the landmarks that a set has are seen well enough, on average, to be somebody."""
+    return bool(sureness(confidence, joint_set) >= _FOUND)
+
+
+def sureness(confidence: Tensor, joint_set: JointSet) -> float:
+    """Mean confidence of the landmarks that a set has."""
+    sources = [joint_set.sources(name) for name in LANDMARKS]
+    known = [confidence[list(source)].amin() for source in sources if source]
+    return float(torch.stack(known).mean())

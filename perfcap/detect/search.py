@@ -1,0 +1,118 @@
+"""Where the people of an image are, for a network that sees one in a crop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from perfcap.detect.crop import Crop, Frame
+from perfcap.detect.look import Box, CropNetwork, Look, is_person, look_at, sureness
+
+_SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
+_STEP = 0.5  # of a window: how far apart they are
+_CANDIDATES = 3  # windows looked at again around what they show
+_AGAIN = (1.5, 1.0)  # crops centred on what is seen, the first wider: limbs may be cut off
+_TURNS = (0.5 * np.pi, np.pi, -0.5 * np.pi)
+_SURE = 0.6  # mean confidence from which nobody is looked for lying or upside down
+_SURER = 0.05  # mean confidence that speaks for a turned crop
+_SAME = 0.5  # of the smaller box: overlap of two looks at one person
+
+
+def search(network: CropNetwork, frame: Frame, person: int = 1) -> Look | None:
+    """The surest person of windows all over the image, looked at once more up close.
+
+    Args:
+        network: the detector.
+        frame: (H, W, 3).
+        person: 1 for the surest, 2 for the next, ...
+    """
+    spec = network.manifest.input
+    windows = list(_windows(frame, spec.size))
+    looks = look_at(network, frame, windows)
+    looks.sort(key=lambda look: -sureness(look.confidence, network.joint_set))
+    looks = _apart(looks)[: _CANDIDATES + person - 1]
+    closer = [turn_around(network, frame, centre(network, frame, look)) for look in looks]
+    closer.sort(key=lambda look: -sureness(look.confidence, network.joint_set))
+    people = [look for look in _apart(closer) if is_person(look.confidence, network.joint_set)]
+    return people[person - 1] if len(people) >= person else None
+
+
+def centre(network: CropNetwork, frame: Frame, look: Look) -> Look:
+    """The same person from crops that fit better and better."""
+    for wider in _AGAIN:
+        crop = look.around(network, network.joint_set, wider)
+        if crop is None:
+            return look
+        look = look_at(network, frame, [crop])[0]
+    return look
+
+
+def turn_around(network: CropNetwork, frame: Frame, look: Look) -> Look:
+    """The same person seen from other sides, if a network that may turn crops is not sure."""
+    joints, spec = network.joint_set, network.manifest.input
+    if spec.turns == "none" or sureness(look.confidence, joints) >= _SURE:
+        return look
+    crop = look.crop
+    size = max(crop.width, crop.height) / max(spec.size)
+    others = [Crop(crop.center, size * spec.size[1], spec.size, angle) for angle in _TURNS]
+    best = max(
+        look_at(network, frame, others), key=lambda other: sureness(other.confidence, joints)
+    )
+    if sureness(best.confidence, joints) < sureness(look.confidence, joints) + _SURER:
+        return look
+    again = centre(network, frame, best)
+    surer = sureness(again.confidence, joints) >= sureness(best.confidence, joints)
+    return again if surer else best
+
+
+def whole(frame: Frame) -> Box:
+    """The box of an image."""
+    height, width = frame.shape[:2]
+    return -0.5, -0.5, width - 0.5, height - 0.5
+
+
+def _apart(looks: list[Look]) -> list[Look]:
+    """Looks in order, without those at somebody seen before; those without a body last."""
+    kept: list[Look] = []
+    unclear: list[Look] = []
+    for look in looks:
+        box = look.box()
+        if box is None:
+            unclear.append(look)
+        elif all(_overlap(box, other.box()) < _SAME for other in kept):
+            kept.append(look)
+    return [*kept, *unclear]
+
+
+def _overlap(one: Box, other: Box | None) -> float:
+    """Area that two boxes share, of the smaller one."""
+    if other is None:
+        return 0.0
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (one, other)]
+    return max(width, 0.0) * max(height, 0.0) / max(min(areas), 1e-9)
+
+
+def _windows(frame: Frame, size: tuple[int, int]) -> Iterator[Crop]:
+    """The whole image, and overlapping windows of the input's shape in smaller sizes."""
+    left, top, right, bottom = whole(frame)
+    largest = Crop.around((left, top, right, bottom), size)
+    yield largest
+    longer = max(frame.shape[:2])
+    for scale in _SCALES:
+        width = scale * longer * min(1.0, size[1] / size[0])
+        height = width * size[0] / size[1]
+        for x in _places(left, right, width):
+            for y in _places(top, bottom, height):
+                if width < 0.99 * largest.width:
+                    yield Crop((x, y), width, size)
+
+
+def _places(low: float, high: float, length: float) -> list[float]:
+    """Middles of windows that cover a range, half a window apart."""
+    if length >= high - low:
+        return [0.5 * (low + high)]
+    count = int(np.ceil((high - low - length) / (_STEP * length))) + 1
+    return [float(v) for v in np.linspace(low + 0.5 * length, high - 0.5 * length, count)]

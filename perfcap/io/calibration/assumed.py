@@ -1,0 +1,102 @@
+"""The camera of one video that nobody calibrated, and the file that says what was assumed."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.atomic import writing
+from perfcap.io.calibration.rig import CameraRig
+from perfcap.io.clip import Clip
+from perfcap.io.video import VideoFile
+
+ASSUMED_FOV = 60.0  # degrees across the longer side, of a phone's main lens between its video modes
+_FILM = 36.0  # mm, the longer side of the frame that equivalent focal lengths refer to
+_NARROWEST, _WIDEST = 5.0, 150.0
+
+
+def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
+    """A camera without distortion at the origin, x right, y down, z forward, for one view.
+
+    Its focal length is the user's, else what the video's metadata say, else that of a lens that
+    sees 60 degrees across the longer side of the image. A pose is known up to a similarity in any
+    case: a wrong focal length moves the person away or nearer, and changes the pose little.
+
+    Args:
+        clip: one video.
+        fov: degrees across the longer side.
+
+    Raises:
+        InputError: several views, which do need calibration, or an angle that no lens has.
+    """
+    if clip.views > 1:
+        raise InputError(
+            f"--cameras: is missing for {clip.views} views; expected their calibration. Pose2Sim "
+            "(Pose2Sim.calibration, from a checkerboard) and EasyMocap write files that are read, "
+            "COLMAP where the background has texture; one view needs none"
+        )
+    height, width = clip.sizes[0]
+    longer = max(height, width)
+    focal, note = _focal(clip, fov, longer)
+    intrinsics = torch.tensor(
+        [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]],
+        dtype=torch.float64,
+    )
+    camera = Camera(
+        intrinsics[None],
+        torch.eye(3, dtype=torch.float64)[None],
+        torch.zeros(1, 3, dtype=torch.float64),
+        None,
+        ((height, width),),
+    )
+    return CameraRig(clip.names, camera, warnings=(note,))
+
+
+def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str]:
+    """Pixels, and where they come from in words."""
+    if fov is not None:
+        if not _NARROWEST <= fov <= _WIDEST:
+            raise InputError(
+                f"--fov: is {fov:g}; expected {_NARROWEST:g} to {_WIDEST:g} degrees across the "
+                "longer side of the image"
+            )
+        return _pixels(fov, longer), f"no --cameras: a lens of {fov:g} degrees, as --fov says"
+    source = clip.sources[0]
+    film = source.film_focal if isinstance(source, VideoFile) else None
+    if film is not None:
+        angle = math.degrees(2 * math.atan(0.5 * _FILM / film))
+        return longer * film / _FILM, (
+            f"no --cameras: the video says its lens is equivalent to {film:g} mm, {angle:.0f} "
+            "degrees across the longer side"
+        )
+    return _pixels(ASSUMED_FOV, longer), (
+        f"no --cameras: a lens of {ASSUMED_FOV:g} degrees across the longer side is assumed; "
+        "--fov says another, and distances follow it"
+    )
+
+
+def _pixels(fov: float, longer: int) -> float:
+    return 0.5 * longer / math.tan(math.radians(0.5 * fov))
+
+
+def save_assumed(path: Path, cameras: Camera, names: Sequence[str], fps: float) -> None:
+    """Write a fixed camera as ``read_cameras`` reads it, to capture or draw with again."""
+    views = {}
+    for view, name in enumerate(names):
+        height, width = cameras.size[view]
+        views[name] = {
+            "K": np.round(cameras.intrinsics[view].numpy(), 6).tolist(),
+            "R": cameras.rotation[view].numpy().tolist(),
+            "t": cameras.translation[view].numpy().tolist(),
+            "width": width,
+            "height": height,
+        }
+    with writing(path) as file:
+        file.write(json.dumps({"fps": fps, "views": views}, indent=1).encode())

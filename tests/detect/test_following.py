@@ -1,0 +1,122 @@
+"""Following with crops that turn, people who jump, and several networks, by a made-up network."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from perfcap.detect.decode import Estimate
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
+from perfcap.detect.person import Start, follow_person
+
+SIDE = 96
+PLACES = torch.tensor(  # of a standing body, one high, head up
+    [
+        *((0.0, 0.0), (0.0, 0.2), (-0.15, 0.22), (-0.2, 0.4), (-0.2, 0.55)),
+        *((0.15, 0.22), (0.2, 0.4), (0.2, 0.55), (-0.1, 0.5), (-0.1, 0.75), (-0.1, 0.95)),
+        *((-0.15, 1.0), (0.1, 0.5), (0.1, 0.75), (0.1, 0.95), (0.15, 1.0)),
+    ]
+)
+
+
+def draw(*people: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+    """A frame with people of (x, y, height, degrees that they are turned): a value for each joint,
+    in red, and how sure one may be of them in green."""
+    frame = np.zeros((240, 320, 3), np.uint8)
+    for number, (x, y, height, degrees) in enumerate(people):
+        angle = np.radians(degrees)
+        turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        points = height * (PLACES - torch.tensor([0.0, 0.5])) @ turn.T.float()
+        for joint, (px, py) in enumerate(points.tolist()):
+            px, py = round(px + x), round(py + y)
+            frame[py - 3 : py + 4, px - 3 : px + 4] = (10 * joint + 50, 255 - 80 * number, 0)
+    return frame
+
+
+@dataclass
+class Eyes:
+    """Finds dots by their value, and believes in those of people whose head is up."""
+
+    turns: str
+    joint_set: JointSet = LANDMARKS16
+    surest: float = 1.0
+    blind: tuple[str, ...] = ()
+    crops: int = 0
+    manifest: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        spec = SimpleNamespace(size=(SIDE, SIDE), padding=1.2, turns=self.turns)
+        self.manifest = SimpleNamespace(
+            input=spec, output=SimpleNamespace(kind="coordinates", crop_axes=False)
+        )
+
+    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
+        self.crops += len(crops)
+        found = [self._one(crop.astype(float)) for crop in crops]
+        points, trust = (torch.stack(each) for each in zip(*found, strict=True))
+        return Estimate(points, trust, None)
+
+    def _one(self, crop: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor]:
+        points, trust = torch.zeros(16, 2), torch.zeros(16)
+        strongest = max(crop[..., 1].max(), 1.0)
+        mine = crop[..., 1] > strongest - 60
+        for joint, name in enumerate(LANDMARKS):
+            value = crop[..., 0] * strongest / np.maximum(crop[..., 1], 1)
+            near = mine & (np.abs(value - (10 * joint + 50)) < 4)
+            if near.any() and name not in self.blind:
+                rows, columns = np.nonzero(near)
+                points[joint] = torch.tensor([columns.mean(), rows.mean()]).float()
+                trust[joint] = self.surest * strongest / 255
+        upright = points[0, 1] < points[8, 1] - 10 and trust[[0, 8]].all()
+        return points, trust * (1.0 if upright else 0.35)
+
+
+def errors(found: torch.Tensor, x: float, y: float, height: float, degrees: float) -> torch.Tensor:
+    angle = np.radians(degrees)
+    turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    truth = height * (PLACES - torch.tensor([0.0, 0.5])) @ turn.T.float() + torch.tensor([x, y])
+    return (found - truth).norm(dim=-1)
+
+
+@pytest.mark.parametrize("turns", ["quarters", "upright"])
+@pytest.mark.parametrize("degrees", [90, 170, -100])
+def test_somebody_who_lies_or_hangs_is_seen_upright(turns: str, degrees: float) -> None:
+    frames = [draw((160 + f, 120, 130, degrees)) for f in range(3)]
+    found = follow_person(Eyes(turns), iter(frames), Start())
+    assert (found.confidence2d > 0.9).all()
+    assert errors(found.joints2d[1, 0], 161, 120, 130, degrees).max() < 2
+    without = follow_person(Eyes("none"), iter(frames), Start())
+    assert (without.confidence2d < 0.5).all()
+
+
+def test_the_next_person_and_the_one_in_a_box_can_be_chosen() -> None:
+    frames = [draw((80, 120, 140, 0), (240, 130, 120, 0)) for _ in range(2)]
+    places = [(80, 120, 140, 0), (240, 130, 120, 0)]
+    starts = [Start(), Start(person=2), Start((180, 60, 300, 200))]
+    for start, place in zip(starts, (places[0], places[1], places[1]), strict=True):
+        found = follow_person(Eyes("none"), iter(frames), start)
+        assert errors(found.joints2d[1, 0], *place).max() < 3
+
+
+def test_whoever_shrinks_is_searched_for_and_found_where_they_are() -> None:
+    """A poster where the person was takes over only if nobody else is nearer and surer."""
+    frames = [draw((150, 120, 150, 0)), draw((190, 110, 150, 0), (148, 130, 60, 0))]
+    found = follow_person(Eyes("none"), iter(frames), Start())
+    assert errors(found.joints2d[1, 0], 190, 110, 150, 0).max() < 8  # the poster covers an arm
+
+
+def test_others_add_what_the_first_network_does_not_see() -> None:
+    frames = [draw((150, 120, 150, 0)) for _ in range(2)]
+    first = Eyes("none", blind=("l_toe", "r_toe"), surest=0.9)
+    alone = follow_person(first, iter(frames), Start())
+    toes = [LANDMARKS.index("l_toe"), LANDMARKS.index("r_toe")]
+    assert (alone.confidence2d[..., toes] == 0).all()
+    other = Eyes("upright", surest=0.5)
+    both = follow_person(first, iter(frames), Start(), None, [other])
+    assert other.crops == 2  # one a frame: it does not search
+    torch.testing.assert_close(both.confidence2d[..., toes], torch.full((2, 1, 2), 0.5))
+    assert errors(both.joints2d[1, 0], 150, 120, 150, 0).max() < 2
