@@ -21,7 +21,7 @@ from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import AUTO, cast, find_source
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.input_doubts import doubts
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
@@ -86,6 +86,14 @@ def default_folder(videos: Sequence[Path]) -> Path:
     """Where a capture of these videos goes if nobody says: named after the first one."""
     name = videos[0].resolve().stem if videos else "perfcap"
     return Path(f"{name}_capture")
+
+
+def point_to(folder: Path) -> None:
+    """Say where the results are, in a last line."""
+    picture = own_file(folder, OVERLAY)
+    watch = "" if picture is None else f"watch {picture}; "
+    line = f"{watch}{folder / 'capture.glb'} opens in Blender; perfcap view {folder} plays it"
+    PlainConsole().print(line, soft_wrap=True)
 
 
 def run_capture(request: CaptureRequest) -> int:

@@ -1,16 +1,28 @@
-"""The terminal: plain text as it is, and progress bars for people only."""
+"""The terminal: plain text as it is, and progress for people and for logs."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from perfcap.errors import printable
+
+_SILENCE = 10.0  # seconds between lines where there is no terminal
 
 
 class PlainConsole(Console):
@@ -24,11 +36,21 @@ class PlainConsole(Console):
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """A function to tell stages to; draws nothing when the error stream is not a terminal."""
+    """A function to tell stages to: bars with counts and the time left, or lines in a log.
+
+    Where the error stream is not a terminal, a line comes every ten seconds, none for stages that
+    are done sooner.
+    """
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description:<14}"), BarColumn(), TimeElapsedColumn())
+    if not console.is_terminal:
+        yield Lines(lambda line: console.out(line, highlight=False)).tell
+        return
+    columns = (
+        TextColumn("{task.description:<14}"),
+        *(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()),
+    )
     tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+    with Progress(*columns, console=console) as bars:
 
         def tell(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
@@ -36,3 +58,40 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
             bars.update(tasks[stage], completed=done, total=total)
 
         yield tell
+
+
+@dataclass
+class Lines:
+    """Progress as plain lines, few enough for a log.
+
+    Attributes:
+        write: takes a line.
+        clock: seconds.
+    """
+
+    write: Callable[[str], None]
+    clock: Callable[[], float] = time.monotonic
+    _stage: str = ""
+    _started: float = 0.0
+    _told: float = 0.0
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        """Say how far a stage is, unless that was said a moment ago."""
+        now = self.clock()
+        if stage != self._stage:
+            self._stage, self._started, self._told = stage, now, now
+        if now - self._told < _SILENCE:
+            return
+        self._told = now
+        line = f"perfcap: {stage} {done} of {total}"
+        if 0 < done < total:
+            left = (now - self._started) * (total - done) / done
+            line += f", about {_spelled(left)} left"
+        self.write(line)
+
+
+def _spelled(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes < 100 else f"{minutes / 60:.1f} h"

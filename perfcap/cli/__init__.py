@@ -5,12 +5,16 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Protocol
 
 import tyro
 
+from perfcap import __version__
 from perfcap.cli.actor import ActorTools
 from perfcap.cli.capture import Capture, Demo, Doctor
+from perfcap.cli.models import Models
 from perfcap.cli.results import Evaluate, Export, Render, Report, View
 from perfcap.cli.train import Train
 from perfcap.errors import InputError, one_line, sentence
@@ -25,7 +29,12 @@ Command = (
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
+    | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+)
+COMMANDS = (
+    *("demo", "capture", "evaluate", "render", "report", "view"),
+    *("export", "actor", "doctor", "models", "train"),
 )
 
 _LONGEST_OPTION = 100  # letters
@@ -67,6 +76,11 @@ def _run(arguments: list[str]) -> int:
         if name.startswith("--") and len(name) > _LONGEST_OPTION:
             # looking for the nearest option takes the square of its length
             raise InputError(f"{name}: is no option; perfcap --help lists them")
+    if arguments[:1] == ["--version"]:
+        sys.stdout.write(f"perfcap {__version__}\n")
+        return 0
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
+        raise InputError(_no_command(arguments[0]))
     command: Runnable = tyro.cli(
         Command,
         prog="perfcap",
@@ -74,6 +88,18 @@ def _run(arguments: list[str]) -> int:
         description="Human performance capture: skeleton motion and deforming surface from video.",
     )
     return command.run()
+
+
+def _no_command(word: str) -> str:
+    """What is wrong with a first word that is no command, and what may have been meant."""
+    near = get_close_matches(word[:_LONGEST_OPTION].lower(), COMMANDS, 1)
+    if near:
+        meant = f"did you mean {near[0]}?"
+    elif Path(word).suffix:
+        meant = f"to capture a video: perfcap capture {word}"
+    else:
+        meant = f"expected one of {', '.join(COMMANDS)}"
+    return f"{word}: is no command of perfcap; {meant}"
 
 
 class _Line(logging.Formatter):

@@ -81,10 +81,12 @@ class Capture:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.capture import CaptureRequest, default_folder, run_capture
+        from perfcap.app.capture import CaptureRequest, default_folder, point_to, run_capture
 
         given = vars(self) | {"out": self.out or default_folder(self.videos)}
-        return run_capture(CaptureRequest(**given))
+        code = run_capture(CaptureRequest(**given))
+        point_to(given["out"])
+        return code
 
 
 @dataclass(frozen=True)

@@ -29,13 +29,18 @@ LANDMARKS = (
 )
 """The joints every energy, file and score speaks of; left and right are the actor's own."""
 
-# A landmark that a set lacks is the mean of other joints. The first recipe a set can cook is
+# A landmark that a set lacks is made of other joints. The first recipe a set can cook is
 # taken; a set that can cook none does not see the landmark.
 _RECIPES = {
     "neck": (("thorax",), ("l_shoulder", "r_shoulder")),
     "l_toe": (("l_big_toe",),),
     "r_toe": (("r_big_toe",),),
+    "head_top": (("l_ear", "r_ear", "l_shoulder", "r_shoulder"),),
 }
+# Joints of shoulders are at 81 %, ears at 93 % of the height of somebody who stands (after Drillis
+# and Contini 1966): the crown lies 0.6 times the way from shoulders to ears beyond the ears.
+_BEYOND_EARS = 0.6
+_SHARES = {"head_top": {"ear": 0.5 * (1 + _BEYOND_EARS), "shoulder": -0.5 * _BEYOND_EARS}}
 
 
 @dataclass(frozen=True)
@@ -57,11 +62,18 @@ class JointSet:
         return len(self.joints)
 
     def sources(self, landmark: str) -> tuple[int, ...]:
-        """Indices of the joints whose mean is a landmark; empty where the set has none."""
+        """Indices of the joints that a landmark is made of; empty where the set has none."""
         for recipe in ((landmark,), *_RECIPES.get(landmark, ())):
             if all(joint in self.joints for joint in recipe):
                 return tuple(self.joints.index(joint) for joint in recipe)
         return ()
+
+    def shares(self, landmark: str) -> tuple[float, ...]:
+        """Weights of the joints of ``sources`` in a landmark; they sum to one."""
+        joints = self.sources(landmark)
+        if len(joints) == 1 or landmark not in _SHARES:
+            return (1 / len(joints),) * len(joints) if joints else ()
+        return tuple(_SHARES[landmark][self.joints[joint][2:]] for joint in joints)
 
     def missing(self) -> tuple[str, ...]:
         """Landmarks this set does not see."""
@@ -98,8 +110,8 @@ def map_to_landmarks(
             f"the {len(joint_set)} joints of {joint_set.name!r}; expected (..., J, d) and (..., J)"
         )
     values, confidence = _drop_undetected(values, confidence)
-    columns = [joint_set.sources(landmark) for landmark in LANDMARKS]
-    means, least = zip(*(_mean(values, confidence, list(c)) for c in columns), strict=True)
+    parts = [(list(joint_set.sources(mark)), joint_set.shares(mark)) for mark in LANDMARKS]
+    means, least = zip(*(_mean(values, confidence, *part) for part in parts), strict=True)
     mapped, trust = torch.stack(means, -2), torch.stack(least, -1)
     return torch.where(trust[..., None] > 0, mapped, 0), trust
 
@@ -111,10 +123,13 @@ def _drop_undetected(values: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor
     return torch.where(seen[..., None], values, 0), torch.where(seen, confidence, 0)
 
 
-def _mean(values: Tensor, confidence: Tensor, columns: list[int]) -> tuple[Tensor, Tensor]:
+def _mean(
+    values: Tensor, confidence: Tensor, columns: list[int], shares: tuple[float, ...]
+) -> tuple[Tensor, Tensor]:
     if not columns:
         return torch.zeros_like(values[..., 0, :]), torch.zeros_like(confidence[..., 0])
-    return values[..., columns, :].mean(-2), confidence[..., columns].amin(-1)
+    weights = values.new_tensor(shares)[:, None]
+    return (weights * values[..., columns, :]).sum(-2), confidence[..., columns].amin(-1)
 
 
 def canonical_name(name: str) -> str:

@@ -12,8 +12,8 @@ from torch import Tensor
 from perfcap.detect.candidates import join_candidates
 from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.detections import Detections
-from perfcap.detect.fusion import Landmarks, exchanged, fuse
-from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
+from perfcap.detect.fusion import Landmarks, fuse
+from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
 from perfcap.detect.search import centre, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
@@ -71,7 +71,7 @@ def follow_person(
 
     Returns:
         The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found. 3D
-        joints are those of the first network that has any.
+        joints are those of the first network, if it has any.
     """
     seen = list(_with_others(network, frames, start, others))
     looks = [None if one is None else one.look for one in seen]
@@ -79,7 +79,7 @@ def follow_person(
     if not others:
         return found
     size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
-    further = [_helped(other, k, seen, camera) for k, other in enumerate(others)]
+    further = [_helped(other, place, seen) for place, other in enumerate(others)]
     return _fused(found, further, size.clamp(min=1.0))
 
 
@@ -92,13 +92,9 @@ def _finished(
     return settled
 
 
-def _helped(
-    network: CropNetwork, place: int, seen: list[_Seen | None], camera: Camera | None
-) -> Detections:
+def _helped(network: CropNetwork, place: int, seen: list[_Seen | None]) -> Detections:
     """What another network saw, with the sides as it saw them."""
     looks = [None if one is None else one.others[place] for one in seen]
-    if camera is not None and network.manifest.output.crop_axes:
-        looks = _in_camera_axes(looks, camera)
     return _to_detections(looks, network.joint_set)
 
 
@@ -106,14 +102,11 @@ def _fused(first: Detections, others: Sequence[Detections], size: Tensor) -> Det
     """One person's detections by several networks, each (F, 1), as one."""
     marks = [Landmarks(d.joints2d[:, 0], d.confidence2d[:, 0]) for d in (first, *others)]
     whole_body = fuse(marks[0], marks[1:], size)
-    joints3d, trusted = first.joints3d, first.trusted3d
-    for other, seen in zip(others, marks[1:], strict=True):
-        if joints3d is None and other.joints3d is not None:
-            swapped = exchanged(seen, marks[0], size)[:, None, None, None]
-            mirrored = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
-            joints3d, trusted = torch.where(swapped, mirrored, other.joints3d), other.trusted3d
-    points, confidence = whole_body.joints2d[:, None], whole_body.confidence[:, None]
-    return Detections(points, confidence, joints3d, trusted)
+    return replace(
+        first,
+        joints2d=whole_body.joints2d[:, None],
+        confidence2d=whole_body.confidence[:, None],
+    )
 
 
 def _with_others(

@@ -21,14 +21,11 @@ SIZES = {
     "BlazePose-33": 33,
 }
 MISSING = {
-    "COCO-17": {"head_top", "r_toe", "l_toe"},
-    "COCO-18": {"head_top", "r_toe", "l_toe"},
-    "BODY_25": {"head_top"},
-    "COCO-WholeBody": {"head_top"},
+    "COCO-17": {"r_toe", "l_toe"},
+    "COCO-18": {"r_toe", "l_toe"},
     "MPII": {"r_toe", "l_toe"},
     "LSP": {"r_toe", "l_toe"},
     "H36M-17": {"r_toe", "l_toe"},
-    "BlazePose-33": {"head_top"},
 }
 
 
@@ -55,6 +52,11 @@ def test_joints_are_found_by_name(joint_set: JointSet) -> None:
             torch.testing.assert_close(mapped[i], named[landmark])
         elif landmark in joint_set.missing():
             assert trust[i] == 0 and (mapped[i] == 0).all()
+        elif landmark == "head_top":
+            ears, shoulders = (
+                (named[f"l_{part}"] + named[f"r_{part}"]) / 2 for part in ("ear", "shoulder")
+            )
+            torch.testing.assert_close(mapped[i], ears + 0.6 * (ears - shoulders))
         elif landmark == "neck" and "thorax" in named:
             torch.testing.assert_close(mapped[i], named["thorax"])
         elif landmark == "neck":
@@ -103,6 +105,14 @@ def test_neck_takes_the_lesser_confidence_and_needs_both_shoulders() -> None:
     values[sets.COCO17.joints.index("r_shoulder")] = torch.nan
     mapped, trust = map_to_landmarks(values, confidence, sets.COCO17)
     assert trust[1] == 0 and (mapped[1] == 0).all()
+
+
+def test_a_crown_needs_both_ears() -> None:
+    values, confidence = body(sets.COCO17)
+    confidence[sets.COCO17.joints.index("l_ear")] = 0.2
+    assert map_to_landmarks(values, confidence, sets.COCO17)[1][0] == 0.2
+    confidence[sets.COCO17.joints.index("l_ear")] = 0
+    assert map_to_landmarks(values, confidence, sets.COCO17)[1][0] == 0
 
 
 @pytest.mark.parametrize("bad", [torch.nan, torch.inf, -torch.inf])

@@ -1,0 +1,126 @@
+"""``perfcap models``: what is shipped or found, and manifests for networks of one's own."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from perfcap.app.console import PlainConsole
+from perfcap.app.network_guess import guess_manifest
+from perfcap.detect.joint_set import JOINT_SETS
+from perfcap.detect.manifest import FILE as MANIFEST
+from perfcap.detect.manifest import ModelFile
+from perfcap.detect.onnx_file import read_model
+from perfcap.detect.session import Session
+from perfcap.errors import InputError
+from perfcap.io.actor import models_folder
+from perfcap.io.atomic import writing
+from perfcap.io.files import TEXT_LIMIT, require_file
+
+_KINDS = ("actors", "bodies", "detectors", "lifters")
+_MOST = 1000  # folders that are looked at
+
+
+@dataclass(frozen=True)
+class ManifestRequest:
+    """What the command line asks for; see ``perfcap models manifest --help``."""
+
+    file: Path
+    joints: str | None = None
+    licence: str = "unknown"
+    origin: str = "unknown"
+    overwrite: bool = False
+
+
+def run_list(folder: Path | None) -> int:
+    """Print models by kind; returns the exit code.
+
+    Raises:
+        InputError: the folder is not there.
+    """
+    console = PlainConsole()
+    for kind in _KINDS:
+        for path in sorted((models_folder() / kind).glob(f"*/{MANIFEST}")):
+            console.print(_line(kind.removesuffix("s"), path, path.parent.name), soft_wrap=True)
+    if folder is not None:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; expected one with models in it")
+        found = sorted({*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")})[:_MOST]
+        for path in found:
+            console.print(_line("", path, str(path.parent)), soft_wrap=True)
+        if not found:
+            console.print(f"{folder}: holds no {MANIFEST}; perfcap models manifest FILE writes one")
+    return 0
+
+
+def _line(kind: str, path: Path, name: str) -> str:
+    """One model: kind, name, size, joints, licence."""
+    try:
+        require_file(path, TEXT_LIMIT, "a manifest")
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        files = [f for f in _list(values.get("file")) if isinstance(f, dict)]
+        size = sum(f["size"] for f in files if isinstance(f.get("size"), int)) / 1e6
+        said = kind or str(values.get("kind", ""))
+        kind = "body" if said == "bodie" else said
+        parts = [f"{kind:<9} {name:<12} {size:6.1f} MB"]
+        joints = values.get("joints")
+        if isinstance(joints, dict) and kind == "detector":
+            parts.append(str(joints.get("set", f"{len(_list(joints.get('names')))} joints")))
+        licences = dict.fromkeys(str(f["licence"]) for f in files if "licence" in f)
+        return "  ".join((*parts, *licences))
+    except (InputError, ValueError, OSError) as error:
+        return f"{kind:<9} {name:<12} cannot be read ({error})"
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def run_manifest(request: ManifestRequest) -> int:
+    """Write a manifest beside an ONNX file; returns the exit code.
+
+    Raises:
+        InputError: the file cannot be opened, its outputs cannot be understood, or there is a
+            manifest already.
+    """
+    target = request.file.parent / MANIFEST
+    if target.exists() and not request.overwrite:
+        raise InputError(f"{target}: is there already; add --overwrite to replace it")
+    sets = {joint_set.name: joint_set for joint_set in JOINT_SETS}
+    if request.joints is not None and request.joints not in sets:
+        raise InputError(f"--joints {request.joints}: expected one of {', '.join(sets)}")
+    data, _ = read_model(request.file)
+    digest = hashlib.sha256(data).hexdigest()
+    session = Session(ModelFile(request.file, digest, request.licence, request.origin))
+    guess = guess_manifest(session, None if request.joints is None else sets[request.joints])
+    text = "\n".join(
+        (
+            'kind = "detector"',
+            "",
+            "[[file]]",
+            f"name = {_quoted(request.file.name)}",
+            f"size = {len(data)}",
+            f'sha256 = "{digest}"',
+            f"licence = {_quoted(request.licence)}",
+            f"origin = {_quoted(request.origin)}",
+            "",
+            guess.text,
+        )
+    )
+    with writing(target) as file:
+        file.write(text.encode())
+    console = PlainConsole()
+    console.print(f"{target}: {guess.family}", soft_wrap=True)
+    for line in guess.check:
+        console.print(f"to check: {line}", soft_wrap=True)
+    console.print(f"try it: perfcap capture VIDEO --detector {request.file.parent}", soft_wrap=True)
+    return 0
+
+
+def _quoted(text: str) -> str:
+    """A TOML string."""
+    shown = "".join(c if c.isprintable() else " " for c in text)
+    return '"' + shown.replace("\\", "\\\\").replace('"', '\\"') + '"'

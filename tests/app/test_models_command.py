@@ -1,0 +1,91 @@
+"""``perfcap models``, ``--version`` and words that are no command."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from perfcap import __version__
+from perfcap.cli import main
+from perfcap.detect.onnx import OnnxDetector
+from perfcap.io.actor import models_folder
+
+DETECTORS = models_folder() / "detectors"
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main([str(a) for a in arguments])
+    streams = capsys.readouterr()
+    return int(exit_.value.code or 0), streams.out, streams.err
+
+
+def test_shipped_models_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "models")
+    assert code == 0
+    for name in ("sam", "ada", "thunder", "blazepose", "rendered", "cmu"):
+        assert name in out
+    assert run(capsys, "models", "list", DETECTORS)[1].count("COCO-17") == 4
+
+
+@pytest.mark.parametrize("name", ["thunder", "blazepose"])
+def test_a_manifest_that_was_written_serves(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "model.onnx"
+    shutil.copy(DETECTORS / name / "model.onnx", model)
+    code, out, _ = run(capsys, "models", "manifest", model, "--licence", 'a "b" \\ c')
+    assert code == 0 and "perfcap capture VIDEO --detector" in out
+    guessed = OnnxDetector(tmp_path).manifest
+    shipped = OnnxDetector(DETECTORS / name).manifest
+    assert guessed.output == shipped.output and guessed.joint_set == shipped.joint_set
+    assert guessed.input.turns == shipped.input.turns
+    assert guessed.file.licence == 'a "b" \\ c'
+    code, _, err = run(capsys, "models", "manifest", model)
+    assert code == 2 and "--overwrite" in err
+
+
+@pytest.mark.parametrize(
+    ("content", "more", "words"),
+    [
+        (b"not a network", (), "is not an ONNX model"),
+        (None, ("--joints", "COCO-7"), "expected one of landmarks16, COCO-17"),
+        (None, (), "no such file"),
+    ],
+)
+def test_what_is_no_network_is_refused(
+    tmp_path: Path,
+    content: bytes | None,
+    more: tuple[str, ...],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / "model.onnx"
+    if content is not None:
+        path.write_bytes(content)
+    code, _, err = run(capsys, "models", "manifest", path, *more)
+    assert code == 2 and words in err and err.count("\n") == 1
+    assert not (tmp_path / "manifest.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("captur", "did you mean capture?"),
+        ("dance.mp4", "perfcap capture dance.mp4"),
+        ("x", "demo"),
+    ],
+)
+def test_typing_errors_are_answered(
+    word: str, meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = run(capsys, word)
+    assert code == 2 and meant in err and err.count("\n") == 1
+
+
+def test_version_by_module() -> None:
+    call = [sys.executable, "-m", "perfcap", "--version"]
+    found = subprocess.run(call, capture_output=True, text=True, check=True)
+    assert found.stdout == f"perfcap {__version__}\n"
