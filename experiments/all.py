@@ -37,11 +37,12 @@ SMALL: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 LONG = (
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
-    "deformation_speed", "detector_frames", "detector_noise", "export_check",
+    "deformation_speed", "detector_frames", "detector_noise", "detector_photographs",
+    "export_check",
     "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip", "long_surface",
     "mask_corruption", "orbit_frames", "paired_or_soft", "real_body", "real_silhouettes",
     "report_speed", "segmentation_ablation", "silhouette_speed", "stage_ablation",
-    "surface_speed",
+    "surface_speed", "video_alone",
 )  # fmt: skip
 
 

@@ -21,8 +21,6 @@ Box = tuple[float, float, float, float]
 
 SEEN = 0.3  # confidence from which a joint tells where the person is
 _FOUND = 0.3  # mean confidence of a body's landmarks from which somebody is there
-_QUARTER = 0.5 * np.pi
-_LEANING = np.pi / 3  # from the crop's way up: beyond it, another quarter turn fits better
 
 
 class CropNetwork(Protocol):
@@ -76,18 +74,17 @@ class Look:
 
 
 def turned(look: Look, joint_set: JointSet, turns: str) -> float:
-    """Angle of the next crop of a body, as the network's manifest wants crops."""
+    """Angle of the next crop of a body, as the network's manifest wants crops.
+
+    Quarter turns stay as they are: whoever bows is seen best as the crop was before. See
+    ``search.turn_around``, which changes them.
+    """
     if turns == "none":
         return 0.0
-    before = look.crop.angle
+    if turns == "quarters":
+        return look.crop.angle
     angle = body_angle(look.joints2d, look.confidence, joint_set)
-    if angle is None:
-        return before
-    if turns == "upright":
-        return angle
-    kept = _QUARTER * round(before / _QUARTER)
-    apart = (angle - kept + np.pi) % (2 * np.pi) - np.pi
-    return kept if abs(apart) <= _LEANING else float(_QUARTER * round(angle / _QUARTER))
+    return look.crop.angle if angle is None else angle
 
 
 def look_at(network: CropNetwork, frame: Frame, crops: Sequence[Crop]) -> list[Look]:
@@ -115,7 +112,12 @@ def is_person(confidence: Tensor, joint_set: JointSet) -> bool:
 
 
 def sureness(confidence: Tensor, joint_set: JointSet) -> float:
-    """Mean confidence of the landmarks that a set has."""
-    sources = [joint_set.sources(name) for name in LANDMARKS]
+    """Mean confidence of the landmarks that a set has; of the crown only where it is a joint.
+
+    A crown that is made of ears is unsure whenever somebody turns, which does not make a person
+    less of one.
+    """
+    names = [name for name in LANDMARKS if name != "head_top" or name in joint_set.joints]
+    sources = [joint_set.sources(name) for name in names]
     known = [confidence[list(source)].amin() for source in sources if source]
     return float(torch.stack(known).mean())

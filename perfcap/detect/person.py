@@ -22,6 +22,7 @@ from perfcap.geometry.camera import Camera
 
 _SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
 _JUMPED = 0.5  # of that size, for the middle
+_UNSURE = 0.4  # mean confidence below which somebody may have turned upside down
 _AGE = 8  # frames after which somebody who was lost may be anywhere and of any size
 
 
@@ -145,6 +146,8 @@ def _follow(
             look = search(network, frame, start.person if not known.ever else 1)
         elif known.doubts(look):
             look = _surer(look, search(network, frame), network.joint_set, known)
+        else:
+            look = turn_around(network, frame, look, _UNSURE)
         known = known.after(look)
         yield frame, look
         crop = None

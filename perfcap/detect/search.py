@@ -13,9 +13,9 @@ _SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
 _STEP = 0.5  # of a window: how far apart they are
 _CANDIDATES = 3  # windows looked at again around what they show
 _AGAIN = (1.5, 1.0)  # crops centred on what is seen, the first wider: limbs may be cut off
-_TURNS = (0.5 * np.pi, np.pi, -0.5 * np.pi)
-_SURE = 0.6  # mean confidence from which nobody is looked for lying or upside down
-_SURER = 0.05  # mean confidence that speaks for a turned crop
+_TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
+SURE = 0.6  # mean confidence from which nobody is looked for lying or upside down
+_SURER = 0.1  # mean confidence that speaks for a turned crop
 _SAME = 0.5  # of the smaller box: overlap of two looks at one person
 
 
@@ -48,14 +48,23 @@ def centre(network: CropNetwork, frame: Frame, look: Look) -> Look:
     return look
 
 
-def turn_around(network: CropNetwork, frame: Frame, look: Look) -> Look:
-    """The same person seen from other sides, if a network that may turn crops is not sure."""
+def turn_around(network: CropNetwork, frame: Frame, look: Look, sure: float = SURE) -> Look:
+    """The same person in crops turned by quarters, if a network that may turn them is not sure.
+
+    Args:
+        network: the detector.
+        frame: (H, W, 3).
+        look: at the person.
+        sure: mean confidence from which the look is kept.
+    """
     joints, spec = network.joint_set, network.manifest.input
-    if spec.turns == "none" or sureness(look.confidence, joints) >= _SURE:
+    if spec.turns == "none" or sureness(look.confidence, joints) >= sure:
         return look
     crop = look.crop
     size = max(crop.width, crop.height) / max(spec.size)
-    others = [Crop(crop.center, size * spec.size[1], spec.size, angle) for angle in _TURNS]
+    others = [
+        Crop(crop.center, size * spec.size[1], spec.size, a) for a in _TURNS if a != crop.angle
+    ]
     best = max(
         look_at(network, frame, others), key=lambda other: sureness(other.confidence, joints)
     )
