@@ -11,6 +11,10 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS16
 
 _NEAR = 0.03  # of the person's size: two networks mean the same place
+# Of other networks' confidence: on photographs the shipped ones promise 90 % and find 60. Chosen
+# on 30 photographs: 57.5, 70.4 and 71.3 % of the joints are found with 1, 0.6 and 0.4, and 86.6,
+# 86.9 and 84.6 % in the rendered sequence dev_skirt.
+TRUST = 0.6
 
 
 @dataclass(frozen=True)
@@ -29,9 +33,10 @@ class Landmarks:
 def fuse(first: Landmarks, others: Sequence[Landmarks], size: Tensor) -> Landmarks:
     """The first network's landmarks, improved and completed by others.
 
-    Confidences are probabilities. Where a network sees a landmark within 3 % of the person's size
-    of where it is known so far, the place is the mean by confidence. Elsewhere the surer one is
-    taken. Left and right of the first network are believed: another's are exchanged in frames
+    Confidences are probabilities; those of other networks than the first count 0.6 times. Where a
+    network sees a landmark within 3 % of the person's size of where it is known so far, the place
+    is the mean by confidence. Elsewhere the surer one is taken.
+    Left and right of the first network are believed: another's are exchanged in frames
     where that brings it nearer.
 
     Args:
@@ -66,7 +71,7 @@ def _sided(other: Landmarks, first: Landmarks, size: Tensor) -> Landmarks:
     wrong = exchanged(other, first, size)
     return Landmarks(
         torch.where(wrong[:, None, None], other.joints2d[:, order], other.joints2d),
-        torch.where(wrong[:, None], other.confidence[:, order], other.confidence),
+        TRUST * torch.where(wrong[:, None], other.confidence[:, order], other.confidence),
     )
 
 

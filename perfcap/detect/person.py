@@ -22,6 +22,7 @@ from perfcap.geometry.camera import Camera
 
 _SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
 _JUMPED = 0.5  # of that size, for the middle
+_NEARBY = 1.0  # of that size: whoever is lost for a few frames comes back within it
 _UNSURE = 0.4  # mean confidence below which somebody may have turned upside down
 _AGE = 8  # frames after which somebody who was lost may be anywhere and of any size
 
@@ -143,7 +144,9 @@ def _follow(
         if look is not None and number == 0:
             look = turn_around(network, frame, centre(network, frame, look))
         if look is None or not is_person(look.confidence, network.joint_set):
-            look = search(network, frame, start.person if not known.ever else 1)
+            look = known.unless_elsewhere(
+                search(network, frame, start.person if not known.ever else 1)
+            )
         elif known.doubts(look):
             look = _surer(look, search(network, frame), network.joint_set, known)
         else:
@@ -177,6 +180,13 @@ class _Known:
         if self.box is None or box is None or self.age >= _AGE:
             return False
         return _size(box) < _SHRUNK * _size(self.box) or self.moved(box) > _JUMPED
+
+    def unless_elsewhere(self, look: Look | None) -> Look | None:
+        """A look, but none at somebody too far away to be who was seen a moment ago."""
+        box = None if look is None else look.box()
+        if box is None or self.box is None or self.age >= _AGE:
+            return look
+        return look if self.moved(box) <= _NEARBY else None
 
     def moved(self, box: Box) -> float:
         """Distance of the middles, in sizes of the person."""

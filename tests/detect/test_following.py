@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.detect.decode import Estimate
+from perfcap.detect.fusion import TRUST
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
 from perfcap.detect.person import Start, follow_person
 
@@ -109,6 +110,16 @@ def test_whoever_shrinks_is_searched_for_and_found_where_they_are() -> None:
     assert errors(found.joints2d[1, 0], 190, 110, 150, 0).max() < 8  # the poster covers an arm
 
 
+def test_a_passer_by_does_not_take_over_at_once() -> None:
+    """Whoever is hidden is waited for; after some frames it may be anybody."""
+    passing = draw((250, 130, 100, 0))
+    frames = [draw((60, 120, 100, 0)), passing, draw((64, 120, 100, 0)), *[passing] * 10]
+    found = follow_person(Eyes("none"), iter(frames), Start())
+    seen = (found.confidence2d[:, 0] > 0).any(-1).tolist()
+    assert seen[:4] == [True, False, True, False] and seen[-1]
+    assert errors(found.joints2d[2, 0], 64, 120, 100, 0).max() < 3
+
+
 def test_others_add_what_the_first_network_does_not_see() -> None:
     frames = [draw((150, 120, 150, 0)) for _ in range(2)]
     first = Eyes("none", blind=("l_toe", "r_toe"), surest=0.9)
@@ -118,5 +129,5 @@ def test_others_add_what_the_first_network_does_not_see() -> None:
     other = Eyes("upright", surest=0.5)
     both = follow_person(first, iter(frames), Start(), None, [other])
     assert other.crops == 2  # one a frame: it does not search
-    torch.testing.assert_close(both.confidence2d[..., toes], torch.full((2, 1, 2), 0.5))
+    torch.testing.assert_close(both.confidence2d[..., toes], torch.full((2, 1, 2), TRUST * 0.5))
     assert errors(both.joints2d[1, 0], 150, 120, 150, 0).max() < 2

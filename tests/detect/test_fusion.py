@@ -2,7 +2,7 @@
 
 import torch
 
-from perfcap.detect.fusion import Landmarks, exchanged, fuse
+from perfcap.detect.fusion import TRUST, Landmarks, exchanged, fuse
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 
 SIZE = torch.tensor([100.0, 100.0, 100.0])
@@ -23,12 +23,12 @@ def test_what_one_network_lacks_comes_from_another() -> None:
     lost.joints2d[:, toes] = 0
     found = fuse(lost, [other], SIZE)
     torch.testing.assert_close(found.joints2d, other.joints2d)
-    assert (found.confidence[:, toes] == 0.4).all()
+    torch.testing.assert_close(found.confidence[:, toes], torch.full((3, 2), TRUST * 0.4))
     assert (found.confidence[:, 2:8] == 0.8).all()
 
 
 def test_near_places_are_averaged_and_far_ones_taken_from_the_surer() -> None:
-    first, other = body(0.6), body(0.3)
+    first, other = body(0.5), body(0.25 / TRUST)
     other.joints2d[:, 4] += torch.tensor([3.0, 0.0]) * 0.9  # within 3 % of the size
     other.joints2d[:, 7] += 30.0
     other.joints2d[:, 10] += 30.0
