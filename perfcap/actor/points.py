@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Protocol, runtime_checkable
 
+import torch
 from torch import Tensor, nn
 
 from perfcap.actor.kinematic_curvature import kinematic_curvature
@@ -52,28 +53,39 @@ class Landmarks(nn.Module):
 
     Args:
         skeleton: whose landmarks.
+        last: how many of them, from the end; all if None.
     """
 
     sees: Collection[str] = (BONES,)
 
-    def __init__(self, skeleton: Skeleton) -> None:
+    def __init__(self, skeleton: Skeleton, last: int | None = None) -> None:
         super().__init__()
         self.skeleton = skeleton
+        self.first = 0 if last is None else len(skeleton.rest_landmarks) - last
 
     @property
     def count(self) -> int:
-        """16 for people."""
-        return len(self.skeleton.rest_landmarks)
+        """All 16 of people, or the last ones."""
+        return len(self.skeleton.rest_landmarks) - self.first
 
     def forward(self, motion: Motion) -> Tensor:
-        """Landmarks in the world, (*b, F, 16, 3), metres."""
+        """Landmarks in the world, (*b, F, N, 3), metres."""
         landmarks: Tensor = self.skeleton(motion).landmarks
-        return landmarks
+        return landmarks[..., self.first :, :]
 
     def linearize(self, motion: Motion) -> Linearized:
         """In closed form; see ``Skeleton.linearize``."""
-        return self.skeleton.linearize(motion)
+        points, frame, shared = self.skeleton.linearize(motion)
+        if not self.first:
+            return points, frame, shared
+        kept = slice(self.first, None)
+        own_shared = None if shared is None else shared[..., kept, :, :]
+        return points[..., kept, :], frame[..., kept, :, :], own_shared
 
     def curvature(self, motion: Motion, linearized: Linearized, pull: Tensor) -> SecondOrder:
-        """Second derivative of ``<pull, landmarks>`` for a pull (*b, F, 16, 3)."""
-        return SecondOrder(*kinematic_curvature(self.skeleton, motion, linearized[1], pull))
+        """Second derivative of ``<pull, landmarks>`` for a pull (*b, F, N, 3)."""
+        frame = linearized[1]
+        if self.first:
+            frame = self.skeleton.linearize(motion)[1]
+            pull = torch.nn.functional.pad(pull, (0, 0, self.first, 0))
+        return SecondOrder(*kinematic_curvature(self.skeleton, motion, frame, pull))

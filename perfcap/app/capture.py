@@ -55,7 +55,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.performance import Performance, make_folder
-from perfcap.pipeline.presets import PRESETS
+from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
 
@@ -75,6 +75,7 @@ class CaptureRequest(InputRequest):
     until: str = "refine_surface"
     preset: str = "default"
     bones: str = "auto"
+    floor: str = "auto"
     device: str = "auto"
     overlay: bool = True
     report: bool = False
@@ -214,7 +215,7 @@ def _perform(
             inputs.rig.cameras.to(like),
             inputs.detections.to(like),
             inputs.clip.fps,
-            PRESETS[request.preset],
+            _settings(request),
             images=Images(inputs.clip, cameras),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
@@ -222,6 +223,15 @@ def _perform(
             checkpoint=work,
         )
     return performance.to(like.cpu())
+
+
+def _settings(request: CaptureRequest) -> CaptureConfig:
+    """The preset, without contact and floor where the request says so."""
+    preset = PRESETS[request.preset]
+    if request.floor == "auto":
+        return preset
+    contact = replace(preset.pose.contact, enabled=False)
+    return replace(preset, pose=replace(preset.pose, contact=contact))
 
 
 def _draw(request: CaptureRequest, folder: Path, performance: Performance, inputs: Inputs) -> None:

@@ -64,6 +64,8 @@ class Capture:
     """Measured defaults, or the constants published by Xu et al. 2018."""
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
+    floor: Literal["auto", "none"] = "auto"
+    """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
     video_map: Path | None = None
     """JSON of affine maps from video to calibration pixels, where the two differ."""
     detections_in: Literal["calibration", "video"] = "calibration"

@@ -1,6 +1,7 @@
 """One file, one term, one equation."""
 
 from perfcap.energy.contour_alignment import ContourAlignment
+from perfcap.energy.floor_penetration import FloorPenetration
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
@@ -13,6 +14,7 @@ from perfcap.energy.trajectory import Trajectory
 __all__ = [
     "BoneLengthPrior",
     "ContourAlignment",
+    "FloorPenetration",
     "JointPosition",
     "JointTarget",
     "PosePrior",

@@ -1,4 +1,4 @@
-"""What a first solve of a clip tells the second: sizes of errors, and the prior of each window."""
+"""What a first solve of a clip tells the second: errors, priors, and where feet stand."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
 from perfcap.pipeline.config import PositionConfig
 from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.prior_evidence import evident_stiffness
+from perfcap.pipeline.stances import translation_precision
+from perfcap.pipeline.standing import find_standing
 from perfcap.temporal.window import Window, partition
 
 _STRETCH = 500  # frames whose errors are looked at together
@@ -48,6 +50,26 @@ def adapted(problem: ClipProblem, motion: Motion) -> ClipProblem:
     return replace(known, first=replace(first, stiffness=_stiffness(known, motion, windows)))
 
 
+@torch.no_grad()
+def with_standing(problem: ClipProblem, motion: Motion) -> ClipProblem:
+    """The problem with the floor and the stances of a motion (F,), if feet stand on a floor."""
+    joints = replace(problem, terms={}, first=None)
+    parts = [
+        translation_precision(
+            [dict(joints.objective(stretch).items())["joints2d"]], motion[stretch.index]
+        )
+        for stretch in _stretches(motion)
+    ]
+    settings = problem.rate, problem.config.contact, torch.cat(parts), problem.cameras
+    return replace(problem, standing=find_standing(problem.actor, motion, *settings))
+
+
+def _stretches(motion: Motion) -> list[Window]:
+    """Parts of a motion that are looked at together."""
+    starts = range(0, motion.frames, _STRETCH)
+    return [Window(start, min(start + _STRETCH, motion.frames)) for start in starts]
+
+
 def _stated(problem: ClipProblem, windows: int) -> Tensor:
     """The prior of ``config`` for every window, (W, 2 + A)."""
     lower = problem.actor.skeleton.lower
@@ -66,8 +88,7 @@ def _squared_errors(problem: ClipProblem, motion: Motion) -> dict[str, Tensor]:
     """Squared errors in their unit, confidence aside, (F, C, 16) of every energy that has them."""
     joints = replace(problem, terms={})
     found: dict[str, Tensor] = {}
-    for start in range(0, motion.frames, _STRETCH):
-        stretch = Window(start, min(start + _STRETCH, motion.frames))
+    for stretch in _stretches(motion):
         part = motion[stretch.index]
         for name, energy in joints.objective(stretch).items():
             if name in _SEEN_THROUGH:

@@ -20,12 +20,16 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.record import Record
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
 from perfcap.pipeline.objective import kernel, pose_objective, trajectory_prior
+from perfcap.pipeline.standing import Standing
 from perfcap.solve import Objective
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import Window
 
 TERMS = ("joints2d", "joints3d", "targets", "trajectory", "prior")
 """Energies of a motion, by the names they are reported and weighed under."""
+
+CONTACT = ("contact", "floor")
+"""Energies of feet that stand, likewise; their weight is that of ``ContactConfig``."""
 
 _SMOOTH = ("trajectory", "prior")
 _ROOT_DEVIATION = 0.05  # m, of where estimators put a whole person
@@ -88,6 +92,7 @@ class ClipProblem:
         certain: confidence of the targets, (F, K, 16).
         calm: share of the weight of trajectory and prior that the clip's jitter asks for.
         first: what a first solve told; None before it.
+        standing: where feet stand, as a first solve showed it.
         terms: an author's own energies by name.
         factors: on the weights of energies, by name; learned ones may carry a graph.
     """
@@ -102,6 +107,7 @@ class ClipProblem:
     certain: Tensor | None = None
     calm: float = 1.0
     first: FirstSolve | None = None
+    standing: Standing | None = None
     terms: Mapping[str, Term] = field(default_factory=dict)
     factors: Mapping[str, Tensor] = field(default_factory=dict)
 
@@ -161,6 +167,8 @@ class ClipProblem:
                 energy.weight = energy.weight.to(factor) * factor
             if name in _SMOOTH:
                 energy.weight = energy.weight.to(windows.calm) * windows.calm
+        if self.standing is not None:
+            energies.update(self.standing.energies(windows.numbers, self.config.contact))
         where = FrameNumbers(windows.numbers, windows.clip)
         for name, term in self.terms.items():
             energies[name] = term(self.actor, where).to(self.actor.skeleton.lower)
@@ -240,10 +248,9 @@ def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
     """
     own = dict(energies or {})
     for name, term in own.items():
-        if name in TERMS:
-            raise InputError(
-                f"energies: {name!r} is one of {', '.join(TERMS)}; give yours another name"
-            )
+        if name in TERMS + CONTACT:
+            taken = ", ".join(TERMS + CONTACT)
+            raise InputError(f"energies: {name!r} is one of {taken}; give yours another name")
         if isinstance(term, Energy) or not callable(term):
             raise InputError(
                 f"energies: {name!r} is a {type(term).__name__}; expected a function of (actor, "

@@ -75,6 +75,22 @@ class PriorConfig:
 
 
 @dataclass(frozen=True)
+class ContactConfig:
+    """Feet that stand: a first solve shows the floor and the stances, the second solve keeps them.
+
+    Chosen on 14 clips of the CMU library, in one and in four simulated views.
+    """
+
+    enabled: bool = True
+    weight: float = 1.0
+    deviation: float = 0.02  # m, of a point under a foot from where it stands
+    depth: float = 0.005  # m, of a point below the floor
+    scale: float | None = 4.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+    margin: float = 0.007  # m, below the floor as found, whose height is the mean of noisy feet
+    support: float = 0.35  # share of slow points on the plane that makes it a floor
+
+
+@dataclass(frozen=True)
 class BoneConfig:
     """Bone lengths solved over the clip."""
 
@@ -106,6 +122,7 @@ class PoseConfig:
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
+    contact: ContactConfig = field(default_factory=ContactConfig)
     bones: BoneConfig = field(default_factory=BoneConfig)
 
 
@@ -126,5 +143,6 @@ MONOPERFCAP_POSE = PoseConfig(
     ),
     prior=PriorConfig(weight=1e-6),
     evidence=EvidenceConfig(enabled=False),
+    contact=ContactConfig(enabled=False),
     clean=0.0,
 )

@@ -114,6 +114,8 @@ def capture(
         warnings=(*_blind_views(detections), *_warnings(windows), *_doubts(refinement)),
         surface=None if refinement is None else refinement.vertices,
         refinement=refinement,
+        floor=None if problem.standing is None else problem.standing.floor,
+        contact=None if problem.standing is None else problem.standing.feet,
     )
 
 

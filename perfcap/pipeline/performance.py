@@ -19,6 +19,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.result_folder import finish, locked, replacing
+from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
@@ -58,6 +59,8 @@ class Performance:
         warnings: what a user should know.
         surface: vertices of every frame, where the surface itself was captured.
         refinement: what the images added, where stages looked at them.
+        floor: that feet stand on, where they do.
+        contact: probability that the left and the right foot stand, (F, 2), likewise.
     """
 
     actor: Actor
@@ -74,6 +77,8 @@ class Performance:
     warnings: tuple[str, ...] = field(default=())
     surface: SurfaceFrames | None = None
     refinement: Refinement | None = None
+    floor: Floor | None = None
+    contact: Tensor | None = None
 
     @property
     def frames(self) -> int:
@@ -103,6 +108,7 @@ class Performance:
             cameras=self.cameras.to(like),
             detections=self.detections.to(like),
             motion=self.motion.to(like),
+            contact=None if self.contact is None else self.contact.to(like),
             bone_scales=None if self.bone_scales is None else self.bone_scales.to(like),
         )
 
@@ -174,6 +180,7 @@ class Performance:
                 for w in self.windows
             ],
             "energy": self._frame_energy(),
+            "floor": None if self.floor is None else self.floor.report(),
             "stages": {s.name: {"wall_s": s.wall, "cpu_s": s.cpu} for s in self.stages},
             "bone_scales": None
             if scales is None

@@ -109,9 +109,19 @@ def _write_motion(performance: Performance, path: Path, first_frame: int, known:
             angle_lower=_array(skeleton.lower),
             angle_upper=_array(skeleton.upper),
             frames=np.arange(first_frame, first_frame + performance.frames),
+            **_standing(performance),
             fps=np.array(performance.rate),
             capture=np.array(known),
         )
+
+
+def _standing(performance: Performance) -> dict[str, Any]:
+    """Contact of the feet (F, 2) and the floor: its normal, and its height along it, (4,)."""
+    if performance.floor is None or performance.contact is None:
+        return {"contact": np.zeros((performance.frames, 2))}
+    floor = performance.floor
+    plane = np.append(_array(floor.normal), float(floor.height))
+    return {"contact": _array(performance.contact), "floor": plane}
 
 
 def _array(values: Tensor) -> np.ndarray:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.io.journal import Record
-from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.adapt import adapted, with_standing
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
 from perfcap.pipeline.motion_blender import MotionBlender
@@ -130,22 +130,29 @@ def track_twice(
 
     From the smooth motion of the first solve, the second one with its weaker prior does not
     follow wrong detections, which it would from the frames each on its own. One view without 3D
-    joints is solved once: there the prior alone tells depth.
+    joints keeps the first prior: there it alone tells depth. What the first solve shows of the
+    floor and of feet that stand is in the second one too.
 
     Returns:
         The motion (F,), a report for each window, and the problem that was solved last.
     """
-    last = kept.kept("track_motion")
-    if not twice(problem):
+    last, stands = kept.kept("track_motion"), problem.config.contact.enabled
+    if not twice(problem) and not stands:
         return *track_motion(problem, initial, progress, last), problem
     first = kept.kept("track_motion_first")
-    rough, _ = track_motion(loose(problem), initial, _half(progress, 0), first)
-    known = adapted(problem, rough)
+    begun = loose(problem) if twice(problem) else problem
+    rough, reports = track_motion(begun, initial, _half(progress, 0), first)
+    known = adapted(problem, rough) if twice(problem) else problem
+    known = with_standing(known, rough) if stands else known
+    if known is problem or (not twice(problem) and known.standing is None):
+        return rough, reports, problem
+    if known.standing is not None:
+        rough = replace(rough, translation=rough.translation + known.standing.shift)
     return *track_motion(known, rough, _half(progress, 1), last), known
 
 
 def twice(problem: ClipProblem) -> bool:
-    """Whether a clip is solved a second time."""
+    """Whether a first solve of a clip tells the second its weights and its prior."""
     return problem.config.evidence.enabled and problem.tells_depth
 
 

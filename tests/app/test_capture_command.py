@@ -33,6 +33,7 @@ CONTRACT = {
     "joint_names": ((16,), "U"),
     "root_translation": ((24, 3), "f"),
     "root_rotation": ((24, 3), "f"),
+    "contact": ((24, 2), "f"),
     "angles": ((24, 27), "f"),
     "angle_names": ((27,), "U"),
     "angle_lower": ((27,), "f"),

@@ -1,0 +1,179 @@
+"""The floor of a motion: the plane that its feet stand on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import rotvec_to_matrix
+
+_HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
+_NECK = LANDMARKS.index("neck")
+_TILT = math.radians(6)  # deviation of the body's mean axis from vertical
+_LOOSE, _TIGHT = 0.05, 0.02  # m, deviations of heights below and above the plane
+_SPEED = 0.6  # m/s, on top of a clip's own noise, at which a point counts a quarter
+_SHARE = 0.05  # s, of every frame as evidence: errors of neighbouring frames are the same
+_ROUNDS, _WIDENED, _WIDE = 30, 10, 3.0  # of the fit; with kernels that narrow over the first ones
+_LOW = 0.15  # quantile of heights to start from
+_RIGID = 1e-4  # rad, deviation from an axis of the world
+_AS_WELL = 0.8  # of the support of a free normal, that an axis of the world needs
+_CAMERA_WORLD = 1e-3  # entries of a rotation by which the world's axes are not the camera's
+_NEAREST = math.cos(math.radians(30))  # of the body's axis to an axis of the world
+_PARALLEL = 1e-9  # sine of the angle below which two directions are one
+_NEAR = 0.04  # m, from the plane: a point that it explains
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The plane ``normal . x = height`` in the world.
+
+    Attributes:
+        normal: unit vector that points up, (3,).
+        height: metres.
+        deviation: expected error of the normal, radians.
+        support: share of slow foot points that lie within 4 cm of it, 0 to 1.
+    """
+
+    normal: Tensor
+    height: Tensor
+    deviation: float
+    support: float
+
+    def world_to_floor(self) -> Tensor:
+        """Rigid transform (4, 4) into a world with the floor at y = 0 and y up.
+
+        Turns by the least angle that brings the normal to y, so headings stay as they can.
+        """
+        up = self.normal.new_tensor([0.0, 1.0, 0.0])
+        axis = torch.linalg.cross(self.normal, up)
+        sine, cosine = axis.norm(), self.normal @ up
+        if float(sine) < _PARALLEL:  # half a turn about x where the normal points down
+            turn = torch.diag(up.new_tensor([1.0, float(cosine), float(cosine)]).sign())
+        else:
+            turn = rotvec_to_matrix(axis / sine * torch.atan2(sine, cosine))
+        moved = torch.eye(4).to(turn)
+        moved[:3, :3], moved[1, 3] = turn, -self.height
+        return moved
+
+    def report(self) -> dict[str, Any]:
+        """As plain values, for run.json."""
+        return {
+            "normal": self.normal.tolist(),
+            "height": float(self.height),
+            "deviation_degrees": math.degrees(self.deviation),
+            "support": self.support,
+            "world_to_floor": self.world_to_floor().tolist(),
+        }
+
+    def above(self, points: Tensor) -> Tensor:
+        """Heights of points (..., 3) above the floor, (...), metres."""
+        return points @ self.normal - self.height
+
+
+def find_floor(
+    landmarks: Tensor, soles: Tensor, rate: float, cameras: Camera | None = None
+) -> Floor:
+    """A robust plane through points under the feet while they are slow.
+
+    The body's mean axis is a prior for up, heights of slow points are the data; points above the
+    plane are let go earlier than points below it, since feet are lifted and do not sink. People
+    calibrate with an axis of the world upright: the axis nearest to the body's is taken instead of
+    the free normal where a floor square to it explains the points about as well.
+
+    Args:
+        landmarks: (F, 16, 3), metres, in the world.
+        soles: points under the feet, (F, N, 3).
+        rate: frames a second.
+        cameras: calibrated ones, whose world may have an upright axis; a world that is a camera's
+            own has none.
+    """
+    up = body_axis(landmarks, soles)
+    speed = velocity(soles, rate).norm(dim=-1)
+    noise = speed.amin(-1).median()
+    slow = (1 + (speed / (_SPEED + noise)).square()).square().reciprocal().flatten()
+    points = soles.flatten(0, 1)
+    share = slow / (rate * _SHARE * soles.shape[1] * 2 * _TIGHT**2)
+    free = _fit(points, slow, share, up, _TILT)
+    axis = None if cameras is None else _upright_axis(cameras, up)
+    if axis is None:
+        return free
+    square = _fit(points, slow, share, axis, _RIGID)
+    return square if square.support > _AS_WELL * free.support else free
+
+
+def _fit(points: Tensor, slow: Tensor, share: Tensor, up: Tensor, deviation: float) -> Floor:
+    """The plane through points (P, 3), its normal near ``up``, by reweighted least squares."""
+    centre = points.mean(0)
+    points = points - centre
+    across = _square_to(up)
+    tilt, normal = up.new_zeros(2), up
+    low = _quantile(points @ up, slow, _LOW)
+    prior = up.new_tensor([deviation**-2, deviation**-2, 1e-9])
+    system = torch.diag(prior)
+    for step in range(_ROUNDS):
+        wide = max(1.0, _WIDE * (1 - step / _WIDENED))
+        height = points @ normal - low
+        size = wide * torch.where(height > 0, _TIGHT, _LOOSE)
+        weight = share / (1 + (height / size).square()).square()
+        rows = torch.cat((points @ across, -torch.ones_like(height)[:, None]), -1)
+        system = rows.mT @ (weight[:, None] * rows) + torch.diag(prior)
+        slope = rows.mT @ (weight * height) + prior * torch.cat((tilt, tilt.new_zeros(1)))
+        change = -torch.linalg.solve(system, slope)
+        tilt, low = tilt + change[:2], low + change[2]
+        normal = up + across @ tilt
+        normal = normal / normal.norm()
+    near = (points @ normal - low).abs() < _NEAR
+    support = float((slow * near).sum() / slow.sum().clamp(min=1e-9))
+    spread = torch.linalg.inv(system).diagonal()[:2].sum().clamp(min=0).sqrt()
+    return Floor(normal, low + centre @ normal, float(spread), support)
+
+
+def _upright_axis(cameras: Camera, up: Tensor) -> Tensor | None:
+    """The signed axis of the world nearest to ``up``, (3,), if it is near and not a camera's."""
+    turns = cameras.rotation.reshape(-1, 3, 3).to(up)
+    own = (turns.abs() - torch.eye(3).to(turns)).abs().amax((-2, -1)) < _CAMERA_WORLD
+    index = int(up.abs().argmax())
+    if bool(own.any()) or float(up[index].abs()) < _NEAREST:
+        return None
+    axis = torch.zeros_like(up)
+    axis[index] = up[index].sign()
+    return axis
+
+
+def body_axis(landmarks: Tensor, soles: Tensor) -> Tensor:
+    """Mean direction from the feet to the middle of the trunk, a unit vector (3,)."""
+    hips = landmarks[:, _HIPS].mean(1)
+    axis = 0.5 * (hips + landmarks[:, _NECK]) - soles.mean(1)
+    axis = axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+    mean = axis.mean(0)
+    up: Tensor = mean / mean.norm().clamp(min=1e-9)
+    return up
+
+
+def velocity(points: Tensor, rate: float) -> Tensor:
+    """Central differences of points (F, ..., 3), m/s; one-sided at the ends."""
+    if len(points) < 2:
+        return torch.zeros_like(points)
+    step = points.diff(dim=0) * rate
+    inner = 0.5 * (step[1:] + step[:-1])
+    return torch.cat((step[:1], inner, step[-1:]))
+
+
+def _square_to(axis: Tensor) -> Tensor:
+    """Two unit vectors square to a third one and to each other, as columns (3, 2)."""
+    other = torch.eye(3).to(axis)[int(axis.abs().argmin())]
+    first = torch.linalg.cross(axis, other)
+    first = first / first.norm()
+    return torch.stack((first, torch.linalg.cross(axis, first)), -1)
+
+
+def _quantile(values: Tensor, weights: Tensor, level: float) -> Tensor:
+    order = values.argsort()
+    share = weights[order].cumsum(0)
+    return values[order][int((share < level * share[-1]).sum())]
