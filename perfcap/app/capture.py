@@ -19,6 +19,7 @@ import torch
 from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import AUTO, cast, find_source
+from perfcap.app.capture_checks import check_actor, check_result, refuse_wrong
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
@@ -137,9 +138,12 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
         chosen = cast(request.actor, request.height, inputs, tell)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
+    told = check_actor(inputs, chosen.actor, solve_bones)
     performance = replace(
         _perform(request, chosen.actor, inputs, solve_bones, work), lost=inputs.lost
     )
+    more = (*told, *check_result(performance))
+    performance = replace(performance, warnings=(*performance.warnings, *more))
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs)
         if any(_networks(request)):
@@ -162,6 +166,7 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
 
 def _examined(request: CaptureRequest, inputs: Inputs) -> Inputs:
     """The inputs with all there is to say of them, which is said before any work is done."""
+    refuse_wrong(inputs)
     needs_images = Stage[request.until.upper()].needs_images
     more = doubts(inputs, needs_images=needs_images, detected=request.detector is not None)
     inputs = replace(inputs, warnings=(*inputs.warnings, *more))

@@ -82,7 +82,9 @@ def warnings(result: Result, marks: Sequence[Mark], notes: Sequence[str]) -> Mar
         element("li", _jump(m.start, _span(m)), " ", m.text, class_=f"mark-{m.kind}") for m in marks
     ]
     listed = element("ul", items, class_="warnings") if items else None
-    quiet = None if items else element("p", "None: every frame was captured as intended.")
+    quiet = (
+        None if items else element("p", "None: the person was detected and every frame was solved.")
+    )
     about = element("ul", [element("li", note) for note in notes], class_="notes")
     missing = (element("h3", "Not in this report"), about) if notes else None
     return join([listed, quiet, missing])

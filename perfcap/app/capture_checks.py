@@ -1,0 +1,95 @@
+"""What ``perfcap doctor`` knows, inside ``perfcap capture``: refused, or told, before any solve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from perfcap.actor.actor import Actor
+from perfcap.app.inputs import Inputs
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.io.doctor import (
+    Finding,
+    Severity,
+    examine_agreement,
+    examine_cameras,
+    examine_detections,
+)
+from perfcap.io.doctor.evidence import Scene
+from perfcap.pipeline.performance import Performance
+
+_WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
+_HEIGHT = (0.5, 2.6)  # m, of people
+_RATIO = (0.7, 1.45)  # of the actor's legs to those that the views show
+_TRIMS = 6  # rounds in which triangulation lets outliers go
+_FAR = 100.0  # m, from a camera: nobody is filmed from there
+_LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
+
+
+def refuse_wrong(inputs: Inputs) -> None:
+    """Refuse what would be captured wrongly everywhere: units, axes, pixels.
+
+    Raises:
+        InputError: the inputs are such.
+    """
+    found = examine_cameras(inputs.rig)
+    found += examine_detections(inputs.rig, inputs.detections)
+    agreement = examine_agreement(inputs.rig, inputs.detections)
+    found += [each for each in agreement if each.subject in _WHOLE]
+    for finding in found:
+        if finding.severity is Severity.ERROR:
+            raise InputError(_words(finding))
+
+
+def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, ...]:
+    """Warnings about the size of the actor.
+
+    Args:
+        inputs: of the capture.
+        actor: who is to be captured.
+        solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
+    """
+    return tuple(_size(inputs, actor, solve_bones))
+
+
+def check_result(performance: Performance) -> tuple[str, ...]:
+    """Warnings about where the person is: not where anybody is filmed from."""
+    local = performance.cameras.to_camera(performance.motion.translation.unsqueeze(-2))
+    distance = float(local[..., 0, 2].abs().median())
+    if not distance > _FAR:
+        return ()
+    return (
+        f"the person is {distance:.3g} m from the cameras; check the focal length and the units of "
+        "cameras and actor",
+    )
+
+
+def _size(inputs: Inputs, actor: Actor, solve_bones: bool) -> Iterator[str]:
+    """Whether the actor has the size of a person, and of this one where views show it."""
+    rest = actor.skeleton.rest_landmarks
+    height = float(rest[:, 1].max() - rest[:, 1].min())
+    if not _HEIGHT[0] < height < _HEIGHT[1]:
+        yield (
+            f"the actor is {height:.3g} m tall, expected {_HEIGHT[0]} to {_HEIGHT[1]}; scale it to "
+            "metres, or places and sizes are wrong by that factor"
+        )
+        return
+    if inputs.detections.views < 2 or solve_bones:
+        return
+    points, _ = (
+        Scene(inputs.rig.cameras, inputs.detections).straightened().sampled().triangulated(_TRIMS)
+    )
+    seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
+    own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
+    ratio = own / float(seen.nanmedian()) if bool(seen.isfinite().any()) else 1.0
+    if math.isfinite(ratio) and not _RATIO[0] < ratio < _RATIO[1]:
+        yield (
+            f"the actor's legs are {ratio:.2g} times as long as those that the views show; add "
+            "--bones solve, or give the actor of this person"
+        )
+
+
+def _words(finding: Finding) -> str:
+    remedy = f"; {finding.remedy}" if finding.remedy else ""
+    return f"{finding.subject}: {finding.what}{remedy}"

@@ -1,0 +1,99 @@
+"""Mistakes in units, axes and pixels that a capture names before it solves anything."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from runs import Command
+from synthetic import cameras as circle
+from takes import TakeFiles, make_take, sway, write_detections
+
+from perfcap.app.capture_checks import check_actor, check_result, refuse_wrong
+from perfcap.app.inputs import Inputs
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.io.calibration import CameraRig
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import CaptureConfig
+
+
+def normalised(given: Detections) -> Detections:
+    return replace(given, joints2d=given.joints2d / 160)
+
+
+def in_millimetres(given: Detections) -> Detections:
+    assert given.joints3d is not None
+    return replace(given, joints3d=1000 * given.joints3d)
+
+
+def mirrored(given: Detections) -> Detections:
+    assert given.joints3d is not None
+    return replace(given, joints3d=given.joints3d * torch.tensor([1.0, -1.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (normalised, "normalised"),
+        (in_millimetres, "expected a person in millimetres"),
+        (mirrored, "runs against the image's y"),
+    ],
+)
+def test_detections_that_would_spoil_everything_are_refused(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, change: object, words: str
+) -> None:
+    assert callable(change)
+    path = tmp_path / "changed.npz"
+    write_detections(path, change(take.take.detections))
+    line = perfcap(take.command(tmp_path / "out", detections=path)).refused()
+    assert words in line
+
+
+def inputs_of(detections: Detections, count: int = 3) -> Inputs:
+    cameras = circle(count, size=600)
+    rig = CameraRig(tuple(f"view{v}" for v in range(count)), cameras)
+    return Inputs(None, rig, detections, None, ())  # type: ignore[arg-type]
+
+
+def test_good_views_are_not_spoken_of() -> None:
+    take = make_take(20, views=3)
+    refuse_wrong(inputs_of(take.detections))
+    assert check_actor(inputs_of(take.detections), take.actor, False) == ()
+
+
+def test_views_of_different_people_are_refused() -> None:
+    first, other = make_take(20, views=3), make_take(20, views=3, turns=2.0)
+    pixels = first.detections.joints2d.clone()
+    pixels[:, 1] = other.detections.joints2d[:, 1].flip(0) + 90
+    pixels[:, 2] = other.detections.joints2d[:, 2] - 120
+    mixed = replace(first.detections, joints2d=pixels, joints3d=None)
+    with pytest.raises(InputError, match="disagree on the person"):
+        refuse_wrong(inputs_of(mixed))
+
+
+def test_an_actor_of_another_size_is_told() -> None:
+    take = make_take(20, views=3)
+    large = take.actor.resized(torch.full_like(shape_of(take.actor), 1.1))
+    (told,) = check_actor(inputs_of(take.detections), large, False)
+    assert "m tall" in told and "metres" in told
+    longer = take.actor.resized(torch.full_like(shape_of(take.actor), 0.4))
+    (told,) = check_actor(inputs_of(take.detections), longer, False)
+    assert "--bones solve" in told
+    assert check_actor(inputs_of(take.detections), longer, True) == ()
+
+
+def shape_of(actor: object) -> torch.Tensor:
+    return torch.zeros(len(actor.skeleton.group_names), dtype=torch.float64)  # type: ignore[attr-defined]
+
+
+def test_a_person_four_kilometres_away_is_told() -> None:
+    take = make_take(4)
+    here = sway(take.actor, 4)
+    far = replace(here, translation=here.translation + 4000.0)
+    found = Performance(
+        take.actor, take.cameras, take.detections, far, take.rate, config=CaptureConfig()
+    )
+    (told,) = check_result(found)
+    assert "m from the cameras" in told
+    assert check_result(replace(found, motion=here)) == ()
