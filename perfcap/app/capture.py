@@ -159,9 +159,10 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
         *chosen.warnings,
         *performance.warnings,
         *_made_up(performance, inputs.clip.start),
+        *(performance.trust.sentences(inputs.clip.start) if performance.trust else ()),
     ):
         _LOG.warning("%s", line)
-    return DONE if performance.complete else INCOMPLETE
+    return DONE if performance.complete and performance.trusted else INCOMPLETE
 
 
 def _examined(request: CaptureRequest, inputs: Inputs) -> Inputs:
@@ -318,7 +319,9 @@ def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> in
     there = all(own_file(folder, name) is not None for name in expected)
     if not same or not there or changed:
         return None
-    return DONE if done.get("complete") is True else INCOMPLETE
+    quality = done.get("quality")
+    trusted = isinstance(quality, dict) and quality.get("trusted") is True
+    return DONE if done.get("complete") is True and trusted else INCOMPLETE
 
 
 def _solve_bones(choice: str, generic: bool, detections: Detections) -> bool:

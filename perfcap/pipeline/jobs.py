@@ -32,6 +32,7 @@ from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport, track_twice
+from perfcap.pipeline.trust import frame_evidence, judge_frames
 from perfcap.solve import Status
 from perfcap.workers import settle_after_fork
 
@@ -116,6 +117,7 @@ def capture(
         refinement=refinement,
         floor=None if problem.standing is None else problem.standing.floor,
         contact=None if problem.standing is None else problem.standing.feet,
+        trust=judge_frames(frame_evidence(start.problem, motion)),
     )
 
 

@@ -26,6 +26,7 @@ from perfcap.pipeline.refine import Refinement
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import WindowReport
+from perfcap.pipeline.trust import Trust
 from perfcap.solve import Status
 
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
@@ -61,6 +62,7 @@ class Performance:
         refinement: what the images added, where stages looked at them.
         floor: that feet stand on, where they do.
         contact: probability that the left and the right foot stand, (F, 2), likewise.
+        trust: how far each frame can be trusted.
     """
 
     actor: Actor
@@ -79,6 +81,7 @@ class Performance:
     refinement: Refinement | None = None
     floor: Floor | None = None
     contact: Tensor | None = None
+    trust: Trust | None = None
 
     @property
     def frames(self) -> int:
@@ -89,6 +92,11 @@ class Performance:
     def complete(self) -> bool:
         """Whether every frame was captured from detections by a solve that went well."""
         return not self.not_captured
+
+    @property
+    def trusted(self) -> bool:
+        """Whether at least three quarters of the frames can be trusted."""
+        return self.trust is None or not self.trust.considerable
 
     @property
     def not_captured(self) -> tuple[tuple[int, int], ...]:
@@ -180,6 +188,7 @@ class Performance:
                 for w in self.windows
             ],
             "energy": self._frame_energy(),
+            "quality": None if self.trust is None else self.trust.report(first_frame),
             "floor": None if self.floor is None else self.floor.report(),
             "stages": {s.name: {"wall_s": s.wall, "cpu_s": s.cpu} for s in self.stages},
             "bone_scales": None

@@ -110,6 +110,7 @@ def _write_motion(performance: Performance, path: Path, first_frame: int, known:
             angle_upper=_array(skeleton.upper),
             frames=np.arange(first_frame, first_frame + performance.frames),
             **_standing(performance),
+            **_trust(performance),
             fps=np.array(performance.rate),
             capture=np.array(known),
         )
@@ -122,6 +123,13 @@ def _standing(performance: Performance) -> dict[str, Any]:
     floor = performance.floor
     plane = np.append(_array(floor.normal), float(floor.height))
     return {"contact": _array(performance.contact), "floor": plane}
+
+
+def _trust(performance: Performance) -> dict[str, Any]:
+    """Trust in each frame, (F,), 0 to 1."""
+    if performance.trust is None:
+        return {}
+    return {"trust": _array(performance.trust.value)}
 
 
 def _array(values: Tensor) -> np.ndarray:

@@ -34,6 +34,7 @@ CONTRACT = {
     "root_translation": ((24, 3), "f"),
     "root_rotation": ((24, 3), "f"),
     "contact": ((24, 2), "f"),
+    "trust": ((24,), "f"),
     "angles": ((24, 27), "f"),
     "angle_names": ((27,), "U"),
     "angle_lower": ((27,), "f"),

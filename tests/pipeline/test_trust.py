@@ -1,0 +1,70 @@
+"""Trust falls where the person is hidden or detections contradict each other, and says so."""
+
+from dataclasses import replace
+
+import torch
+from takes import make_take, without
+
+from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.trust import FEATURES, THRESHOLD, Trust, judge_frames
+
+F64 = torch.float64
+
+
+def captured(views: int = 1, hidden: slice | None = None, noise: float = 0.0) -> Performance:
+    take = make_take(60, views=views)
+    detections = take.detections
+    if hidden is not None:
+        detections = without(detections, hidden)
+    if noise:
+        random = torch.Generator().manual_seed(0)
+        shift = noise * torch.randn(detections.joints2d.shape, generator=random, dtype=F64)
+        detections = replace(detections, joints2d=detections.joints2d + shift)
+    return capture(take.actor, take.cameras, detections, take.rate)
+
+
+def test_exact_detections_are_trusted() -> None:
+    for views in (1, 2):
+        trust = captured(views).trust
+        assert trust is not None
+        assert (trust.value > THRESHOLD).all() and not trust.doubtful
+        assert float(trust.error.min()) > 0 and float(trust.error.max()) < 80
+
+
+def test_frames_in_which_nobody_is_seen_are_named() -> None:
+    found = captured(hidden=slice(20, 45))
+    trust = found.trust
+    assert trust is not None
+    assert trust.value[25:40].max() < THRESHOLD < trust.value[:12].min()
+    assert float(trust.error[30]) > 2 * float(trust.error[5])
+    ((start, stop, reason),) = trust.doubtful
+    assert 15 <= start <= 25 and 40 <= stop <= 50 and "not detected" in reason
+    assert trust.considerable and not found.trusted
+    (sentence,) = trust.sentences(first_frame=100)
+    assert f"frames {100 + start} to {99 + stop}" in sentence and "mm" in sentence
+    report = found.report(first_frame=100)["quality"]
+    assert report["trusted"] is False and len(report["expected_error_mm"]) == 60
+    assert report["not_trusted"][0]["frames"] == [100 + start, 100 + stop]
+
+
+def test_noise_lowers_trust() -> None:
+    clean, noisy = captured().trust, captured(noise=40.0).trust
+    assert clean is not None and noisy is not None
+    assert float(noisy.value.mean()) < float(clean.value.mean()) - 0.1
+    assert float(noisy.error.mean()) > 1.5 * float(clean.error.mean())
+
+
+def test_a_short_doubt_is_not_considerable() -> None:
+    value = torch.ones(100, dtype=F64)
+    few = Trust(value, 30 * value, ((10, 30, "x"),))
+    many = Trust(value, 30 * value, ((10, 30, "x"), (60, 70, "y")))
+    assert not few.considerable and many.considerable
+
+
+def test_evidence_is_in_the_stated_order() -> None:
+    assert len(FEATURES) == 9
+    evidence = torch.zeros(4, 9, dtype=F64)
+    worse = evidence.clone()
+    worse[:, FEATURES.index("worst_pixels")] = 3.0
+    assert (judge_frames(worse).value < judge_frames(evidence).value).all()
