@@ -22,9 +22,9 @@ FEATURES = (
 )  # fmt: skip
 # Logistic regression of bad frames and linear regression of the log error (mm) on the evidence, the
 # last number the constant: 6760 frames of captures of 14 clips of the CMU library, in one, two and
-# four simulated views, with usual and with 2.2 times the errors, parts hidden, without 3D poses.
-_BAD = (-0.484, 0.898, -2.458, -0.563, 1.363, 0.382, 3.245, 0.172, -0.554, 0.765)
-_ERROR = (-0.258, 0.263, -2.12, -0.102, 0.56, 0.008, 0.894, 0.065, 0.237, 5.439)
+# six simulated views, with usual and with 2.2 times the errors, parts hidden, without 3D poses.
+_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.953)
+_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 5.169)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
@@ -35,6 +35,7 @@ _ONE_VIEW = math.log(2.5)
 _STRETCH = 200  # frames whose covariances are held at once
 _AROUND = 0.1  # s, of frames that a frame is judged with
 _OUTLIER, _LOST = 4.0, 20.0  # percent of the person's height: a detection that does not agree
+_ENOUGH = 1.0  # detections that agree with a joint
 _BASE = 0.3  # percent of the person's height: no error is known better
 _TYPICAL_SPACE = 0.06  # m, where there is no 3D pose to differ from
 _DAMPING = 1e-6  # relative to the largest curvature
@@ -49,7 +50,7 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
     - pixels: log of the median reprojection error, in percent of the person's height, and
       worst_pixels: that of the joint with the largest one;
     - support and least_support: how many detections agree with a joint, an outlier counts for
-      nothing; the mean over joints, and the log of the least;
+      nothing and more than one is as good as one; the mean over joints, and the log of the least;
     - space and worst_space: log distance (m) between joints and 3D poses, mean and largest, and
       no_space: 1 where no 3D pose is trusted;
     - spread: log of the largest deviation (m) of a joint about the mean of all, from the
@@ -83,13 +84,13 @@ def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> 
     agrees = known / (1 + (error / _OUTLIER).square()).square()
     count = known.sum(1)
     of_joints = error.sum(1) / count.clamp(min=1)  # F J
-    support = _around(agrees.sum(1), reach)
+    support = _around(agrees.sum(1).clamp(max=_ENOUGH), reach)
     space, worst, none = _space(energies, problem, seen.trusted3d, motion)
     middle = torch.where(count > 0, of_joints, torch.nan).nanmedian(-1).values.nan_to_num(_LOST)
     features = (
         (_around(middle, reach) + _BASE).log(),
         (_around(of_joints, reach).amax(-1) + _BASE).log(),
-        support.mean(-1).log1p(),
+        support.mean(-1),
         (support.amin(-1) + 0.05).log(),
         (_around(space, reach) + 0.01).log(),
         (_around(worst, reach) + 0.01).log(),
