@@ -193,10 +193,9 @@ class Trust:
         ranked = sorted(self.doubtful, key=lambda each: each[0] - each[1])[:_NAMED]
         for start, stop, why in sorted(ranked):
             error = float(self.error[start:stop].mean())
-            yield (
-                f"frames {first_frame + start} to {first_frame + stop - 1} are not to be trusted "
-                f"(expected error {error:.0f} mm): {why}"
-            )
+            first, last = first_frame + start, first_frame + stop - 1
+            which = f"frames {first} to {last} are" if last > first else f"frame {first} is"
+            yield f"{which} not to be trusted (expected error {error:.0f} mm): {why}"
         if len(self.doubtful) > _NAMED:
             yield f"{len(self.doubtful) - _NAMED} shorter ranges are in run.json"
 
@@ -220,7 +219,7 @@ def _reason(evidence: Tensor) -> str:
     if found["pixels"] > _FAR_OFF:
         return "the motion does not project onto the detected joints"
     if found["no_space"] > 0.5 and found["views"] < _ONE_VIEW:
-        return "one view without 3D poses, where depth is a guess"
+        return "one view without 3D poses that can be trusted, where depth is a guess"
     if found["space"] > _ELSEWHERE:
         return "the 3D poses disagree with the motion"
     return "detections contradict each other or leave the pose open"
