@@ -176,7 +176,8 @@ def count_changes(scene: Scene, out: Path) -> int:
         def note(count: int) -> None:
             shared[:8] = count.to_bytes(8, "little")
 
-        assert run(scene.call(out), dying(-1, note)) == 0
+        code = run(scene.call(out), dying(-1, note))
+        assert code == 0, (code, SAID.read_text()[-600:])
         return int.from_bytes(shared[:8], "little")
 
 
@@ -232,8 +233,8 @@ def disk(scene: Scene, work: Path, steps: int) -> Iterator[str]:
     size = sum(path.stat().st_size for path in older.rglob("*") if path.is_file())
     new = sum(path.stat().st_size for path in (work / "whole").rglob("*") if path.is_file())
     place.mkdir()
-    cases = [f"size={size + 65536 + int(3 * new * at / steps)}" for at in range(steps)]
-    cases += [f"size=1g,nr_inodes={len(before) + 4 + at * 2}" for at in range(steps)]
+    cases = [f"size={size + 65536 + int(8 * new * at / steps)}" for at in range(steps)]
+    cases += [f"size=1g,nr_inodes={len(before) + 4 + at * 8}" for at in range(steps)]
     lost = refused = 0
     for case in [*cases, "ro"]:
         options = "size=1g" if case == "ro" else case
