@@ -189,7 +189,7 @@ def kills(scenes: list[Scene], work: Path, count: int, seed: int) -> Iterator[st
         whole = work / f"whole{scene.views}"
         assert run(scene.call(whole)) == 0
         took, expected = time.monotonic() - began, bits(whole)
-        changes = count_changes(scene, work / "counted")
+        changes = count_changes(scene, work / f"counted{scene.views}")
         share = count // len(scenes)
         places = np.linspace(1, changes, share - share // 2).round().astype(int).tolist()
         done = survived = restarts = 0
