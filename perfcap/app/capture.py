@@ -225,6 +225,7 @@ def _perform(
             images=Images(inputs.clip, cameras),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
+            level=request.cameras is None,
             progress=tell,
             checkpoint=work,
         )

@@ -61,9 +61,13 @@ class JointSet:
     def __len__(self) -> int:
         return len(self.joints)
 
-    def sources(self, landmark: str) -> tuple[int, ...]:
-        """Indices of the joints that a landmark is made of; empty where the set has none."""
-        for recipe in ((landmark,), *_RECIPES.get(landmark, ())):
+    def sources(self, landmark: str, *, measured: bool = False) -> tuple[int, ...]:
+        """Indices of the joints that a landmark is made of; empty where the set has none.
+
+        Those that are ``measured`` lie among joints; the others are guessed, as a crown from ears.
+        """
+        guessed = measured and landmark in _SHARES
+        for recipe in ((landmark,), *(() if guessed else _RECIPES.get(landmark, ()))):
             if all(joint in self.joints for joint in recipe):
                 return tuple(self.joints.index(joint) for joint in recipe)
         return ()
@@ -90,7 +94,7 @@ def _other_side(joint: str, joints: Sequence[str]) -> str:
 
 
 def map_to_landmarks(
-    values: Tensor, confidence: Tensor, joint_set: JointSet
+    values: Tensor, confidence: Tensor, joint_set: JointSet, *, measured: bool = False
 ) -> tuple[Tensor, Tensor]:
     """Reorder and combine a detector's joints into the 16 landmarks.
 
@@ -98,6 +102,7 @@ def map_to_landmarks(
         values: pixels (..., J, 2) or positions (..., J, 3) in the order of ``joint_set``.
         confidence: (..., J).
         joint_set: names of the J joints.
+        measured: leave out landmarks that would be guessed, for a truth to score against.
 
     Returns:
         Values (..., 16, 2 or 3) and confidence (..., 16). Where a joint is not finite, has no
@@ -110,7 +115,8 @@ def map_to_landmarks(
             f"the {len(joint_set)} joints of {joint_set.name!r}; expected (..., J, d) and (..., J)"
         )
     values, confidence = _drop_undetected(values, confidence)
-    parts = [(list(joint_set.sources(mark)), joint_set.shares(mark)) for mark in LANDMARKS]
+    columns = [list(joint_set.sources(mark, measured=measured)) for mark in LANDMARKS]
+    parts = [(own, joint_set.shares(m)) for own, m in zip(columns, LANDMARKS, strict=True)]
     means, least = zip(*(_mean(values, confidence, *part) for part in parts), strict=True)
     mapped, trust = torch.stack(means, -2), torch.stack(least, -1)
     return torch.where(trust[..., None] > 0, mapped, 0), trust

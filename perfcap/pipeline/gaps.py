@@ -22,11 +22,7 @@ def fill_gaps(motion: Motion, seen: Tensor) -> Motion:
     """
     if bool(seen.all()):
         return motion
-    if not bool(seen.any()):
-        raise InputError(
-            "detections show a person in no frame; expected at least 3 joints in one frame: check "
-            "that they belong to this video and that confidences are above 0"
-        )
+    require_somebody(seen)
     before, after, share = _neighbours(seen)
     share = share.to(motion.angles)[:, None]
 
@@ -40,6 +36,19 @@ def fill_gaps(motion: Motion, seen: Tensor) -> Motion:
     mixed = torch.nn.functional.normalize(pair[:, 0] + share * (pair[:, 1] - pair[:, 0]), dim=-1)
     rotation = torch.where(seen[:, None], motion.rotation, quaternion_to_rotvec(mixed))
     return Motion(between(motion.translation), rotation, between(motion.angles), motion.shared)
+
+
+def require_somebody(seen: Tensor) -> None:
+    """Refuse a clip that shows the person in none of its frames (F,).
+
+    Raises:
+        InputError: it is such a clip.
+    """
+    if not bool(seen.any()):
+        raise InputError(
+            "detections show a person in no frame; expected at least 3 joints in one frame: check "
+            "that they belong to this video and that confidences are above 0"
+        )
 
 
 def ranges(missing: Tensor) -> list[tuple[int, int]]:

@@ -17,7 +17,7 @@ from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.gaps import fill_gaps
+from perfcap.pipeline.gaps import fill_gaps, require_somebody
 from perfcap.pipeline.headings import search_headings
 from perfcap.pipeline.objective import neutral_angles
 from perfcap.pipeline.prepare import Prepared
@@ -58,6 +58,8 @@ def initialize(
         InputError: no view shows the person in any frame.
     """
     detections = prepared.detections
+    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
+    require_somebody(seen)  # before anything is kept
     starts = range(0, detections.frame_count, config.initial_batch)
     tasks = [slice(start, start + config.initial_batch) for start in starts]
 
@@ -70,7 +72,6 @@ def initialize(
     for motion, known in kept:
         solved.append(motion)
         placed.append(known & torch.isfinite(motion.coordinates().frame).all(-1))
-    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
     whole = Motion.cat(solved)
     known = torch.cat(placed) & seen
     more = checkpoint.kept("headings")

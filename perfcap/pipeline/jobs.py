@@ -25,6 +25,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
@@ -51,6 +52,7 @@ def capture(
     until: Stage | None = None,
     energies: Mapping[str, Term] | None = None,
     solve_bones: bool = False,
+    level: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
@@ -72,6 +74,8 @@ def capture(
             others, and ``run.json`` reports their share of every frame.
         solve_bones: find the person's bone lengths first and capture on an actor that has them;
             for an actor that is not the person.
+        level: the world of the cameras means nothing, as that of one assumed camera: the result
+            is in another, with y up and the floor that feet stand on at y = 0.
         workers: threads of the stages that look at images; all cores when not given. Results do
             not depend on it.
         progress: told how far each stage is.
@@ -95,6 +99,13 @@ def capture(
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion") as tell:
             motion, windows, problem = track_twice(problem, motion, tell, kept)
+    judged = start.problem
+    if level:
+        transform = to_level(problem)
+        motion = moved_motion(motion, transform)
+        problem, judged = (moved_problem(each, transform) for each in (problem, judged))
+        if images is not None:
+            images = replace(images, cameras=moved_cameras(images.cameras, transform))
     refinement: Refinement | None = None
     if images is not None and until.needs_images:
         with torch.no_grad():
@@ -117,7 +128,7 @@ def capture(
         refinement=refinement,
         floor=None if problem.standing is None else problem.standing.floor,
         contact=None if problem.standing is None else problem.standing.feet,
-        trust=judge_frames(frame_evidence(start.problem, motion)),
+        trust=judge_frames(frame_evidence(judged, motion)),
     )
 
 

@@ -86,14 +86,15 @@ def test_detections_written_are_detections_read(
 ) -> None:
     """A part keeps the frame numbers of the video, so its file serves a later call."""
     part = ("--frames", "3:9")
-    assert perfcap(call(dots, network, tmp_path / "a", *part)).code == 0
+    # a few frames of one view without depth are captured, and most of them not trusted
+    assert perfcap(call(dots, network, tmp_path / "a", *part)).code in (0, 3)
     with np.load(tmp_path / "a" / "detections.npz") as written:
         assert written["joints2d"].shape == (9, 16, 2)
         assert (written["confidence2d"][:3] == 0).all()
     files = [str(a) for a in call(dots, network, tmp_path / "b", *part)]
     place = files.index("--detector")
     files[place : place + 2] = ["--detections", str(tmp_path / "a" / "detections.npz")]
-    assert perfcap(files).code == 0
+    assert perfcap(files).code in (0, 3)
     motions = [np.load(tmp_path / name / "motion.npz")["joints3d"] for name in "ab"]
     assert np.abs(motions[0] - motions[1]).max() < 2e-3  # the file holds single precision
 
@@ -109,7 +110,7 @@ def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: 
     line[1:2] = [str(folder) for folder in folders]
     line[line.index("--cameras") + 1] = str(tmp_path / "cameras.json")
     outcome = perfcap(line)
-    assert outcome.code == 0, outcome
+    assert outcome.code in (0, 3), outcome  # so few frames need not be trusted
     found, _ = read_detections(tmp_path / "out" / "detections.npz", views=["a", "b"])
     assert located(found, truth) < 0.5
     with np.load(tmp_path / "out" / "motion.npz") as motion:
@@ -189,6 +190,9 @@ def test_a_lifter_gives_3d_poses_to_one_view(
 ) -> None:
     torch.manual_seed(0)
     lifter = Lifter(LifterConfig(channels=8, dilations=(1,)))
+    with torch.no_grad():  # poses of about a person's size, or they are refused
+        for weights in lifter.parameters():
+            weights.mul_(0.7)
     export_lifter(lifter, tmp_path / "lifter", 30.0, "untrained", "none")
     outcome = perfcap(call(dots, network, tmp_path / "out", "--lifter", str(tmp_path / "lifter")))
     assert outcome.code == 0, outcome

@@ -11,7 +11,7 @@ from perfcap.detect.heatmap import (
     map_to_input,
     soft_argmax,
 )
-from perfcap.detect.joint_set import COCO17
+from perfcap.detect.joint_set import COCO17, LANDMARKS
 
 F64 = torch.float64
 CENTERS = torch.tensor([[7.3, 11.8], [20.0, 5.0], [14.49, 16.51]], dtype=F64)
@@ -85,7 +85,8 @@ def test_head_learns_where_features_point_and_maps_by_name() -> None:
         optimizer.step()
         errors.append(loss.item())
     assert errors[-1] < 0.2 * errors[0]
-    assert (found.confidence2d[:, :, 0] == 0).all()  # COCO-17 has no crown
+    toe = LANDMARKS.index("l_toe")
+    assert (found.confidence2d[:, :, toe] == 0).all()  # COCO-17 has no toes
 
 
 def test_head_doubles_resolution() -> None:

@@ -78,7 +78,7 @@ def landmarks_of(points: NDArray[np.float64], joint_set: JointSet, scale: float 
     values = torch.from_numpy(points) * scale
     known = (values.abs() < _FARTHEST).all(-1).to(values.dtype)
     values = torch.where(known.unsqueeze(-1) > 0, values, 0)  # NaN times zero is NaN
-    mapped, found = map_to_landmarks(values, known, joint_set)
+    mapped, found = map_to_landmarks(values, known, joint_set, measured=True)
     return torch.where(found.unsqueeze(-1) > 0, mapped, torch.nan)
 
 
