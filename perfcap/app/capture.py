@@ -19,11 +19,10 @@ import torch
 from perfcap import __version__
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import AUTO, cast, find_source
-from perfcap.app.capture_checks import check_actor, check_result, refuse_wrong
+from perfcap.app.capture_checks import check_actor, check_result, examined
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
-from perfcap.app.input_doubts import doubts
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
@@ -133,47 +132,31 @@ def _capture(request: CaptureRequest) -> int:
 
 def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint) -> int:
     started = time.perf_counter()
-    inputs = _examined(request, read_inputs(request, work))
+    images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
+    inputs = examined(read_inputs(request, work), needs_images=images, detected=detected)
     with progress_bars() as tell:
         chosen = cast(request.actor, request.height, inputs, tell)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
     told = check_actor(inputs, chosen.actor, solve_bones)
-    performance = replace(
-        _perform(request, chosen.actor, inputs, solve_bones, work), lost=inputs.lost
-    )
-    more = (*told, *check_result(performance))
-    performance = replace(performance, warnings=(*performance.warnings, *more))
+    performance = _perform(request, chosen.actor, inputs, solve_bones, work)
+    more = (*performance.warnings, *told, *check_result(performance))
+    performance = replace(performance, lost=inputs.lost, warnings=more)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs)
         if any(_networks(request)):
             _save_detections(scratch, inputs)
         if request.cameras is None:
-            save_assumed(
-                scratch / ASSUMED_CAMERA, performance.cameras, inputs.rig.names, inputs.clip.fps
-            )
+            seen = inputs.rig.names, inputs.clip.fps
+            save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen)
         wall = time.perf_counter() - started
         run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
-    for line in (
-        *chosen.warnings,
-        *performance.warnings,
-        *_made_up(performance, inputs.clip.start),
-        *(performance.trust.sentences(inputs.clip.start) if performance.trust else ()),
-    ):
+    made_up, trust = _made_up(performance, inputs.clip.start), performance.trust
+    untrusted = trust.sentences(inputs.clip.start) if trust else ()
+    for line in (*chosen.warnings, *performance.warnings, *made_up, *untrusted):
         _LOG.warning("%s", line)
     return DONE if performance.complete and performance.trusted else INCOMPLETE
-
-
-def _examined(request: CaptureRequest, inputs: Inputs) -> Inputs:
-    """The inputs with all there is to say of them, which is said before any work is done."""
-    refuse_wrong(inputs)
-    needs_images = Stage[request.until.upper()].needs_images
-    more = doubts(inputs, needs_images=needs_images, detected=request.detector is not None)
-    inputs = replace(inputs, warnings=(*inputs.warnings, *more))
-    for line in inputs.warnings:
-        _LOG.warning("%s", line)
-    return inputs
 
 
 def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from perfcap.actor.actor import Actor
 from perfcap.app.inputs import Inputs
@@ -17,14 +19,36 @@ from perfcap.io.doctor import (
     examine_detections,
 )
 from perfcap.io.doctor.evidence import Scene
+from perfcap.io.doctor.footage import examine_blank
+from perfcap.io.doctor.inputs import examine_take
 from perfcap.pipeline.performance import Performance
 
+_LOG = logging.getLogger(__name__)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.7, 1.45)  # of the actor's legs to those that the views show
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
+
+
+def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
+    """The inputs with all there is to say of them, which is said before any work is done.
+
+    Args:
+        inputs: of the capture.
+        needs_images: whether a stage looks at the images.
+        detected: whether the joints were found in these very images.
+
+    Raises:
+        InputError: see ``refuse_wrong`` and ``doubts``.
+    """
+    refuse_wrong(inputs)
+    more = doubts(inputs, needs_images=needs_images, detected=detected)
+    inputs = replace(inputs, warnings=(*inputs.warnings, *more))
+    for line in inputs.warnings:
+        _LOG.warning("%s", line)
+    return inputs
 
 
 def refuse_wrong(inputs: Inputs) -> None:
@@ -40,6 +64,34 @@ def refuse_wrong(inputs: Inputs) -> None:
     for finding in found:
         if finding.severity is Severity.ERROR:
             raise InputError(_words(finding))
+
+
+def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, ...]:
+    """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
+
+    They are no refusal: robust energies get along with much, and nobody but the user knows what
+    was recorded. Images that show nothing are one where a stage looks at them.
+
+    Args:
+        inputs: of the capture.
+        needs_images: whether a stage looks at the images.
+        detected: whether the joints were found in these very images.
+
+    Raises:
+        InputError: most images of a view are of one color, and a stage needs them.
+    """
+    findings = examine_blank(inputs.clip, inputs.rig.names)
+    for finding in findings:
+        if needs_images and finding.severity is Severity.ERROR:
+            raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+    findings += examine_detections(inputs.rig, inputs.detections, coverage=False)
+    clip, pixel_map = (None, None) if detected else (inputs.clip, inputs.pixel_map)
+    findings += examine_take(inputs.rig, inputs.detections, clip, pixel_map)
+    return tuple(
+        f"{found.subject}: {found.what}; {found.remedy}"
+        for found in findings
+        if found.severity is not Severity.INFO
+    )
 
 
 def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, ...]:

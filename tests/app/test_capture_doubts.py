@@ -9,6 +9,7 @@ import torch
 from runs import Command
 from takes import TakeFiles, write_detections, write_take
 
+from perfcap.app import capture_checks
 from perfcap.io.video_writer import VideoWriter
 
 
@@ -48,3 +49,20 @@ def test_a_black_video_is_refused_where_images_are_needed(
     call = take.command(out, "--until", "initialize", video=tmp_path / "black.mp4")
     outcome = perfcap(call)
     assert outcome.code == 0 and any("of one color" in note for note in outcome.notes)
+
+
+def test_the_video_is_looked_at_where_joints_come_from_files(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Joints that were found in the very images cannot be of other frames."""
+    asked: list[object] = []
+
+    def examine(rig: object, detections: object, clip: object, _: object) -> list[object]:
+        asked.append(clip)
+        return []
+
+    monkeypatch.setattr(capture_checks, "examine_take", examine)
+    assert (
+        perfcap(take.command(tmp_path / "out", "--until", "initialize", "--no-overlay")).code == 0
+    )
+    assert len(asked) == 1 and asked[0] is not None
