@@ -83,13 +83,19 @@ def capture(
             same arguments is not computed again, and the result has the same bits.
 
     Raises:
-        InputError: nobody is detected, the shapes do not fit, or a stage needs images.
+        InputError: nobody is detected, the shapes do not fit, a stage needs images, or there are
+            both energies of an author's own and a level world.
     """
     settle_after_fork()
     require_matching(cameras, detections, rate, images)
     detections = detections.to(detections.joints2d)  # 3D joints may be of another type
     until = _last_stage(until, images)
     own = own_terms(energies)
+    if own and level:
+        raise InputError(
+            f"energies {', '.join(own)} are of the world of the cameras, which level=True leaves; "
+            "give one or the other"
+        )
     clock = _Clock(progress or (lambda stage, done, total: None))
     kept = checkpoint or NO_CHECKPOINT
     settings = config or CaptureConfig()

@@ -4,6 +4,8 @@ import pytest
 import torch
 from takes import make_take
 
+from perfcap.energy import PosePrior
+from perfcap.errors import InputError
 from perfcap.pipeline import capture
 from perfcap.pipeline.level import moved_cameras, moved_motion
 
@@ -45,6 +47,15 @@ def test_a_capture_with_an_unknown_camera_ends_upright() -> None:
     if found.floor is not None:
         assert float(found.floor.normal[1]) == pytest.approx(1)
         assert float(found.floor.height) == pytest.approx(0, abs=1e-9)
+
+
+def test_own_energies_and_another_world_are_refused() -> None:
+    take = make_take(4)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    with pytest.raises(InputError, match="mine are of the world of the cameras"):
+        capture(
+            *parts, level=True, energies={"mine": lambda actor, where: PosePrior(torch.zeros(1))}
+        )
 
 
 def _to_camera(take: object) -> torch.Tensor:
