@@ -15,6 +15,7 @@ from perfcap.io.clip import Clip
 
 LONGEST_SIDE = 640  # px of a shown video
 BUDGET = 12_000_000  # bytes of all videos of a page, for long clips
+_MOST = 100_000_000  # bits a second, more than any quality needs; the encoder counts to 2^31
 _BATCH = 8  # frames in memory at once
 _QUALITY = {"crf": "25", "preset": "medium", "profile": "baseline"}
 # Key frames close together and no frames that are shown in another order: scrubbing is quick,
@@ -46,7 +47,7 @@ def encode_view(
         InputError: a frame can no longer be read.
     """
     height, width = shown_size(clip.sizes[view])
-    most = int(8 * BUDGET * rate / (len(clip) * clip.views))  # bits a second
+    most = min(int(8 * BUDGET * rate / (len(clip) * clip.views)), _MOST)  # bits a second
     options = {**_QUALITY, **_SEEKABLE, "maxrate": str(most), "bufsize": str(2 * most)}
     sink = io.BytesIO()
     with av.open(sink, "w", format="mp4") as container:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -159,7 +160,20 @@ def _networks(root: Path) -> list[Target]:
     return [Target("networks", folder, read)]
 
 
+def _results(folder: str, take: TakeFiles) -> list[list[str]]:
+    """Calls that show a result."""
+    small = ["--size", "32", "24", "--frames", "0:2"]
+    return [
+        ["render", folder, "--out", "OUT.mp4", *small],
+        ["render", folder, "--out", "OUT.mp4", "--camera", str(take.camera), *small],
+        ["report", folder, "--frames", "0:2", "--truth", str(take.truth)],
+    ]
+
+
 def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
+    place = root / "commands"
+    shutil.copytree(out, place)
+    write_tiny(place, "vitpose")
     plain = take.command(Path("OUT"), "--until", "initialize", "--no-overlay", "--overwrite")
     calls = [
         plain,
@@ -172,6 +186,11 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         [*("export", "RESULT", "--to", "npz", "glb", "--up", "z", "--unit", "mm")],
         ["evaluate", "RESULT", "--dataset", "rendered", "--truth", "RESULT", "--sequence", "x"],
         ["actor", "inspect", str(take.actor)],
+        ["actor", "build", str(take.actor), "--out", "OUT", "--height", "1.7"],
+        *_results("RESULT", take),
+        ["models", "list", "RESULT"],
+        ["models", "manifest", "RESULT/vitpose/model.onnx"],
+        ["train", "lifter", "--motion", "RESULT", "--out", "OUT", "--loop.steps", "1"],
     ]
     words = ("", "-", "--", "0:", "3:1", "a:b", "nan", "1e300", "here", "[/x]", "é\x1b", "RESULT")
     words += (
@@ -202,7 +221,16 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         os.chdir(folder)  # names that are left of a call land here
         command([each.replace("OUT", str(folder / "new")) for each in call or [""]])
 
-    return [Target("commands", out, run, mutates_files=False, weight=0.5)]
+    def show(folder: Path, rng: Random) -> None:
+        os.chdir(folder)
+        names = (".", str(folder.with_name("shown")))
+        call = rng.choice([call for call in calls if "RESULT" in call])
+        command([each.replace("RESULT", names[0]).replace("OUT", names[1]) for each in call])
+
+    return [
+        Target("commands", place, run, mutates_files=False, weight=0.5),
+        Target("shown", out, show, weight=0.5),
+    ]
 
 
 def _arrays(root: Path) -> list[Target]:
