@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import cache
 from typing import TypeVar
-
-import torch
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -54,22 +50,3 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def settle_after_fork() -> None:
-    """Compute with one thread in a child that was forked from a process that has computed.
-
-    The threads of OpenMP and OpenCV do not come along into a forked child, which would wait for
-    them for ever. Called where computing begins.
-    """
-    if _first_process() == os.getpid():
-        return
-    torch.set_num_threads(1)
-    if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(0)
-
-
-@cache
-def _first_process() -> int:
-    """The process in which this was called first; a forked child inherits the answer."""
-    return os.getpid()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import faulthandler
 import io
 import json
 import os
@@ -82,7 +83,7 @@ def batch(known: list[Target], work: Path, seed: int, state: dict[str, Any], end
         buffer = b""
         while True:
             if not select.select([pipe], [], [], LONGEST + 20)[0]:
-                os.kill(child, signal.SIGKILL)
+                os.kill(child, signal.SIGABRT)  # says where it is
                 break
             data = pipe.read(1 << 16)
             if not data:
@@ -103,6 +104,7 @@ def batch(known: list[Target], work: Path, seed: int, state: dict[str, Any], end
 
 
 def _serve(known: list[Target], work: Path, seed: int, first: int, pipe: int) -> None:
+    faulthandler.enable(sys.__stderr__)
     try:
         for number in range(first, first + BATCH):
             finding = one(known, work, seed, number)

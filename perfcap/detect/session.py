@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from perfcap.detect.manifest import ModelFile
 from perfcap.detect.onnx_file import read_model
 from perfcap.errors import InputError
+from perfcap.forks import abandon_after_fork
 
 Array = NDArray[Any]
 
@@ -56,19 +57,34 @@ class Session:
     def __init__(self, file: ModelFile, execution: Execution | None = None) -> None:
         self.path = file.path
         self._settings = file, execution or Execution()
-        data, outside = read_model(file.path)
-        _check_digest(file, data)
         names, self.warnings = _providers(self._settings[1].provider)
-        # bytes that were checked are the bytes that run; only weights beside them need the path
-        source = str(file.path) if outside else data
-        self._session = _open(file.path, source, names, self._settings[1].threads)
-        if names[0] not in self._session.get_providers():
+        self._session: Any = None
+        session = self._opened()
+        if names[0] not in session.get_providers():
             self.warnings = (*self.warnings, _fallback(names[0]))
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        inputs, outputs = session.get_inputs(), session.get_outputs()
         self.inputs = tuple(node.name for node in inputs)
         self.outputs = tuple(node.name for node in outputs)
         self.shapes = {node.name: _shape(node.shape) for node in (*inputs, *outputs)}
         self.dtypes = {node.name: _DTYPES.get(node.type) for node in inputs}
+        abandon_after_fork(self)
+
+    def _opened(self) -> Any:
+        """The session of this process."""
+        if self._session is None:
+            file, execution = self._settings
+            data, outside = read_model(file.path)
+            _check_digest(file, data)
+            names, _ = _providers(execution.provider)
+            # bytes that were checked are the bytes that run; only weights beside them need the path
+            source = str(file.path) if outside else data
+            self._session = _open(file.path, source, names, execution.threads)
+        return self._session
+
+    def abandon(self) -> object:
+        """Give up the open network without closing it; see ``perfcap.forks``."""
+        held, self._session = self._session, None
+        return held
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Sessions do not travel between processes: the model is opened again over there."""
@@ -77,7 +93,7 @@ class Session:
     @property
     def provider(self) -> str:
         """Where it runs, such as ``CPUExecutionProvider``."""
-        return str(self._session.get_providers()[0])
+        return str(self._opened().get_providers()[0])
 
     def run(self, feeds: Mapping[str, Array], outputs: Sequence[str]) -> list[Array]:
         """Outputs by name of inputs by name; inputs are made contiguous first.
@@ -86,8 +102,9 @@ class Session:
             InputError: the network refuses, in its own words.
         """
         ready = {name: np.ascontiguousarray(value) for name, value in feeds.items()}
+        session = self._opened()
         try:
-            found: list[Array] = self._session.run(list(outputs), ready)
+            found: list[Array] = session.run(list(outputs), ready)
         except Exception as error:  # onnxruntime's classes share no base of their own
             raise InputError(f"{self.path}: cannot be run ({_first_line(error)})") from None
         return found

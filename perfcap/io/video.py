@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.forks import abandon_after_fork
 from perfcap.io.files import require_file
 from perfcap.io.video_index import frame_rate, index_video, open_container, seconds
 
@@ -48,6 +49,7 @@ class VideoFile:
         self._container: Any = None
         self._decoder: Iterator[tuple[int, Any]] | None = None
         self._next = 0
+        abandon_after_fork(self)
 
     def __len__(self) -> int:
         return len(self.index.pts)
@@ -68,6 +70,12 @@ class VideoFile:
         if self._container is not None:
             self._container.close()
         self._container, self._decoder = None, None
+
+    def abandon(self) -> object:
+        """Give up the open file without closing it; see ``perfcap.forks``."""
+        held = self._container, self._decoder
+        self._container, self._decoder = None, None
+        return held
 
     def _frame(self, wanted: int) -> Any:
         """The decoded frame ``wanted``, going on from the last one, seeking, or starting over."""
@@ -104,20 +112,31 @@ class VideoFile:
         except av.error.FFmpegError:
             self._restart()
             return
-        self._decoder = self._numbered(self._container.decode(stream))
+        self._decoder = self._numbered(stream)
 
     def _restart(self) -> None:
         self.close()
         self._container = open_container(self.path)
-        self._decoder = self._numbered(self._container.decode(self._container.streams.video[0]))
+        self._decoder = self._numbered(self._container.streams.video[0])
         self._next = 0
 
-    def _numbered(self, decoded: Iterator[Any]) -> Iterator[tuple[int, Any]]:
-        """Frames with their index: by time stamp, or by counting where there are none."""
-        try:
-            for count, frame in enumerate(decoded):
-                position = self._position.get(frame.pts) if self.index.addressable else count
-                if position is not None:
-                    yield position, frame
-        except av.error.FFmpegError:
-            return
+    def _numbered(self, stream: Any) -> Iterator[tuple[int, Any]]:
+        known = self._position if self.index.addressable else None
+        return _numbered(self._container.decode(stream), known)
+
+
+def _numbered(
+    decoded: Iterator[Any], known: Mapping[int | None, int] | None
+) -> Iterator[tuple[int, Any]]:
+    """Frames with their index: by time stamp, or by counting where there are none.
+
+    Not a method: a video that its own iterator holds would keep its decoder's threads until the
+    garbage is collected.
+    """
+    try:
+        for count, frame in enumerate(decoded):
+            position = count if known is None else known.get(frame.pts)
+            if position is not None:
+                yield position, frame
+    except av.error.FFmpegError:
+        return

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 
 from perfcap.detect.detections import Detections
@@ -11,6 +9,8 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.clip import END_SLACK
 from perfcap.pipeline.images import Images
+
+_FASTEST = 1e5  # frames a second, as for videos that are written
 
 
 def require_matching(
@@ -37,8 +37,10 @@ def require_matching(
     kind = detections.joints2d.dtype
     if kind not in (torch.float32, torch.float64):
         raise InputError(f"detections have joints2d of {kind}, expected float32 or float64")
-    if not 0 < rate < math.inf:
-        raise InputError(f"rate is {rate}, expected frames a second, above 0")
+    if not 0 < rate < _FASTEST:
+        raise InputError(
+            f"rate is {rate:g}, expected frames a second, above 0 and below {_FASTEST:g}"
+        )
     _require_cameras("cameras", cameras, detections)
     if images is None:
         return

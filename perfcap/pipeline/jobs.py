@@ -16,6 +16,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
+from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
@@ -35,7 +36,6 @@ from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport, track_twice
 from perfcap.pipeline.trust import frame_evidence, judge_frames
 from perfcap.solve import Status
-from perfcap.workers import settle_after_fork
 
 # called with a stage's name, what is done and what there is to do
 Progress = Callable[[str, int, int], None]
@@ -86,7 +86,7 @@ def capture(
         InputError: nobody is detected, the shapes do not fit, a stage needs images, or there are
             both energies of an author's own and a level world.
     """
-    settle_after_fork()
+    note_threads()
     require_matching(cameras, detections, rate, images)
     detections = detections.to(detections.joints2d)  # 3D joints may be of another type
     until = _last_stage(until, images)

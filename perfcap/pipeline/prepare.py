@@ -12,9 +12,9 @@ from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import bone_vectors, retarget
+from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.resection import translation_from_plane
-from perfcap.workers import settle_after_fork
 
 _HEAD = LANDMARKS.index("head_top")
 _STRETCH = 500  # frames
@@ -54,7 +54,7 @@ def prepare(actor: Actor, cameras: Camera, detections: Detections, gate: float =
     depth of the pose. A frame is trusted below ``gate``. Head lengths make it PCKh's unit, and
     the actor's own head makes it immune to a wrong head detection.
     """
-    settle_after_fork()
+    note_threads()
     if detections.joints3d is None:
         return Prepared(detections, None, None)
     parts = [

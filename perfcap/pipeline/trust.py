@@ -63,7 +63,7 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
         problem: as it was before a first solve changed its weights.
         motion: the result, (F,).
     """
-    reach = max(0, round(_AROUND * problem.rate))
+    reach = max(0, round(min(_AROUND * problem.rate, motion.frames)))
     parts = []
     for start in range(0, motion.frames, _STRETCH):
         first, stop = max(0, start - reach), min(motion.frames, start + _STRETCH + reach)

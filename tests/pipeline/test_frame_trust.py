@@ -48,6 +48,13 @@ def test_frames_in_which_nobody_is_seen_are_named() -> None:
     assert report["not_trusted"][0]["frames"] == [100 + start, 100 + stop]
 
 
+def test_frames_that_are_close_in_time_are_judged_together() -> None:
+    take = make_take(20)
+    trust = capture(take.actor, take.cameras, take.detections, 9e4).trust  # reaches over all
+    assert trust is not None and trust.value.isfinite().all()
+    assert float(trust.value.max() - trust.value.min()) < 0.1
+
+
 def test_noise_lowers_trust() -> None:
     clean, noisy = captured().trust, captured(noise=40.0).trust
     assert clean is not None and noisy is not None
