@@ -28,6 +28,8 @@ class VideoFile:
     times, and whether the file is damaged, before anything is computed.
     """
 
+    _container: Any = None
+
     def __init__(self, path: Path, stop: int | None = None) -> None:
         """Index the first ``stop`` frames, or all.
 
@@ -46,7 +48,6 @@ class VideoFile:
         self.fps, notes = frame_rate(self.timestamps, self.index)
         self.warnings = tuple(f"{path}: {note}" for note in (*self.index.warnings, *notes))
         self._position = {pts: i for i, pts in enumerate(self.index.pts)}
-        self._container: Any = None
         self._decoder: Iterator[tuple[int, Any]] | None = None
         self._next = 0
         abandon_after_fork(self)
@@ -70,6 +71,10 @@ class VideoFile:
         if self._container is not None:
             self._container.close()
         self._container, self._decoder = None, None
+
+    def __del__(self) -> None:
+        # an open file refers to itself, and its decoder has threads
+        self.close()
 
     def abandon(self) -> object:
         """Give up the open file without closing it; see ``perfcap.forks``."""
