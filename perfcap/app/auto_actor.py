@@ -1,71 +1,110 @@
-"""``--actor auto``: the shipped body model with the bones of the person in the video."""
+"""``--actor auto``: the body of the person in the videos, found before their motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import torch
 
 from perfcap.actor.actor import Actor
-from perfcap.app.fit_views import choose_frames, fit_person
 from perfcap.app.inputs import Inputs
+from perfcap.app.personal_body import BodyRequest, PersonalBody, find_body
 from perfcap.errors import InputError
 from perfcap.io.actor import ActorFile, find_actor, load_actor, models_folder
-from perfcap.io.body_model import DEFAULT_BODY, load_body_model
-from perfcap.rigging import Person
+from perfcap.io.body_model import DEFAULT_BODY
+from perfcap.io.result_folder import BODY_PICTURE
+from perfcap.rigging import Person, ViewFitSettings
 
 AUTO = "auto"
+BODY_SETTINGS = {"muvs2017": ViewFitSettings(consensus="median")}
+"""How presets fit a body, where that differs from the default."""
 
-_FRAMES = 24  # that the body is fitted to
+_FRAMES, _LOOKED_AT = 24, 12  # that the body is fitted to, by joints alone and by silhouettes too
 _NAME = "person"
+_ONE_CAMERA = "one camera does not tell size from distance, --height sets it"
+
+
+@dataclass(frozen=True)
+class Casting:
+    """Who is to be captured.
+
+    Attributes:
+        actor: a name, or ``auto``.
+        height: of the person, metres, if known.
+        masks: folders of silhouettes, one a view.
+        look: whether images may be looked at: silhouettes are found in several views of them.
+        preset: of the capture.
+    """
+
+    actor: str
+    height: float | None = None
+    masks: Sequence[Path] = ()
+    look: bool = False
+    preset: str = "default"
+
+    def source(self) -> ActorFile:
+        """The file that the actor is made from; the body model's for ``auto``.
+
+        Raises:
+            InputError: there is no such actor, or an option that does not belong to it.
+        """
+        if self.actor != AUTO:
+            for name, given in (("--height", self.height is not None), ("--masks", self.masks)):
+                if given:
+                    raise InputError(
+                        f"{name}: is for --actor {AUTO}; expected none with --actor {self.actor}, "
+                        "which has a body of its own"
+                    )
+            return find_actor(self.actor)
+        if self.height is not None:
+            Person(height=self.height)  # refuses what no person is
+        return ActorFile(models_folder() / "bodies" / DEFAULT_BODY / "body.npz", generic=False)
+
+    def body(self, views: int) -> BodyRequest:
+        """What of the body is to be found in so many views."""
+        seen = bool(self.masks) or (self.look and views > 1)
+        count = _LOOKED_AT if seen else _FRAMES
+        settings = BODY_SETTINGS.get(self.preset)
+        given = {"height": self.height, "masks": self.masks, "settings": settings}
+        return BodyRequest(count=count, silhouettes=seen, **given)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class Cast:
-    """The actor of a capture, and what a user should know about it."""
+    """The actor of a capture, what is known of a body found for it, and what a user should know."""
 
     actor: Actor
     warnings: tuple[str, ...] = ()
+    body: PersonalBody | None = None
+
+    def save(self, folder: Path) -> None:
+        """Write the files of the body, where there is one."""
+        if self.body is not None:
+            self.body.save(folder, BODY_PICTURE)
 
 
-def find_source(name: str, height: float | None) -> ActorFile:
-    """The file that an actor is made from; the body model's for ``auto``.
+def cast(casting: Casting, inputs: Inputs, tell: Callable[[str, int, int], None]) -> Cast:
+    """Load an actor by name, or fit the body model to the person.
 
-    Raises:
-        InputError: there is no such actor, or a height that does not belong to it.
-    """
-    if name != AUTO:
-        if height is not None:
-            raise InputError(
-                f"--height: is for --actor {AUTO}; expected none with --actor {name}, which has "
-                "its own"
-            )
-        return find_actor(name)
-    if height is not None:
-        Person(height=height)  # refuses what no person is
-    return ActorFile(models_folder() / "bodies" / DEFAULT_BODY / "body.npz", generic=False)
-
-
-def cast(
-    name: str, height: float | None, inputs: Inputs, tell: Callable[[str, int, int], None]
-) -> Cast:
-    """Load an actor by name, or fit the body model to the joints of the video.
-
-    Shapes are of joints alone: clothes hide how thick somebody is.
+    One view fits it to joints alone: clothes hide how thick somebody is. Several views whose
+    images may be looked at, or masks, show that too.
 
     Raises:
         InputError: the actor cannot be read, or nobody is detected.
     """
-    if name != AUTO:
-        return Cast(load_actor(name))
+    if casting.actor != AUTO:
+        return Cast(load_actor(casting.actor))
     tell("body", 0, 1)
-    chosen = choose_frames(inputs, _FRAMES)
-    fit, _ = fit_person(load_body_model(DEFAULT_BODY), chosen, height, segment=False)
+    body = find_body(inputs, casting.body(inputs.clip.views))
     tell("body", 1, 1)
-    template = replace(fit.template, name=_NAME).rounded()
-    tall = fit.measurements.height
-    note = f"--actor {AUTO}: a body {tall:.2f} m tall was fitted to the joints"
-    if height is None and inputs.clip.views == 1:
-        note += "; one camera does not tell size from distance, --height sets it"
-    return Cast(Actor(template).to(torch.zeros((), dtype=torch.float64)), (note,))
+    template = replace(body.template, name=_NAME).rounded()
+    found = body.fit.measurements
+    shown = "joints" if body.masks is None else "joints and silhouettes"
+    note = f"--actor {AUTO}: a body {found.height:.2f} m tall was fitted to the {shown}"
+    more = body.doubts()
+    if casting.height is None and inputs.clip.views == 1:
+        note, more = f"{note}; {_ONE_CAMERA}", ()
+    actor = Actor(template).to(torch.zeros((), dtype=torch.float64))
+    return Cast(actor, (note, *more), body)

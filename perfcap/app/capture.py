@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import logging
-import platform
-import resource
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from perfcap import __version__
 from perfcap.actor.actor import Actor
-from perfcap.app.auto_actor import AUTO, cast, find_source
+from perfcap.app.auto_actor import AUTO, Casting, cast
 from perfcap.app.capture_checks import check_actor, check_result, examined
 from perfcap.app.capture_folder import last_change, spare_inputs
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
+from perfcap.app.environment import environment
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
@@ -39,6 +35,7 @@ from perfcap.io.result_folder import (
     DETECTIONS,
     FILES,
     OVERLAY,
+    PERSONAL,
     REPORT,
     SURFACE,
     TEXTURED,
@@ -59,7 +56,6 @@ from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
 
-_PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
 DONE, INCOMPLETE = 0, 3
 
 _LOG = logging.getLogger(__name__)
@@ -71,6 +67,7 @@ class CaptureRequest(InputRequest):
 
     actor: str = AUTO
     height: float | None = None
+    masks: tuple[Path, ...] = ()
     out: Path
     until: str = "refine_surface"
     preset: str = "default"
@@ -113,7 +110,7 @@ def _capture(request: CaptureRequest) -> int:
     folder = make_folder(request.out)
     with locked(folder):
         finish(folder)  # what a killed run had complete
-        source = find_source(request.actor, request.height)
+        source = _casting(request).source()
         used = list(_used(request, source.path))
         spare_inputs(folder, used, detected=any(_networks(request)))
         require_places(folder)
@@ -135,7 +132,7 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
     inputs = examined(read_inputs(request, work), needs_images=images, detected=detected)
     with progress_bars() as tell:
-        chosen = cast(request.actor, request.height, inputs, tell)
+        chosen = cast(_casting(request), inputs, tell)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = _solve_bones(request.bones, generic, inputs.detections)
     told = check_actor(inputs, chosen.actor, solve_bones)
@@ -144,6 +141,7 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
     performance = replace(performance, lost=inputs.lost, warnings=more)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs)
+        chosen.save(scratch)
         if any(_networks(request)):
             _save_detections(scratch, inputs)
         if request.cameras is None:
@@ -159,9 +157,14 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
     return DONE if performance.complete and performance.trusted else INCOMPLETE
 
 
+def _casting(request: CaptureRequest) -> Casting:
+    look = Stage[request.until.upper()].needs_images
+    return Casting(request.actor, request.height, request.masks, look, request.preset)
+
+
 def _used(request: CaptureRequest, actor: Path) -> Iterator[Path]:
     """Files and folders that a request reads."""
-    yield from (*request.videos, *request.detections, actor)
+    yield from (*request.videos, *request.detections, *request.masks, actor)
     if request.cameras is not None:
         yield request.cameras
     manifest = actor.with_name(MANIFEST)
@@ -246,19 +249,6 @@ def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
     return {OVERLAY: save_overlay, TEXTURED: save_textured}
 
 
-def environment(inputs: Inputs) -> dict[str, Any]:
-    """Versions, machine, memory and what reading the inputs had to say."""
-    return {
-        "perfcap": __version__,
-        "python": platform.python_version(),
-        "platform": platform.platform(terse=True),
-        "packages": {name: _version(name) for name in _PACKAGES},
-        "peak_memory_mib": _peak_memory_mib(),
-        "views": list(inputs.rig.names),
-        "input_warnings": list(inputs.warnings),
-    }
-
-
 def describe(request: CaptureRequest) -> dict[str, Any]:
     """The request as plain values."""
     values = {k: getattr(request, k) for k in request.__dataclass_fields__}
@@ -298,6 +288,7 @@ def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> in
         return None
     expected = (*FILES, *_videos(request))
     expected += (DETECTIONS,) if any(_networks(request)) else ()
+    expected += PERSONAL if request.actor == AUTO else ()
     expected += (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     same = isinstance(done, dict) and done.get("request") == describe(request)
     there = all(own_file(folder, name) is not None for name in expected)
@@ -324,18 +315,6 @@ def _device(name: str) -> torch.device:
         reason = str(error).splitlines()[0]
         raise InputError(f"--device {name}: cannot be used ({reason}); try cpu") from None
     return device
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
-def _peak_memory_mib() -> float:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024**2 if sys.platform == "darwin" else 1024)
 
 
 def _made_up(performance: Performance, first: int) -> Iterator[str]:

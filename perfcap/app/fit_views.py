@@ -26,7 +26,7 @@ from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.sight import Sight
-from perfcap.rigging import BodyFit, PersonMasks, fit_body
+from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
 from perfcap.segment import Silhouettes
 from perfcap.segment.random_field import Smoothness
 from perfcap.segment.sequence import SequenceSettings
@@ -129,6 +129,7 @@ def fit_person(
     height: float | None = None,
     masks: PersonMasks | None = None,
     segment: bool = True,
+    settings: ViewFitSettings | None = None,
 ) -> tuple[BodyFit, PersonMasks | None]:
     """The body of the person in some frames, and the masks it was fitted to.
 
@@ -139,6 +140,7 @@ def fit_person(
         masks: of the person, if there are some.
         segment: whether to find masks where there are none: joints are fitted first, and what the
             posed body covers is segmented.
+        settings: of the fit.
     """
     detections, cameras = chosen.detections, chosen.cameras
     actor = model.actor(torch.zeros(0)).to(detections.joints2d)
@@ -147,7 +149,8 @@ def fit_person(
     unit = 0.01 * person_height(detections)
     initial, _ = initialize(actor, cameras, prepared, config, unit)
     if masks is None and segment:
-        first = fit_body(model, cameras, detections, initial, None, height)
+        first = fit_body(model, cameras, detections, initial, None, height, settings=settings)
         posed = replace(first.motion, shared={})
         masks = find_masks(chosen, Actor(first.template).to(detections.joints2d), posed)
-    return fit_body(model, cameras, detections, initial, masks, height), masks
+    found = fit_body(model, cameras, detections, initial, masks, height, settings=settings)
+    return found, masks

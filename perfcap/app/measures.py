@@ -12,8 +12,7 @@ from rich.table import Table
 from perfcap.actor.measurements import Measurements
 from perfcap.app.console import PlainConsole
 from perfcap.io.atomic import writing
-
-FILE = "measurements.json"
+from perfcap.io.result_folder import MEASURES
 
 
 def print_measures(
@@ -48,5 +47,5 @@ def save_measures(
         | ({"deviation": round(known[name], 4)} if name in known else {})
         for name, value in asdict(found).items()
     }
-    with writing(folder / FILE) as file:
+    with writing(folder / MEASURES) as file:
         file.write(json.dumps({"source": source, **values}, indent=1).encode())

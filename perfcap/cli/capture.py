@@ -32,10 +32,13 @@ class Capture:
     videos: tyro.conf.Positional[tuple[Path, ...]]
     """A video or a folder of images; one for each view."""
     actor: str = "auto"
-    """auto: a body with the person's bone lengths. Or a shipped actor's name, a skinned
+    """auto: the person's own body, fitted to the videos. Or a shipped actor's name, a skinned
     .glb/.gltf, or a folder with actor.glb."""
     height: float | None = None
     """Of the person, metres, for --actor auto; one camera does not tell it."""
+    masks: tuple[Path, ...] = ()
+    """Silhouettes of the person, for --actor auto: a folder of images for each view, one image a
+    frame of the video, 0 is background; found in the images of several views if not given."""
     cameras: Path | None = None
     """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder.
     One view needs none: its lens is read from the video, or assumed."""

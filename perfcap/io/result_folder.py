@@ -24,7 +24,9 @@ FILES = (MOTION, "motion.bvh", "capture.glb", "config.yaml", REPORT)
 OVERLAY, TEXTURED, DETECTIONS = "overlay.mp4", "textured.mp4", "detections.npz"
 METRICS, PAGE = "metrics.json", "report.html"
 ASSUMED_CAMERA = "assumed_camera.json"
-ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE, ASSUMED_CAMERA)  # tell of one result
+BODY, MEASURES, BODY_PICTURE = "body.npz", "measurements.json", "body.jpg"
+PERSONAL = (BODY, MEASURES, BODY_PICTURE)  # of a body that was fitted to the person
+ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE, ASSUMED_CAMERA, *PERSONAL)  # tell of one result
 OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
 
 WORK = ".perfcap"  # where a result grows; gone once it is complete

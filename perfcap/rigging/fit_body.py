@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -25,7 +25,16 @@ from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.surface_match import ShapePrior
 from perfcap.rigging.uncertainty import deviations, shape_covariance
-from perfcap.solve import Coupling, Energy, LevenbergMarquardt, Objective, Residual, solve
+from perfcap.solve import (
+    Bounds,
+    Coupling,
+    Energy,
+    LevenbergMarquardt,
+    Objective,
+    Residual,
+    Step,
+    solve,
+)
 from perfcap.solve.kernels import GemanMcClure
 
 # How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
@@ -55,6 +64,8 @@ class ViewFitSettings:
         pose: deviation of angles from the neutral pose, radians.
         height: deviation of a given height, metres.
         steps: of the solver, of joints alone and then in each image size.
+        consensus: how frames agree on one shape: ``"shared"`` has one unknown for all of them,
+            ``"median"`` fits each on its own and takes the median (Huang et al. 2017, Sec. IV-B).
     """
 
     joints: float = 0.5
@@ -68,6 +79,7 @@ class ViewFitSettings:
     pose: float = 1.0
     height: float = 0.005
     steps: tuple[int, ...] = (25, 12, 10)
+    consensus: Literal["shared", "median"] = "shared"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +93,7 @@ class BodyFit:
         measurements: of the template.
         deviations: standard deviations of the measurements, from noise and from what detectors and
             silhouettes are constantly off by; clothes and a wrong calibration come on top.
+        covariance: of the coefficients, (S, S), from noise and from detectors likewise.
     """
 
     shape: Tensor
@@ -88,6 +101,7 @@ class BodyFit:
     template: Template
     measurements: Measurements
     deviations: Measurements
+    covariance: Tensor
 
 
 def fit_body(
@@ -116,14 +130,17 @@ def fit_body(
     settings = settings or ViewFitSettings()
     _require_frames(detections, initial, masks)
     problem = _Problem(model, cameras, detections, height, settings)
-    shape = torch.zeros(model.components).to(initial.angles)
-    motion = problem.solved(replace(initial, shared={BODY: shape}), {}, settings.steps[0])
-    energies: dict[str, Energy[Any]] = {}
-    if masks is not None:
-        for pixels, steps in zip(settings.heights, settings.steps[1:], strict=False):
-            energies = {"silhouettes": problem.silhouettes(masks, pixels)}
-            motion = problem.solved(motion, energies, steps)
-    return problem.result(motion, energies)
+    if settings.consensus == "median":
+        alone = [
+            _Problem(model, cameras.frames(one), detections.frames(one), height, settings).fitted(
+                initial[one], None if masks is None else masks.frames(one)
+            )
+            for one in (slice(frame, frame + 1) for frame in range(initial.frames))
+        ]
+        poses = [motion for motion, _ in alone]
+        problem.fixed = torch.stack([motion.shared[BODY] for motion in poses]).median(0).values
+        initial = Motion.cat([replace(motion, shared={}) for motion in poses])
+    return problem.result(*problem.fitted(initial, masks))
 
 
 def _require_frames(detections: Detections, initial: Motion, masks: PersonMasks | None) -> None:
@@ -156,6 +173,7 @@ class _Problem:
         self.actor = model.actor(torch.zeros(0)).to(detections.joints2d)
         self.surface = ShapedPoints.of_surface(model, self.actor)
         self.unit = 0.01 * extents(detections)
+        self.fixed: Tensor | None = None  # a shape that is known
         self.energies = self._energies(None)
 
     def _energies(self, offsets: tuple[float, ...] | None) -> dict[str, Energy[Any]]:
@@ -181,10 +199,27 @@ class _Problem:
             found["height"] = Stature(model, self.height, settings.height, frames)
         return found
 
+    def fitted(
+        self, initial: Motion, masks: PersonMasks | None
+    ) -> tuple[Motion, dict[str, Energy[Any]]]:
+        """Joints first, silhouettes second: the motion with its shape, and the last silhouettes."""
+        settings, free = self.settings, torch.zeros(self.model.components).to(initial.angles)
+        shape = free if self.fixed is None else self.fixed
+        motion = self.solved(replace(initial, shared={BODY: shape}), {}, settings.steps[0])
+        energies: dict[str, Energy[Any]] = {}
+        if masks is not None:
+            for pixels, steps in zip(settings.heights, settings.steps[1:], strict=False):
+                energies = {"silhouettes": self.silhouettes(masks, pixels)}
+                motion = self.solved(motion, energies, steps)
+        return motion, energies
+
     def solved(self, motion: Motion, more: dict[str, Energy[Any]], steps: int) -> Motion:
         """Minimise."""
         objective = Objective({**self.energies, **more})
         bounds = shape_bounds(self.actor, self.model.components)
+        if self.fixed is not None:
+            sides = bounds.lower.frame, bounds.upper.frame
+            bounds = Bounds(*(Step(side, self.fixed) for side in sides))
         state: Motion = solve(objective, motion, LevenbergMarquardt(max_steps=steps), bounds).state
         return state
 
@@ -217,8 +252,9 @@ class _Problem:
         covariance = shape_covariance(Objective({**energies, **more}), free)
         template = self.model.template(shape)
         edge = self.settings.edge if more else 0.0
-        known = deviations(self.model, shape, covariance[:count, :count], edge)
-        return BodyFit(shape, motion, template, measure(template), known)
+        own = covariance[:count, :count]
+        known = deviations(self.model, shape, own, edge)
+        return BodyFit(shape, motion, template, measure(template), known, own)
 
 
 class Stature(Energy[Motion]):

@@ -50,6 +50,12 @@ class PersonMasks:
             known[number, :rows, :columns] = True
         return cls(replace(cameras, size=((height, width),) * len(views)), inside, known)
 
+    def frames(self, index: slice) -> PersonMasks:
+        """Those of some frames."""
+        own = self.known
+        known = own[index] if own is not None and own.ndim == 4 and len(own) > 1 else own
+        return PersonMasks(self.cameras.frames(index), self.inside[index], known)
+
     def shrunk(self, factor: int) -> PersonMasks:
         """Averages over blocks of ``factor`` pixels, with the cameras of the small images."""
         small = _averaged(self.inside, factor)

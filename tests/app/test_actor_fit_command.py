@@ -1,8 +1,8 @@
 """``perfcap actor fit``: views to an actor, its measurements and a picture; what is refused."""
 
 import json
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from takes import TakeFiles
 
 from perfcap.app import actor_sheet, fit_views
 from perfcap.io import load_actor
-from perfcap.rigging import ViewFitSettings, fit_body
+from perfcap.rigging import BodyFit, ViewFitSettings, fit_body
 
 QUICK = ViewFitSettings(heights=(50.0,), steps=(8, 2))
 
@@ -22,7 +22,12 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small pictures and few steps."""
     monkeypatch.setattr(actor_sheet, "_LARGE", 48)
     monkeypatch.setattr(actor_sheet, "_SMALL", 32)
-    monkeypatch.setattr(fit_views, "fit_body", partial(fit_body, settings=QUICK))
+    monkeypatch.setattr(fit_views, "fit_body", quick_fit)
+
+
+def quick_fit(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyFit:
+    assert settings is None
+    return fit_body(*arguments, settings=QUICK)
 
 
 def call(take: TakeFiles, out: Path, *more: object) -> list[object]:

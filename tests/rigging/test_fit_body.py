@@ -204,3 +204,21 @@ def test_extents_of_unseen_people_are_finite() -> None:
     pixels = torch.zeros(2, 1, 16, 2, dtype=torch.float64)
     nothing = Detections.from_joints(pixels, torch.zeros(2, 1, 16).double())
     assert bool((extents(nothing) > 0).all())
+
+
+def test_the_median_of_frames_is_near_the_shared_shape(model: BodyModel) -> None:
+    cameras = synthetic.cameras(4, size=400, distance=4.0)
+    truth = person(model)
+    detections, _ = seen(model, truth, cameras)
+    start = replace(truth, translation=truth.translation + 0.02, shared={})
+    settings = replace(QUICK, consensus="median", shape=0.01)
+    found = fit_body(model, cameras, detections, start, settings=settings)
+    alone = [
+        fit_body(
+            model, cameras, detections.frames(one), start[one], settings=replace(QUICK, shape=0.01)
+        ).shape
+        for one in (slice(f, f + 1) for f in range(3))
+    ]
+    assert torch.allclose(found.shape, torch.stack(alone).median(0).values, atol=1e-9)
+    expected = measure(model.template(truth.shared[BODY]))
+    assert found.measurements.height == pytest.approx(expected.height, abs=0.01)

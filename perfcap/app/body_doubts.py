@@ -1,0 +1,95 @@
+"""Whether silhouettes are those of the body that was fitted to them: nobody, others, clothes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.shaped_points import ShapedPoints
+from perfcap.app.fit_views import ChosenFrames
+from perfcap.render.projected_mesh import ProjectedMesh
+from perfcap.rigging import BodyFit, PersonMasks
+
+_INSIDE = 0.5  # share of the sure joints that lie in one's own silhouette
+_SURE = 0.3  # confidence from which a joint counts
+_LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
+_HEIGHT = 300.0  # px, rows of the pictures that are compared
+
+
+@dataclass(frozen=True)
+class _Overlap:
+    """Of each view (C,): joints in the mask, mask beyond the body, body beyond the mask; shares."""
+
+    joints: Tensor
+    beyond: Tensor
+    missing: Tensor
+    empty: Tensor
+
+
+def mask_doubts(
+    model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: PersonMasks
+) -> Iterator[str]:
+    """Sentences about masks that are empty, of somebody else, or far larger than a body."""
+    found = _overlap(model, fit, chosen, masks)
+    for view, name in enumerate(chosen.clip.names):
+        if bool(found.empty[view]):
+            yield f"masks of {name}: are empty in most frames; the body follows the other views"
+        elif float(found.joints[view]) < _INSIDE:
+            yield (
+                f"masks of {name}: hold {100 * float(found.joints[view]):.0f} % of the detected "
+                "joints; expected those of the person that the joints belong to"
+            )
+    sound = ~found.empty & (found.joints >= _INSIDE)
+    if not bool(sound.any()):
+        return
+    if float(found.beyond[sound].median()) > _LOOSE:
+        yield (
+            f"silhouettes exceed the body by {100 * float(found.beyond[sound].median()):.0f} % of "
+            "its area: a coat, a skirt or a bag; girths are too large, fit joints alone or give "
+            "the actor in these clothes"
+        )
+    elif float(found.missing[sound].median()) > _BARE:
+        yield (
+            f"silhouettes leave out {100 * float(found.missing[sound].median()):.0f} % of the "
+            "body: cut-off limbs, or masks of somebody smaller; look at the picture of the body"
+        )
+
+
+def _overlap(model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: PersonMasks) -> _Overlap:
+    """Compared in pictures of moderate size."""
+    factor = max(1, int(masks.inside.shape[-2] / _HEIGHT))
+    small = masks.shrunk(factor)
+    surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)).to(fit.shape))
+    faces, bodies = torch.from_numpy(model.rig.faces), surface(fit.motion)
+    views, rows = range(small.cameras.views), []
+    for frame, vertices in enumerate(bodies):
+        cameras = small.cameras.frames(slice(frame, frame + 1)).every_frame(1)
+        local = cameras.map(lambda each: each[0])
+        for view in views:
+            drawn = ProjectedMesh.seen_by(local.select([view]), vertices, faces).rasterize().mask
+            mask = small.inside[frame, view] > 0.5
+            area = float(drawn.sum().clamp(min=1))
+            beyond = float((mask & ~drawn).sum()) / area
+            missing = float((drawn & ~mask).sum()) / area
+            rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
+    table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
+    inside = _joints_inside(chosen, masks)
+    empty = table[..., 2].mean(0) > 0.5
+    return _Overlap(inside, table[..., 0].median(0).values, table[..., 1].median(0).values, empty)
+
+
+def _joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
+    """Share of the sure joints of each view that lie in the mask, (C,); 1 without joints."""
+    pixels = chosen.detections.joints2d.round().long()  # F C 16 2
+    height, width = masks.inside.shape[-2:]
+    sure = chosen.detections.confidence2d > _SURE
+    within = (pixels >= 0).all(-1) & (pixels[..., 0] < width) & (pixels[..., 1] < height)
+    index = pixels[..., 1].clamp(0, height - 1) * width + pixels[..., 0].clamp(0, width - 1)
+    held = masks.inside.flatten(-2).gather(-1, index) > 0
+    counted = sure & within
+    share = (held & counted).sum((0, 2)) / counted.sum((0, 2)).clamp(min=1)
+    return torch.where(counted.any(-1).any(0), share.double(), 1.0)

@@ -1,0 +1,130 @@
+"""The body of the person in the videos: fitted once, for an actor's folder or for a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.template import Template
+from perfcap.app.body_doubts import mask_doubts
+from perfcap.app.fit_sheet import save_fit_sheet
+from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person, read_masks
+from perfcap.app.inputs import Inputs
+from perfcap.app.measures import save_measures
+from perfcap.geometry.camera import Camera
+from perfcap.io.body_model import DEFAULT_BODY, load_body_model
+from perfcap.io.fitted_body import FittedBody, save_fitted_body
+from perfcap.io.result_folder import BODY
+from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
+
+_DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
+_FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyRequest:
+    """How somebody's body is to be found.
+
+    Attributes:
+        count: frames to fit to, spread over the clip.
+        height: of the person, metres, if known.
+        masks: folders of silhouettes, one a view; none to find them in the images.
+        silhouettes: whether silhouettes are used at all.
+        model: name or file of the body model.
+        settings: of the fit.
+    """
+
+    count: int
+    height: float | None = None
+    masks: Sequence[Path] = ()
+    silhouettes: bool = True
+    model: str = DEFAULT_BODY
+    settings: ViewFitSettings | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PersonalBody:
+    """A body, and what it was fitted to.
+
+    Attributes:
+        model: of bodies.
+        fit: coefficients, poses, measurements.
+        chosen: the frames.
+        masks: silhouettes in them, where they were used.
+        height: as it was given.
+    """
+
+    model: BodyModel
+    fit: BodyFit
+    chosen: ChosenFrames
+    masks: PersonMasks | None
+    height: float | None = None
+
+    @property
+    def template(self) -> Template:
+        """The rigged body."""
+        return self.fit.template
+
+    @property
+    def source(self) -> str:
+        """What the body was fitted to, in words."""
+        shown = "joints" if self.masks is None else "joints and silhouettes"
+        frames, views = len(self.chosen), self.chosen.clip.views
+        return (
+            f"body fitted to {shown} of {frames} frames in {views} view{'s' if views > 1 else ''}"
+        )
+
+    def save(self, folder: Path, picture: str) -> None:
+        """Write body.npz, measurements.json and a picture of the body over the images."""
+        shape, covariance = (
+            x.double().numpy(force=True) for x in (self.fit.shape, self.fit.covariance)
+        )
+        save_fitted_body(folder / BODY, FittedBody(shape, covariance, self.model.rig.name))
+        save_measures(folder, self.fit.measurements, self.fit.deviations, self.source)
+        save_fit_sheet(folder / picture, self.model, self.fit, self.chosen)
+
+    def doubts(self) -> tuple[str, ...]:
+        """What a user should know about it, one sentence each."""
+        return tuple(self._doubts())
+
+    def _doubts(self) -> Iterator[str]:
+        views, fit = self.chosen.clip.views, self.fit
+        if views == 1 and self.height is None:
+            yield (
+                "one camera does not tell a person's size from the distance; the height is mostly "
+                "a guess, give --height"
+            )
+        elif fit.deviations.height > _DOUBTFUL:
+            yield f"the height is known to {100 * fit.deviations.height:.0f} cm only; give --height"
+        if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
+            yield (
+                "the two cameras look at each other and see the same outline; depths are told by "
+                "sizes alone, a view from the side would help most"
+            )
+        if self.masks is not None:
+            yield from mask_doubts(self.model, fit, self.chosen, self.masks)
+
+
+def find_body(inputs: Inputs, request: BodyRequest) -> PersonalBody:
+    """Fit a body model to the person.
+
+    Raises:
+        InputError: nobody is detected, or masks or the model cannot be used.
+    """
+    model = load_body_model(request.model)
+    chosen = choose_frames(inputs, request.count)
+    masks = read_masks(chosen, request.masks) if request.masks else None
+    given = request.height, masks, request.silhouettes, request.settings
+    fit, masks = fit_person(model, chosen, *given)
+    return PersonalBody(model, fit, chosen, masks, request.height)
+
+
+def _opposite(cameras: Camera, places: torch.Tensor) -> bool:
+    """Whether two cameras see the person from opposite sides, in the median of the frames."""
+    sight = places[:, None] - cameras.centre.expand(len(places), 2, 3)
+    sight = sight / sight.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+    return float((sight[:, 0] * sight[:, 1]).sum(-1).median()) < _FACING

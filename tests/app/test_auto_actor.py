@@ -1,0 +1,157 @@
+"""``--actor auto`` from several views: the person's body, its files, and what is doubtful of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import synthetic
+import torch
+from runs import Command
+from takes import camera_entry, write_json, write_video
+
+from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.shaped_points import ShapedPoints
+from perfcap.app import fit_views
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.camera import Camera
+from perfcap.io.body_model import load_body_model
+from perfcap.io.fitted_body import load_fitted_body
+from perfcap.render.projected_mesh import ProjectedMesh
+from perfcap.rigging import BodyFit, ViewFitSettings, fit_body
+
+QUICK = ViewFitSettings(heights=(60.0,), steps=(10, 4))
+FRAMES, SIZE = 6, 160
+
+
+@dataclass(frozen=True)
+class Views:
+    """Two views of somebody of the shipped body model, as files."""
+
+    folder: Path
+    height: float
+
+    def command(self, out: Path, *more: object) -> list[object]:
+        one, two = (self.folder / f"{name}.mp4" for name in ("one", "two"))
+        known = ["--cameras", self.folder / "cameras.json", "--out", out]
+        joints = ["--detections", self.folder / "detections.npz", "--until", "track_motion"]
+        return ["capture", one, two, *known, *joints, "--no-overlay", *more]
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory: pytest.TempPathFactory) -> Views:
+    """A turning person 1.7 to 1.9 m tall, exact joints and masks."""
+    folder = tmp_path_factory.mktemp("views")
+    model = load_body_model()
+    actor = model.actor(torch.zeros(0))
+    rest = actor.skeleton.rest_motion(FRAMES)
+    turn = torch.zeros(FRAMES, 3, dtype=torch.float64)
+    turn[:, 1] = torch.linspace(0, 1.5, FRAMES)
+    shape = torch.zeros(model.components, dtype=torch.float64)
+    shape[:3] = torch.tensor([0.8, -1.0, 0.5])
+    motion = Motion(torch.zeros(FRAMES, 3).double(), turn, rest.angles, {BODY: shape})
+    cameras = synthetic.cameras(4, size=SIZE, distance=4.0).select([0, 1])
+    marks = ShapedPoints.of_landmarks(model, actor)(motion)[:, :16]
+    write_views(folder, cameras)
+    pixels = cameras.project(marks).numpy()
+    np.savez(
+        folder / "detections.npz",
+        joints2d=pixels,
+        confidence2d=np.ones(pixels.shape[:-1]),
+        joint_names=np.array(LANDMARKS),
+        view_names=np.array(["one", "two"]),
+    )
+    bodies = ShapedPoints.of_surface(model, actor)(motion)
+    write_masks(folder, cameras, bodies, torch.from_numpy(model.rig.faces))
+    top, low = (float(f) for f in (bodies[0, :, 1].max(), bodies[0, :, 1].min()))
+    return Views(folder, top - low)
+
+
+def write_views(folder: Path, cameras: Camera) -> None:
+    for name in ("one", "two"):
+        write_video(folder / f"{name}.mp4", FRAMES, (SIZE, SIZE))
+    entries = {name: camera_entry(cameras, view) for view, name in enumerate(("one", "two"))}
+    write_json(folder / "cameras.json", {"views": entries})
+
+
+def write_masks(folder: Path, cameras: Camera, bodies: torch.Tensor, faces: torch.Tensor) -> None:
+    for view in range(2):
+        for kind in ("masks", "empty", "wide", "aside"):
+            (folder / f"{kind}{view}").mkdir()
+        for frame, vertices in enumerate(bodies):
+            one = cameras.select([view])
+            mask = ProjectedMesh.seen_by(one, vertices, faces).rasterize().mask.numpy()
+            drawn = 255 * mask.astype(np.uint8)
+            kinds = {
+                "masks": drawn,
+                "empty": 0 * drawn,
+                "wide": cv2.dilate(drawn, np.ones((13, 13), np.uint8)),
+                "aside": np.roll(drawn, SIZE // 3, 1),
+            }
+            for kind, image in kinds.items():
+                cv2.imwrite(str(folder / f"{kind}{view}" / f"{frame:06d}.png"), image)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small pictures and few steps."""
+    monkeypatch.setattr(fit_views, "fit_body", quick_fit)
+
+
+def quick_fit(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyFit:
+    return fit_body(*arguments, settings=settings or QUICK)
+
+
+def masks_of(views: Views, kind: str) -> list[object]:
+    return ["--masks", *(views.folder / f"{kind}{view}" for view in range(2))]
+
+
+def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfcap: Command) -> None:
+    done = perfcap(views.command(tmp_path, *masks_of(views, "masks")))
+    assert done.code == 0, done
+    found = load_fitted_body(tmp_path / "body.npz")
+    assert found.model == "ada" and (found.deviation > 0).all()
+    known = json.loads((tmp_path / "measurements.json").read_text())
+    assert known["height"]["metres"] == pytest.approx(views.height, abs=0.03)
+    assert "joints and silhouettes of 6 frames in 2 views" in known["source"]
+    assert cv2.imread(str(tmp_path / "body.jpg")) is not None
+    (note,) = (line for line in done.notes if "--actor auto" in line)
+    assert "fitted to the joints and silhouettes" in note
+    # the character in capture.glb is this body
+    again = perfcap(views.command(tmp_path, *masks_of(views, "masks"), "--resume"))
+    assert again.code == 0 and not [n for n in again.notes if "--actor auto" in n]
+
+
+def test_an_actor_leaves_no_body_of_an_older_result(
+    views: Views, tmp_path: Path, perfcap: Command
+) -> None:
+    assert perfcap(views.command(tmp_path)).code == 0
+    assert (tmp_path / "body.npz").exists()
+    assert perfcap(views.command(tmp_path, "--actor", "sam", "--overwrite")).code in (0, 3)
+    assert not (tmp_path / "body.npz").exists() and not (tmp_path / "body.jpg").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("empty", "masks of one: are empty"),
+        ("aside", "of the detected joints; expected those of the person"),
+        ("wide", "silhouettes exceed the body"),
+    ],
+)
+def test_masks_of_something_else_are_told(
+    views: Views, tmp_path: Path, perfcap: Command, kind: str, words: str
+) -> None:
+    done = perfcap(views.command(tmp_path, *masks_of(views, kind)))
+    assert any(words in note for note in done.notes), done.notes
+
+
+def test_masks_belong_to_auto(views: Views, tmp_path: Path, perfcap: Command) -> None:
+    given = masks_of(views, "masks")
+    line = perfcap(views.command(tmp_path, *given, "--actor", "sam")).refused()
+    assert "--masks: is for --actor auto" in line
