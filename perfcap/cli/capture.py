@@ -63,8 +63,8 @@ class Capture:
     """The last stage to run."""
     frames: str | None = None
     """Part of the clip, A:B (B exclusive)."""
-    preset: Literal["default", "monoperfcap"] = "default"
-    """Measured defaults, or the constants published by Xu et al. 2018."""
+    preset: Literal["default", "monoperfcap", "muvs2017"] = "default"
+    """Measured defaults, or what Xu et al. 2018 or Huang et al. 2017 (several views) published."""
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
     floor: Literal["auto", "none"] = "auto"

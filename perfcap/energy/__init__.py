@@ -4,6 +4,8 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.floor_penetration import FloorPenetration
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
+from perfcap.energy.joint_trajectory import JointTrajectory
+from perfcap.energy.pose_mixture import PoseMixture
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
@@ -17,6 +19,8 @@ __all__ = [
     "FloorPenetration",
     "JointPosition",
     "JointTarget",
+    "JointTrajectory",
+    "PoseMixture",
     "PosePrior",
     "Reprojection",
     "Rigidity",

@@ -66,6 +66,16 @@ class EvidenceConfig:
 
 
 @dataclass(frozen=True)
+class PathConfig:
+    """Paths of the joints as a few cosines with free coefficients (Huang et al. 2017, Eq. 8)."""
+
+    weight: float = 1.0
+    rank: int = 10  # cosines of a window
+    deviation: float = 0.02  # m, of a joint from its path
+    scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+
+
+@dataclass(frozen=True)
 class PriorConfig:
     """Weak preference for the neutral pose; keeps unseen twists at rest."""
 
@@ -122,6 +132,7 @@ class PoseConfig:
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     position: PositionConfig = field(default_factory=PositionConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    paths: PathConfig | None = None
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
     contact: ContactConfig = field(default_factory=ContactConfig)
@@ -144,6 +155,18 @@ MONOPERFCAP_POSE = PoseConfig(
         angles=600.0,
     ),
     prior=PriorConfig(weight=1e-6),
+    evidence=EvidenceConfig(enabled=False),
+    contact=ContactConfig(enabled=False),
+    clean=0.0,
+)
+
+# Huang et al. 2017, Sec. IV: frames on their own, then windows of 30 whose joints follow ten
+# cosines with free coefficients; nothing else ties frames together. The weights and the constants
+# of the kernels are not stated there and are ours.
+MUVS_POSE = PoseConfig(
+    window=30,
+    trajectory=TrajectoryConfig(weight=1e-6),
+    paths=PathConfig(rank=10),
     evidence=EvidenceConfig(enabled=False),
     contact=ContactConfig(enabled=False),
     clean=0.0,

@@ -15,7 +15,7 @@ from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
 from perfcap.solve.bounds import Bounds
-from perfcap.solve.energy import Energy, Objective, Step
+from perfcap.solve.energy import Energy, Objective
 from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
 
 _REFERENCE_FRAMES, _REFERENCE_RATE = 50, 30.0  # what a rank is stated for
@@ -100,9 +100,7 @@ def trajectory_prior(
 
 def angle_bounds(actor: Actor) -> Bounds:
     """Anatomical limits as hard bounds (Xu et al. 2018, Eq. 2)."""
-    lower, upper = actor.skeleton.bounds
-    none = lower.new_zeros(0)
-    return Bounds(Step(lower, none), Step(upper, none))
+    return Bounds.on_frames(*actor.skeleton.bounds)
 
 
 def neutral_angles(actor: Actor) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
+from perfcap.pipeline.config import MONOPERFCAP_POSE, MUVS_POSE, PoseConfig
 from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
     MONOPERFCAP_REFINE_SURFACE,
@@ -29,4 +29,6 @@ class CaptureConfig:
 MONOPERFCAP = CaptureConfig(
     MONOPERFCAP_POSE, MONOPERFCAP_SILHOUETTES, MONOPERFCAP_REFINE_POSE, MONOPERFCAP_REFINE_SURFACE
 )
-PRESETS = {"default": CaptureConfig(), "monoperfcap": MONOPERFCAP}
+# the two stages of Huang et al. 2017; with images, perfcap's own refinement comes after them
+MUVS = CaptureConfig(MUVS_POSE)
+PRESETS = {"default": CaptureConfig(), "monoperfcap": MONOPERFCAP, "muvs2017": MUVS}

@@ -15,6 +15,7 @@ from perfcap.io.journal import Record
 from perfcap.pipeline.adapt import adapted, with_standing
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
+from perfcap.pipeline.joint_paths import with_paths
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
@@ -89,7 +90,7 @@ def _solve_group(
         )
         for i, window in enumerate(group)
     ]
-    return solution.state, reports
+    return replace(solution.state, shared={}), reports
 
 
 def solve_windows(
@@ -115,6 +116,7 @@ def solve_windows(
         WindowData.stack([clips[clip].at(window, clip) for clip, window in group])
     )
     start = Motion.stack([initial[clip][window.index] for clip, window in group])
+    objective, start = with_paths(problem, objective, start)
     method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
     bounds = angle_bounds(problem.actor)
     return solve(objective, start, method, bounds, adjoint), objective

@@ -1,4 +1,4 @@
-"""Every network under ``models`` opens, is small, and says what it is."""
+"""Every network and prior under ``models`` opens, is small, and says what it is."""
 
 import hashlib
 import tomllib
@@ -18,11 +18,11 @@ from perfcap.io.detections import read_detections
 from perfcap.metrics.alignment import root_aligned
 
 MODELS = Path(__file__).parents[2] / "models"
-FOLDERS = sorted(p.parent for kind in ("lifters", "detectors") for p in
-                 (MODELS / kind).glob("*/manifest.toml"))  # fmt: skip
+KINDS = ("lifters", "detectors", "priors")
+FOLDERS = sorted(p.parent for kind in KINDS for p in (MODELS / kind).glob("*/manifest.toml"))
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f"{f.parent.name}/{f.name}")
 def test_files_are_as_the_manifest_says(folder: Path) -> None:
     entries = tomllib.loads((folder / "manifest.toml").read_text())["file"]
     for entry in entries:
