@@ -7,7 +7,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.io.bvh import BvhMotion, load_bvh, save_bvh
 from perfcap.io.calibration import CameraRig, PixelMap, read_cameras, read_pixel_map
 from perfcap.io.clip import Clip
-from perfcap.io.detections import read_detections
+from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.gltf import load_template, save_animation
 from perfcap.io.mask_files import save_masks
 from perfcap.io.mesh import read_mesh
@@ -32,6 +32,7 @@ __all__ = [
     "models_folder",
     "open_surface",
     "read_cameras",
+    "read_candidates",
     "read_detections",
     "read_mesh",
     "read_pixel_map",

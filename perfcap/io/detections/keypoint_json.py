@@ -10,20 +10,16 @@ from typing import Any
 import numpy as np
 
 from perfcap.errors import InputError
-from perfcap.io.detections.openpose import (
-    choose_joint_set,
-    first_frame,
-    make_track,
-    parse_triples,
-)
-from perfcap.io.detections.track import MAX_FRAMES, Array, Track
+from perfcap.io.detections.listing import Listing
+from perfcap.io.detections.openpose import choose_joint_set, first_frame, parse_triples
+from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import read_json
 
 Entries = Sequence[Mapping[str, Any]]
 
 
-def read_keypoint_json(path: Path, frames: int | None = None) -> Track:
-    """Read AlphaPose's or COCO's list of results, or MMPose's predictions.
+def read_keypoint_json(path: Path, frames: int | None = None) -> Listing:
+    """Read everybody of AlphaPose's or COCO's list of results, or of MMPose's predictions.
 
     Args:
         path: a list of ``{image_id, keypoints, score}``, or MMPose's list of
@@ -52,9 +48,7 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track:
     warnings = []
     if frames is not None and first < min(by_frame) and (numbered or first == 0):
         warnings.append(f"{path}: frame numbers start at {min(by_frame)}; counted from {first}")
-    if max(len(people) for people in listed) > 1:
-        warnings.append(f"{path}: several people; the most prominent one is followed")
-    return make_track(str(path), listed, joint_set, warnings)
+    return Listing(str(path), joint_set, listed, tuple(warnings))
 
 
 def _entries(path: Path, data: Any) -> Entries:

@@ -12,16 +12,21 @@ from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, LANDMARKS16, Joint
 from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
+from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
 
+MAX_PEOPLE = 1000
 _ARRAYS = (
     *("joints2d", "confidence2d", "joints3d_mm", "joint_names", "view_names"),
     "video_frames",
 )
 
 
-def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
+def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track] | list[Listing]:
     """Read ``joints2d`` [F,J,2] or [F,C,J,2], ``confidence2d``, and optionally 3D and names.
+
+    Several people are [F,C,P,J,2], in no order, where P is the most in a frame and view; rows of
+    confidence 0 are nobody.
 
     Args:
         path: the archive. ``joints3d_mm`` [F,(C,)J,3] is root-relative, in camera axes;
@@ -30,23 +35,27 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
         views: names of the cameras wanted, used when the file names its own (``view_names``).
 
     Returns:
-        One track a view.
+        One track a view, or one listing where the file holds several people.
     """
     arrays = read_archive(path, _ARRAYS, "detections.npz")
     joints2d = _numbers(path, arrays, "joints2d")
     confidence = _numbers(path, arrays, "confidence2d")
-    if joints2d.ndim not in (3, 4) or joints2d.shape[-1] != 2 or 0 in joints2d.shape:
+    if joints2d.ndim not in (3, 4, 5) or joints2d.shape[-1] != 2 or 0 in joints2d.shape:
         raise InputError(
-            f"{path}: joints2d has shape {joints2d.shape}, expected [F,J,2] or [F,C,J,2]"
+            f"{path}: joints2d has shape {joints2d.shape}, expected [F,J,2], [F,C,J,2], or "
+            "[F,C,P,J,2] of several people"
         )
     _same_shape(path, "confidence2d", confidence, joints2d.shape[:-1])
+    joint_set = _joint_set(path, arrays, joints2d.shape[-2])
+    if joints2d.ndim == 5:
+        people = np.concatenate((joints2d, confidence[..., None]), -1)
+        return _listings(path, arrays, people, joint_set, views)
     joints3d = None
     if "joints3d_mm" in arrays:
         joints3d = _numbers(path, arrays, "joints3d_mm")
         _same_shape(path, "joints3d_mm", joints3d, (*joints2d.shape[:-1], 3))
         _check_millimetres(path, joints3d)
         joints3d = joints3d / 1000
-    joint_set = _joint_set(path, arrays, joints2d.shape[-2])
     track = Track(
         str(path), joint_set, joints2d, confidence, joints3d, (), _video_frames(path, arrays)
     )
@@ -61,6 +70,33 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track]:
             joints3d=None if joints3d is None else joints3d[:, c],
         )
         for c in _view_order(path, arrays, joints2d.shape[1], views)
+    ]
+
+
+def _listings(
+    path: Path,
+    arrays: dict[str, np.ndarray],
+    people: Array,
+    joint_set: JointSet,
+    views: Sequence[str] | None,
+) -> list[Listing]:
+    """Views of an array of several people (F, C, P, J, 3); rows without confidence are left out."""
+    if people.shape[2] > MAX_PEOPLE:
+        raise InputError(
+            f"{path}: joints2d has {people.shape[2]} people a frame, expected at most {MAX_PEOPLE}"
+        )
+    left_out = f"{path}: 3D joints of several people are not read; only 2D is used"
+    warnings = (left_out,) if "joints3d_mm" in arrays else ()
+    there = (people[..., 2] != 0).any(-1)  # NaN counts: whoever counts broken joints tells of it
+    return [
+        Listing(
+            f"{path}: view {c + 1}",
+            joint_set,
+            [list(row[kept]) for row, kept in zip(people[:, c], there[:, c], strict=True)],
+            warnings,
+            _video_frames(path, arrays),
+        )
+        for c in _view_order(path, arrays, people.shape[1], views)
     ]
 
 

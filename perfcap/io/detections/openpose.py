@@ -20,8 +20,8 @@ from perfcap.detect.joint_set import (
     JointSet,
 )
 from perfcap.errors import InputError
-from perfcap.io.detections.people import follow
-from perfcap.io.detections.track import MAX_FRAMES, Array, Track
+from perfcap.io.detections.listing import Listing
+from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import MEBIBYTE, read_json
 
 FRAME_LIMIT = 16 * MEBIBYTE
@@ -30,8 +30,8 @@ KEYPOINTS = "pose_keypoints_2d"
 BY_COUNT = {len(s): s for s in (COCO17, COCO18, BODY_25, HALPE26, COCO_WHOLEBODY, HALPE136)}
 
 
-def read_openpose(folder: Path, video_frames: int | None = None) -> Track:
-    """Read one view's folder; the joint set follows from the number of keypoints.
+def read_openpose(folder: Path, video_frames: int | None = None) -> Listing:
+    """Read everybody of one view's folder; the number of keypoints tells the joint set.
 
     The last number in a file's name is its frame (see ``first_frame``), and frames without a file,
     like files without people, have nothing detected.
@@ -53,12 +53,7 @@ def read_openpose(folder: Path, video_frames: int | None = None) -> Track:
     if first < min(files):
         warnings.append(f"{folder}: files start at frame {min(files)}; counted from {first}")
     joint_set = choose_joint_set(str(folder), frames)
-    people = max(len(candidates) for candidates in frames)
-    if people > 1:
-        warnings.append(
-            f"{folder}: up to {people} people in a frame; the most prominent one is followed"
-        )
-    return make_track(str(folder), frames, joint_set, warnings)
+    return Listing(str(folder), joint_set, frames, tuple(warnings))
 
 
 def first_frame(numbers: Collection[int], video_frames: int | None) -> int:
@@ -72,14 +67,6 @@ def first_frame(numbers: Collection[int], video_frames: int | None) -> int:
     if video_frames is None or lowest <= 1:
         return lowest
     return next((start for start in (0, 1) if highest < start + video_frames), lowest)
-
-
-def make_track(
-    where: str, frames: Sequence[Sequence[Array]], joint_set: JointSet, warnings: Sequence[str]
-) -> Track:
-    """One person's track from the candidates (J, 3) of each frame."""
-    chosen = follow(frames) if any(frames) else np.zeros((len(frames), len(joint_set), 3))
-    return Track(where, joint_set, chosen[..., :2], chosen[..., 2], None, tuple(warnings))
 
 
 def _by_frame(folder: Path) -> dict[int, Path]:

@@ -23,7 +23,7 @@ def follow(frames: Sequence[Sequence[Array]]) -> Array:
     Args:
         frames: per frame the candidates, each (J, 3): x, y, confidence; at least one in all.
     """
-    scores = [[_prominence(person) for person in people] for people in frames]
+    scores = [[prominence(person) for person in people] for people in frames]
     best = [max(people, default=-np.inf) for people in scores]
     start = int(np.argmax(best))
     first = frames[start][int(np.argmax(scores[start]))]
@@ -59,8 +59,8 @@ def _extent(person: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
-def _prominence(person: Array) -> float:
-    """Size times summed confidence: large and well seen."""
+def prominence(person: Array) -> float:
+    """Size times summed confidence of a person (J, 3): large and well seen."""
     points = _seen(person)
     return _extent(person) * float(points[:, 2].sum()) if len(points) else 0.0
 

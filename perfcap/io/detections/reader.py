@@ -1,8 +1,9 @@
-"""Which detections file is which, and views put together."""
+"""Which detections file is which, and views put together: of one person, or of all candidates."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -11,6 +12,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.clip import END_SLACK
 from perfcap.io.detections.keypoint_json import read_keypoint_json
+from perfcap.io.detections.listing import Listing, everybody, followed, slots_of
 from perfcap.io.detections.npz import read_npz
 from perfcap.io.detections.openpose import read_openpose
 from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
@@ -45,30 +47,88 @@ def read_detections(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
-    names = None if isinstance(views, int) else list(views)
-    count = views if isinstance(views, int) else len(views)
-    tracks = [track for path in several for track in _read(path, names, frames)]
-    several, tracks = _by_name(several, tracks, names)
-    if len(tracks) != count:
-        raise InputError(
-            f"--detections: {', '.join(map(str, several))} hold {len(tracks)} views, the cameras "
-            f"are {count}; expected one file a view, or one npz of all"
-        )
+    names, found = _read_views(paths, views, frames)
+    tracks = [followed(view) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in tracks]
-    if not any((track.confidence > 0).any() for track in mapped):
-        raise InputError(
-            f"--detections: nobody is detected in any frame of {', '.join(map(str, several))}; "
-            "expected a visible person"
-        )
-    shortest, note = _common_length(tracks, frames if used is None else None)
-    if used is not None and frames is not None:
-        note += _check_part(tracks, frames, used)
+    _require_somebody(names, mapped)
+    shortest, note = _shared_length(tracks, frames, used)
     warnings = [warning for track in mapped for warning in track.warnings]
     return _stack(mapped, shortest), warnings + note
 
 
-def _read(path: Path, views: list[str] | None, frames: int | None) -> list[Track]:
+def read_candidates(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    views: Sequence[str] | int = 1,
+    pixel_offset: float = 0.0,
+    frames: int | None = None,
+    used: int | None = None,
+) -> tuple[Detections, list[str]]:
+    """Read the joints of everybody who was detected in C views, before anybody says who is who.
+
+    Args:
+        paths: as of ``read_detections``, and so are the others.
+        views: the cameras' names or their number C.
+        pixel_offset: added to pixel coordinates.
+        frames: frames of the video, where known.
+        used: of these the first that matter.
+
+    Returns:
+        Detections (P, F, C, 16), where P is the most people of a frame and view: those of one
+        batch element have nothing to do with each other, and where fewer people were found, the
+        rest have confidence 0. And warnings for the user.
+
+    Raises:
+        InputError: files that cannot be read, or do not fit the views and frames.
+    """
+    names, found = _read_views(paths, views, frames)
+    slots = max(slots_of(view) for view in found)
+    rows = [everybody(view, slots) for view in found]
+    mapped = [to_landmarks(track, pixel_offset) for track in rows]
+    _require_somebody(names, mapped)
+    each = [replace(track, joints2d=track.joints2d[::slots]) for track in rows]
+    shortest, note = _shared_length(each, frames, used)
+    warnings = [warning for track in mapped for warning in track.warnings]
+    flat = _stack(mapped, shortest * slots)
+    return flat.map(lambda t: t.unflatten(0, (shortest, slots)).movedim(1, 0)), warnings + note
+
+
+def _read_views(
+    paths: str | Path | Sequence[str | Path], views: Sequence[str] | int, frames: int | None
+) -> tuple[str, list[Track | Listing]]:
+    """One track or listing a view, in the order of the views, and the names of the files."""
+    several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
+    names = None if isinstance(views, int) else list(views)
+    count = views if isinstance(views, int) else len(views)
+    found = [view for path in several for view in _read(path, names, frames)]
+    several, found = _by_name(several, found, names)
+    listed = ", ".join(map(str, several))
+    if len(found) != count:
+        raise InputError(
+            f"--detections: {listed} hold {len(found)} views, the cameras are {count}; expected "
+            "one file a view, or one npz of all"
+        )
+    return listed, found
+
+
+def _require_somebody(names: str, tracks: Sequence[LandmarkTrack]) -> None:
+    if not any((track.confidence > 0).any() for track in tracks):
+        raise InputError(
+            f"--detections: nobody is detected in any frame of {names}; expected a visible person"
+        )
+
+
+def _shared_length(
+    tracks: Sequence[Track], frames: int | None, used: int | None
+) -> tuple[int, list[str]]:
+    """The frames that all have and that matter, with notes."""
+    shortest, note = _common_length(tracks, frames if used is None else None)
+    if used is not None and frames is not None:
+        note += _check_part(tracks, frames, used)
+    return shortest, note
+
+
+def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[Track | Listing]:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
     if path.is_dir():
@@ -81,8 +141,8 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> list[Track
 
 
 def _by_name(
-    paths: list[Path], tracks: list[Track], views: Sequence[str] | None
-) -> tuple[list[Path], list[Track]]:
+    paths: list[Path], tracks: list[Track | Listing], views: Sequence[str] | None
+) -> tuple[list[Path], list[Track | Listing]]:
     """One file a view in the order of the views, where names of files or their folders tell."""
     if views is None or not len(paths) == len(tracks) == len(views):
         return paths, tracks

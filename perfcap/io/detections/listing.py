@@ -1,0 +1,90 @@
+"""Everybody a detector found in the frames of one view: one of them followed, or all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from perfcap.detect.joint_set import JointSet
+from perfcap.io.detections.people import follow, prominence
+from perfcap.io.detections.track import Array, Track
+
+MOST_CANDIDATES = 32  # in a frame and view; further ones are passers-by in the distance
+
+
+@dataclass(frozen=True)
+class Listing:
+    """People found in the frames of a view, in no order.
+
+    Attributes:
+        where: the file or folder, for messages.
+        joint_set: names of the J joints.
+        frames: the people of each frame, each (J, 3): x, y in pixels of the file, confidence.
+        warnings: what a user should know about how the file was read.
+        video_frames: of the video these were detected in, where the file says so.
+    """
+
+    where: str
+    joint_set: JointSet
+    frames: Sequence[Sequence[Array]]
+    warnings: tuple[str, ...] = ()
+    video_frames: int | None = None
+
+    @property
+    def most(self) -> int:
+        """Number of people in the fullest frame."""
+        return max((len(people) for people in self.frames), default=0)
+
+
+def followed(view: Track | Listing) -> Track:
+    """One person of a view: the most prominent one of a listing, with a note on the others."""
+    if isinstance(view, Track):
+        return view
+    shape = (len(view.frames), len(view.joint_set), 3)
+    chosen = follow(view.frames) if any(view.frames) else np.zeros(shape)
+    return _track(view, chosen, _note(view, "the most prominent one is followed"))
+
+
+def slots_of(view: Track | Listing) -> int:
+    """The most people of a frame and view that ``everybody`` keeps."""
+    return 1 if isinstance(view, Track) else max(1, min(view.most, MOST_CANDIDATES))
+
+
+def everybody(view: Track | Listing, slots: int) -> Track:
+    """All people of a view, ``slots`` rows a frame, (F x slots, J); rows of nobody are zero."""
+    if isinstance(view, Track):
+        return replace(
+            view,
+            joints2d=_spread(view.joints2d, slots),
+            confidence=_spread(view.confidence, slots),
+            joints3d=None if view.joints3d is None else _spread(view.joints3d, slots),
+        )
+    values = np.zeros((len(view.frames), slots, len(view.joint_set), 3))
+    for frame, people in enumerate(view.frames):
+        kept = people
+        if len(people) > slots:
+            kept = sorted(people, key=prominence, reverse=True)[:slots]
+        for slot, person in enumerate(kept):
+            values[frame, slot] = person
+    note = f"the {slots} most prominent are looked at" if view.most > slots else ""
+    return _track(view, values.reshape(-1, *values.shape[2:]), _note(view, note))
+
+
+def _spread(values: Array, slots: int) -> Array:
+    """Values of one person (F, ...) in the first of several rows a frame, (F x slots, ...)."""
+    spread = np.zeros((len(values), slots, *values.shape[1:]))
+    spread[:, 0] = values
+    return spread.reshape(-1, *values.shape[1:])
+
+
+def _note(view: Listing, what: str) -> tuple[str, ...]:
+    if view.most < 2 or not what:
+        return ()
+    return (f"{view.where}: up to {view.most} people in a frame; {what}",)
+
+
+def _track(view: Listing, values: Array, notes: tuple[str, ...]) -> Track:
+    track = Track(view.where, view.joint_set, values[..., :2], values[..., 2], None, view.warnings)
+    return replace(track, warnings=(*view.warnings, *notes), video_frames=view.video_frames)
