@@ -24,6 +24,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "occlusion": ("--seeds", "1", "--lengths", "5", "--frames", "60"),
     "bundle_adjustment": (),
     "own_skeleton": (),
+    "people_association": ("--seeds", "2"),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
     "solver_classics": (),

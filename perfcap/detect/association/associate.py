@@ -1,0 +1,164 @@
+"""Detections of several people without names, put together over views and time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import one_hot
+
+from perfcap.detect.association.config import AssociationConfig
+from perfcap.detect.association.grouping import group_views
+from perfcap.detect.association.settle import Settled, settle
+from perfcap.detect.association.sightings import Sightings
+from perfcap.detect.association.tracks import Track, link, places, rejoin
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+
+_LEAST_FRAMES = 3
+_OFTEN = 0.1  # of the frames: a stranger who is told of
+
+
+@dataclass(frozen=True)
+class Association:
+    """Who is who.
+
+    Attributes:
+        people: of K people, the best seen one first, (F, C, 16) each.
+        slots: of the candidates that are theirs, -1 where a view does not show them, (K, F, C).
+        points: joints where two views see them, (K, F, 16, 3) m, else NaN.
+        margin: how much farther from a person the next candidate of a view is than their own, m,
+            (K, F, C); infinite where there is no other.
+        notes: what a user should know.
+    """
+
+    people: tuple[Detections, ...]
+    slots: Tensor
+    points: Tensor
+    margin: Tensor
+    notes: tuple[str, ...]
+
+
+def associate(
+    cameras: Camera,
+    candidates: Detections,
+    rate: float = 30.0,
+    *,
+    people: int | None = None,
+    config: AssociationConfig | None = None,
+) -> Association:
+    """Find the people whom two or more calibrated views show, and what was detected of each.
+
+    Slots of candidates mean nothing: a detector may list people in any order in every frame and
+    view, miss them, list them twice, or list somebody whom one view alone shows. Rays of joints
+    tell (grouping), then where people were before and after (tracks, settle), then bone lengths,
+    for those who were away.
+
+    Args:
+        cameras: C views, (C,) or (F, C), in pixels of the candidates.
+        candidates: (P, F, C, 16), see ``read_candidates``.
+        rate: frames a second.
+        people: how many are wanted, the best seen ones; as many as there are when not given.
+        config: sizes.
+
+    Raises:
+        InputError: one view alone; fewer people than are wanted.
+    """
+    if candidates.views < 2:
+        raise InputError(
+            "people: one view cannot tell who is who; expected two or more calibrated views, or "
+            "one person"
+        )
+    config = config or AssociationConfig()
+    candidates = candidates.detach()
+    plain = candidates.to(torch.zeros((), dtype=torch.float64))
+    sightings = Sightings.of(cameras.detach(), plain, config)
+    groups = group_views(sightings)
+    tracks, joins = rejoin(link(groups, rate, config), groups, rate, config)
+    chosen = _choose(tracks, candidates.frame_count, rate, people, config)
+    first = torch.stack([places(track, groups, candidates.frame_count) for track in chosen])
+    settled = settle(sightings, first, rate)
+    order = (settled.slots >= 0).sum((1, 2)).argsort(descending=True, stable=True)
+    settled = Settled(
+        settled.slots[order], settled.points[order], settled.misfit[order], settled.margin[order]
+    )
+    kept = [chosen[k] for k in order.tolist()]
+    notes = (*_away(kept, joins), *_left_out(tracks, chosen), *_strangers(sightings, settled))
+    return Association(
+        tuple(_of(candidates, slots) for slots in settled.slots),
+        settled.slots,
+        settled.points,
+        settled.margin,
+        notes,
+    )
+
+
+def _choose(
+    tracks: list[Track], frames: int, rate: float, people: int | None, config: AssociationConfig
+) -> list[Track]:
+    """The longest tracks, those that are long enough where nobody says how many."""
+    longest = sorted(tracks, key=lambda track: -len(track.rows))
+    if people is None:
+        enough = max(_LEAST_FRAMES, min(config.shortest * rate, frames / 2))
+        chosen = [track for track in longest if len(track.rows) >= enough]
+        if not chosen:
+            raise InputError(
+                "people: nobody is seen by two views at once for long enough; expected "
+                "synchronous, calibrated views of the same people"
+            )
+        return chosen
+    if len(longest) < people:
+        raise InputError(
+            f"people: {people} are wanted, {len(longest)} are seen by two views at once; ask for "
+            "that many, or check cameras and detections"
+        )
+    return longest[:people]
+
+
+def _of(candidates: Detections, slots: Tensor) -> Detections:
+    """The candidates of one person, (F, C, 16), from slots (F, C)."""
+    there = slots >= 0
+    index = slots.clamp(min=0).to(candidates.joints2d.device)
+
+    def pick(values: Tensor) -> Tensor:
+        spread = index.reshape(1, *index.shape, *[1] * (values.dim() - 3))
+        chosen = values.gather(0, spread.expand(1, *values.shape[1:]))[0]
+        kept = there.to(values.device).reshape(*there.shape, *[1] * (chosen.dim() - 2))
+        return torch.where(kept, chosen, torch.zeros_like(chosen))
+
+    return candidates.map(pick)
+
+
+def _away(chosen: list[Track], joins: list[tuple[int, int, float]]) -> Iterator[str]:
+    """Who was away and is known again by their bones."""
+    for end, start, off in joins:
+        for number, track in enumerate(chosen, 1):
+            if end in track.rows and start in track.rows:
+                yield (
+                    f"person {number} is unseen between frames {end} and {start}, counted from 0, "
+                    f"and known again by bone lengths, which differ by {100 * off:.1f} %"
+                )
+                break
+
+
+def _left_out(tracks: list[Track], chosen: list[Track]) -> Iterator[str]:
+    others = [track for track in tracks if track not in chosen]
+    if others:
+        frames = ", ".join(str(len(track.rows)) for track in others[:5])
+        yield f"{len(others)} further people are seen in {frames} frames; left out"
+
+
+def _strangers(sightings: Sightings, settled: Settled) -> Iterator[str]:
+    """Detections that nobody has."""
+    slots = sightings.there.shape[-1]
+    owned = one_hot(settled.slots + 1, slots + 1)[..., 1:].bool().any(0)
+    alone = (sightings.there & ~owned).any(-1).sum(0)
+    for view, frames in enumerate(alone.tolist()):
+        if frames > _OFTEN * len(sightings.there):
+            yield (
+                f"view {view}, counted from 0, lists somebody in {frames} frames whom no other "
+                "view confirms; left out"
+            )

@@ -1,0 +1,149 @@
+"""Detections as rays, and the points in which the rays of several views cross."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from perfcap.detect.association.config import AssociationConfig
+from perfcap.detect.detections import Detections
+from perfcap.geometry.camera import NEAR, Camera
+from perfcap.geometry.triangulation import triangulate
+
+_CHUNK = 4096  # groups crossed at once: bounds memory
+_ROUNDS = 3
+_QUANTILE = 0.9  # of joints, that a size is measured on: one of them may be anywhere
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where the joints of groups of detections are.
+
+    Attributes:
+        points: (N, J, 3) m, NaN where fewer than two views see a joint.
+        misfit: mean distance of rays from points, m, (N,); infinite where it is no person.
+    """
+
+    points: Tensor
+    misfit: Tensor
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Who was seen, as rays.
+
+    Attributes:
+        cameras: C views, (C,) or (F, C).
+        plane: undistorted image coordinates, (F, C, P, J, 2).
+        weights: confidence, (F, C, P, J); 0 where nothing is seen.
+        config: sizes.
+    """
+
+    cameras: Camera
+    plane: Tensor
+    weights: Tensor
+    config: AssociationConfig
+
+    @classmethod
+    def of(cls, cameras: Camera, candidates: Detections, config: AssociationConfig) -> Self:
+        """Those of candidates (P, F, C), without what is too unsure or listed twice."""
+        cameras = cameras.to(candidates.joints2d)
+        plane = cameras.to_plane(candidates.joints2d).movedim(0, 2)
+        weights = candidates.confidence2d.movedim(0, 2)
+        weights = torch.where(weights >= config.confident, weights, 0)
+        weights = torch.where(plane.isfinite().all(-1), weights, 0)
+        plane = torch.where(weights[..., None] > 0, plane, 0)
+        return cls(cameras, plane, _once(plane, weights, config), config)
+
+    @property
+    def there(self) -> Tensor:
+        """Whether a slot holds enough joints to be somebody, (F, C, P)."""
+        return (self.weights > 0).sum(-1) >= self.config.least_joints
+
+    def rays(self, frames: Tensor, members: Tensor) -> tuple[Tensor, Tensor]:
+        """Plane coordinates (N, C, J, 2) and weights (N, C, J) of slots (N, C), -1 for none."""
+        views = torch.arange(members.shape[1])
+        at = (frames[:, None], views, members.clamp(min=0))
+        return self.plane[at], torch.where(members[..., None] >= 0, self.weights[at], 0)
+
+    def cross(self, frames: Tensor, members: Tensor) -> Crossing:
+        """Cross the rays of groups: ``members`` (N, C) are slots of frames (N,), -1 for none."""
+        parts = [self._cross(frames[span], members[span]) for span in _spans(len(frames), _CHUNK)]
+        if not parts:
+            empty = self.plane.new_zeros(0)
+            return Crossing(self.plane.new_zeros(0, self.plane.shape[-2], 3), empty)
+        return Crossing(
+            torch.cat([part.points for part in parts]), torch.cat([part.misfit for part in parts])
+        )
+
+    def distances(self, frames: Tensor, points: Tensor, plane: Tensor) -> Tensor:
+        """Distance in metres of points (N, J, 3) from rays (N, C, ..., J, 2), (N, C, ..., J).
+
+        Points behind a camera are infinitely far, unknown ones NaN.
+        """
+        local = self.cameras.frames(frames).to_camera(points)
+        local = local.reshape(*local.shape[:2], *[1] * (plane.dim() - 4), *local.shape[2:])
+        depth = local[..., 2]
+        off = (local[..., :2] / depth.clamp(min=NEAR)[..., None] - plane).norm(dim=-1) * depth
+        return torch.where(depth < NEAR, torch.inf, off)
+
+    def _cross(self, frames: Tensor, members: Tensor) -> Crossing:
+        config = self.config
+        plane, weights = self.rays(frames, members)
+        cameras = self.cameras.frames(frames)
+        scale = config.robust / self._distance(frames)
+        points, _ = triangulate(cameras, plane, weights, _ROUNDS, scale)
+        known = points.isfinite().all(-1)
+        counted = (weights > 0) & known[:, None]
+        off = self.distances(frames, points, plane).nan_to_num(nan=0).clamp(max=config.saturated)
+        misfit = (off * counted).sum((1, 2)) / counted.sum((1, 2)).clamp(min=1)
+        return Crossing(points, torch.where(self._is_person(points, known), misfit, torch.inf))
+
+    def _distance(self, frames: Tensor) -> float:
+        """Typical distance of people from the cameras, m: that of the cameras' middle."""
+        centre = self.cameras.frames(frames).centre
+        spread = (centre - centre.mean(-2, keepdim=True)).norm(dim=-1)
+        return float(spread.mean().clamp(min=1.0))
+
+    def _is_person(self, points: Tensor, known: Tensor) -> Tensor:
+        """Whether enough joints lie as far from each other as those of people, (N,)."""
+        least, most = self.config.reach
+        middle = points.nanmedian(-2, keepdim=True).values
+        radius = (points - middle).norm(dim=-1).nanquantile(_QUANTILE, -1)
+        fits: Tensor = (radius >= least) & (radius <= most)  # false for NaN
+        fits = fits & (known.sum(-1) >= self.config.least_joints)
+        return fits
+
+
+def _once(plane: Tensor, weights: Tensor, config: AssociationConfig) -> Tensor:
+    """Weights without those of slots that repeat another, surer one, (F, C, P, J)."""
+    weights = weights.clone()
+    for slot in range(1, weights.shape[2]):
+        for other in range(slot):
+            both = (weights[:, :, slot] > 0) & (weights[:, :, other] > 0)
+            count = both.sum(-1)
+            off = (plane[:, :, slot] - plane[:, :, other]).norm(dim=-1)
+            mean = (off * both).sum(-1) / count.clamp(min=1)
+            size = _extent(plane[:, :, other], weights[:, :, other] > 0)
+            same = (count >= config.least_joints) & (mean < config.twice * size)
+            surer = weights[:, :, slot].sum(-1) > weights[:, :, other].sum(-1)
+            weights[:, :, slot] *= ~(same & ~surer)[..., None]
+            weights[:, :, other] *= ~(same & surer)[..., None]
+    return weights
+
+
+def _extent(plane: Tensor, seen: Tensor) -> Tensor:
+    """Diagonal of the box of joints that are seen, (F, C)."""
+    low = torch.where(seen[..., None], plane, torch.inf).amin(-2)
+    high = torch.where(seen[..., None], plane, -torch.inf).amax(-2)
+    size: Tensor = (high - low).clamp(min=0).nan_to_num(nan=0, posinf=0).norm(dim=-1)
+    return size
+
+
+def _spans(count: int, size: int) -> Iterator[slice]:
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))

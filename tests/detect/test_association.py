@@ -1,0 +1,159 @@
+"""Several people in several views: who is who."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from crowds import RATE, Crowd, make_crowd, without_owner
+
+from perfcap.detect.association import Association, AssociationConfig, associate, tracked_bones
+from perfcap.detect.association.grouping import group_views
+from perfcap.detect.association.sightings import Sightings
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+
+
+def check(crowd: Crowd, found: Association, least: float = 1.0) -> None:
+    """Nobody has another's detection, and of those that are right everybody has theirs."""
+    people, who = crowd.matched(found.slots)
+    assert len(set(people)) == len(people) == len(crowd.actors)
+    for k, person in enumerate(people):
+        mistaken = (who[k] != person) & (who[k] != -2)
+        assert not mistaken.any(), (person, np.argwhere(mistaken)[:3])
+        own = ((crowd.owner == person) & crowd.right).any(0)
+        got = (who[k] == person) & own
+        assert got.sum() >= least * own.sum(), (person, np.argwhere(own & ~got)[:5])
+
+
+@pytest.mark.parametrize("views", [2, 3, 5])
+@pytest.mark.parametrize("count", [2, 3])
+def test_shuffled_people_are_put_together(count: int, views: int) -> None:
+    crowd = make_crowd(1, count=count, views=views)
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    check(crowd, found)
+    assert found.notes == () and len(found.people) == count
+    for k, person in enumerate(crowd.matched(found.slots)[0]):
+        apart = (found.points[k] - crowd.joints[person]).norm(dim=-1)
+        assert apart.nanmedian() < 0.03
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_identity_survives_planted_mistakes(seed: int) -> None:
+    """Where two views are right, whatever the others say."""
+    crowd = make_crowd(seed, count=2 + seed % 2, views=4 + seed % 2, spoil=0.3)
+    assert not crowd.right.all()
+    check(crowd, associate(crowd.cameras, crowd.candidates, RATE), least=0.995)
+
+
+def test_order_of_slots_does_not_matter() -> None:
+    crowd = make_crowd(3, spoil=0.2)
+    one = associate(crowd.cameras, crowd.candidates, RATE)
+    turned = crowd.candidates.map(lambda each: each.flip(0))
+    other = associate(crowd.cameras, turned, RATE)
+    for a, b in zip(one.people, other.people, strict=True):
+        assert torch.equal(a.joints2d, b.joints2d) and torch.equal(a.confidence2d, b.confidence2d)
+
+
+def test_people_are_what_their_slots_hold() -> None:
+    crowd = make_crowd(2, spoil=0.2)
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    for person, slots in zip(found.people, found.slots, strict=True):
+        for frame, view in np.argwhere(slots.numpy() >= 0):
+            taken = crowd.candidates.joints2d[slots[frame, view], frame, view]
+            assert torch.equal(person.joints2d[frame, view], taken)
+        assert (person.confidence2d[slots < 0] == 0).all()
+
+
+def test_a_stranger_in_one_view_is_left_out() -> None:
+    crowd = make_crowd(4, stranger=True)
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    check(crowd, found)
+    assert any("view 0" in note and "no other view" in note for note in found.notes)
+
+
+def test_a_blind_view_is_no_trouble() -> None:
+    crowd = without_owner(make_crowd(5), view=1)
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    check(crowd, found)
+    assert all((each.confidence2d[:, 1] == 0).all() for each in found.people)
+
+
+def test_a_candidate_listed_twice_counts_once() -> None:
+    crowd = make_crowd(6)
+    doubled = crowd.candidates.map(lambda each: torch.cat((each, each)))
+    twice = replace(
+        crowd,
+        candidates=doubled,
+        owner=np.concatenate((crowd.owner, crowd.owner)),
+        right=np.concatenate((crowd.right, crowd.right)),
+    )
+    found = associate(twice.cameras, doubled, RATE)
+    check(twice, found)
+    assert found.notes == ()
+
+
+def test_somebody_comes_back() -> None:
+    """Known again by bone lengths, although unseen for longer than places are remembered."""
+    crowd = make_crowd(7, frames=120, away=[slice(0), slice(40, 85)])
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    check(crowd, found)
+    assert any("known again by bone lengths" in note for note in found.notes)
+
+
+def test_people_who_come_later_are_somebody_else() -> None:
+    """The one who comes has other bones than the one who has left."""
+    crowd = make_crowd(8, count=3, frames=160, away=[slice(0), slice(70, 160), slice(0, 115)])
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    check(crowd, found)
+
+
+def test_the_best_seen_are_kept_of_more_than_are_wanted() -> None:
+    crowd = make_crowd(9, count=3, away=[slice(0), slice(0), slice(15, 40)])
+    found = associate(crowd.cameras, crowd.candidates, RATE, people=2)
+    assert sorted(crowd.matched(found.slots)[0]) == [0, 1]
+    assert any("further people" in note for note in found.notes)
+
+
+def test_fewer_people_than_are_wanted() -> None:
+    crowd = make_crowd(0)
+    with pytest.raises(InputError, match="3 are wanted, 2 are seen"):
+        associate(crowd.cameras, crowd.candidates, RATE, people=3)
+
+
+def test_one_view_is_refused() -> None:
+    crowd = make_crowd(0)
+    with pytest.raises(InputError, match="one view cannot tell who is who"):
+        associate(crowd.cameras.select([0]), crowd.candidates.select([0]), RATE)
+
+
+def test_views_of_different_people_are_refused() -> None:
+    crowd = make_crowd(0)
+    moved = crowd.candidates.joints2d.clone()
+    moved[:, :, 1:] += torch.tensor([0.0, 400.0])
+    candidates = replace(crowd.candidates, joints2d=moved).select([0, 1])
+    with pytest.raises(InputError, match="nobody is seen by two views at once"):
+        associate(crowd.cameras.select([0, 1]), candidates, RATE)
+
+
+def test_bones_tell_who_is_taller() -> None:
+    crowd = make_crowd(1, count=3)
+    found = associate(crowd.cameras, crowd.candidates, RATE)
+    people = crowd.matched(found.slots)[0]
+    lengths = tracked_bones(found.points)
+    true = torch.stack([tracked_bones(crowd.joints[p]) for p in people])
+    assert (lengths / true - 1).abs().max() < 0.06
+    assert lengths[:, 5].argsort().tolist() == true[:, 5].argsort().tolist()
+
+
+def test_groups_of_a_batch_are_those_of_each_frame() -> None:
+    crowd = make_crowd(3, frames=6, spoil=0.3)
+    config = AssociationConfig()
+
+    def members(candidates: Detections) -> list[list[int]]:
+        sightings = Sightings.of(crowd.cameras, candidates, config)
+        return sorted(group_views(sightings).members.tolist())
+
+    together = members(crowd.candidates)
+    alone = [m for f in range(6) for m in members(crowd.candidates.frames(slice(f, f + 1)))]
+    assert together == sorted(alone)
