@@ -34,7 +34,7 @@ from perfcap.io.export import Recording, upright_from
 from perfcap.io.export.names import unique_names, word
 from perfcap.io.export.recording import Z_UP
 from perfcap.io.result import read_result
-from perfcap.pipeline.scene import upright
+from perfcap.pipeline.surroundings import upright
 
 SAMPLES = 20
 FORMATS = ("glb", "bvh", "usd", "usdz", "trc", "c3d", "npz", "csv")

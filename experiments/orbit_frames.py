@@ -26,7 +26,7 @@ from perfcap.io.actor import load_actor
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.camera_path import orbit
-from perfcap.pipeline.scene import Scene
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.render import DAYLIGHT, ProjectedMesh, render
 from perfcap.segment.central_person import central_person
 from perfcap.segment.still_frames import Stills, choose_stills, look_over
@@ -137,7 +137,7 @@ def _seen(
     ground = float(vertices[:, 1].min())
     around = 3600
     large = (round(_CLOSER * config.size[0]), round(_CLOSER * config.size[1]))
-    path = orbit(joints, Scene(up, ahead, ground), [0] * around, large, 30.0)
+    path = orbit(joints, Surroundings(up, ahead, ground), [0] * around, large, 30.0)
     cut = tuple(
         slice((a - b) // 2, (a - b) // 2 + b) for a, b in zip(large, config.size, strict=True)
     )

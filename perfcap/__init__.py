@@ -10,16 +10,18 @@ from perfcap.errors import InputError
 
 if TYPE_CHECKING:
     from perfcap.actor import Actor, Motion, Skeleton
-    from perfcap.detect import Detections
+    from perfcap.detect import Association, Detections, associate
     from perfcap.energy import JointPosition, Reprojection, Trajectory
     from perfcap.geometry import Camera
-    from perfcap.io import Clip, load_actor, read_cameras, read_detections
+    from perfcap.io import Clip, load_actor, read_cameras, read_candidates, read_detections
     from perfcap.pipeline import (
         MONOPERFCAP,
         CaptureConfig,
         Images,
         Performance,
+        Person,
         PoseRefiner,
+        Scene,
         Stage,
         capture,
     )
@@ -40,6 +42,7 @@ __all__ = [
     "MONOPERFCAP",
     "Actor",
     "Adam",
+    "Association",
     "Camera",
     "CaptureConfig",
     "Clip",
@@ -53,29 +56,33 @@ __all__ = [
     "Motion",
     "Objective",
     "Performance",
+    "Person",
     "PoseRefiner",
     "Reprojection",
     "Residual",
+    "Scene",
     "Skeleton",
     "Solution",
     "Stage",
     "Trajectory",
     "__version__",
+    "associate",
     "capture",
     "load_actor",
     "read_cameras",
+    "read_candidates",
     "read_detections",
 ]
 
 _HOMES = {
     "perfcap.actor": ("Actor", "Motion", "Skeleton"),
-    "perfcap.detect": ("Detections",),
+    "perfcap.detect": ("Association", "Detections", "associate"),
     "perfcap.energy": ("JointPosition", "Reprojection", "Trajectory"),
     "perfcap.geometry": ("Camera",),
-    "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_detections"),
+    "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_candidates", "read_detections"),
     "perfcap.pipeline": (
-        *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "PoseRefiner"),
-        *("Stage", "capture"),
+        *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "Person", "PoseRefiner"),
+        *("Scene", "Stage", "capture"),
     ),
     "perfcap.solve": (
         *("Adam", "Energy", "Implicit", "LevenbergMarquardt", "Objective", "Residual", "Solution"),

@@ -20,7 +20,7 @@ from perfcap.actor import DeformationGraph
 from perfcap.io import models_folder
 from perfcap.pipeline import Performance
 from perfcap.pipeline.appearance import Appearance
-from perfcap.pipeline.scene import daylight, upright
+from perfcap.pipeline.surroundings import daylight, upright
 from perfcap.render import ProjectedMesh, draw_overlay, render
 from perfcap.segment import extract_contour
 

@@ -20,7 +20,7 @@ from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.camera_path import orbit
 from perfcap.pipeline.free_view import Studio
 from perfcap.pipeline.objective import neutral_angles
-from perfcap.pipeline.scene import Scene
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.render import Texture, draw_caption
 from perfcap.render.backdrop import Backdrop
 from perfcap.render.texture import to_srgb
@@ -140,12 +140,12 @@ def _pictures(
     up, ahead = torch.eye(3, dtype=torch.float64)[[1, 2]]
     vertices = actor.surface(motion)[0].detach().double()
     ground = vertices[:, 1].min()
-    scene = Scene(up, ahead, float(ground))
+    around = Surroundings(up, ahead, float(ground))
     middle = vertices.mean(0)
     backdrop = Backdrop(up, middle + (ground - middle @ up) * up)
-    moment = Studio(look, scene, backdrop).at(vertices)
+    moment = Studio(look, around, backdrop).at(vertices)
     joints = actor.joints(motion).double()
     wide = round(closer * size)
-    path = orbit(joints, scene, [0] * _AROUND, (wide, wide), 1.0)
+    path = orbit(joints, around, [0] * _AROUND, (wide, wide), 1.0)
     inner = slice((wide - size) // 2, (wide - size) // 2 + size)
     return [moment.seen_by(path.camera(step))[inner, inner] for step in steps]

@@ -14,7 +14,7 @@ from perfcap.app.inputs import parse_frames
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
-from perfcap.pipeline.scene import axis, upright
+from perfcap.pipeline.surroundings import axis, upright
 
 FOLDER = "export"  # in the folder of the capture
 _UNNAMED = "capture"

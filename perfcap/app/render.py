@@ -16,7 +16,7 @@ from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
-from perfcap.pipeline.scene import Scene, axis
+from perfcap.pipeline.surroundings import Surroundings, axis
 
 _SIZE = (720, 720)  # px, height and width
 _TURN = 360.0  # degrees
@@ -51,9 +51,9 @@ def run_render(request: RenderRequest) -> int:
     rows = _rows(request, result)
     joints = torch.from_numpy(result.joints)
     up = None if request.up == "auto" else axis(request.up)
-    scene = Scene.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
-    path = _path(request, result, scene, rows)
-    pictures = draw_free_view(result.template, result.shown, scene, path)
+    around = Surroundings.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
+    path = _path(request, result, around, rows)
+    pictures = draw_free_view(result.template, result.shown, around, path)
     with progress_bars() as tell:
         save_free_view(
             request.out,
@@ -101,12 +101,14 @@ def _rows(request: RenderRequest, result: Result) -> list[int]:
     return rows
 
 
-def _path(request: RenderRequest, result: Result, scene: Scene, rows: Sequence[int]) -> CameraPath:
+def _path(
+    request: RenderRequest, result: Result, around: Surroundings, rows: Sequence[int]
+) -> CameraPath:
     size = None if request.size is None else (request.size[1], request.size[0])
     if request.camera is None:
         joints = torch.from_numpy(result.joints)
         degrees = _TURN if request.orbit is None else request.orbit
-        return orbit(joints, scene, rows, size or _SIZE, result.rate, degrees)
+        return orbit(joints, around, rows, size or _SIZE, result.rate, degrees)
     rig = read_cameras(request.camera, None if size is None else [size])
     view = 0
     if request.view is not None:

@@ -1,5 +1,6 @@
 """Joint detections, the sets of joints they name, and networks that detect."""
 
+from perfcap.detect.association import Association, associate
 from perfcap.detect.crop import Crop
 from perfcap.detect.detections import Detections
 from perfcap.detect.heatmap import HeatmapHead, soft_argmax
@@ -10,12 +11,14 @@ from perfcap.detect.session import Execution
 __all__ = [
     "JOINT_SETS",
     "LANDMARKS",
+    "Association",
     "Crop",
     "Detections",
     "Execution",
     "HeatmapHead",
     "JointSet",
     "OnnxDetector",
+    "associate",
     "map_to_landmarks",
     "soft_argmax",
 ]

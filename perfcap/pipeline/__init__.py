@@ -15,12 +15,13 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay, save_textured
+from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.pose_refiner import PoseRefiner, RefinedPose
 from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
-from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.pipeline.track_motion import WindowReport
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "FrameNumbers",
     "Images",
     "Performance",
+    "Person",
     "PoseConfig",
     "PoseRefiner",
     "PositionConfig",
@@ -44,6 +46,7 @@ __all__ = [
     "StageReport",
     "StoredSurface",
     "SurfaceFrames",
+    "Surroundings",
     "Term",
     "TrajectoryConfig",
     "WindowReport",

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.pipeline.scene import Scene
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.render import look_at
 
 SMALLEST, LARGEST = 16, 4096  # px, side of a picture
@@ -54,7 +54,7 @@ class CameraPath:
 
 def orbit(
     joints: Tensor,
-    scene: Scene,
+    around: Surroundings,
     frames: Sequence[int],
     size: tuple[int, int],
     rate: float,
@@ -67,7 +67,7 @@ def orbit(
 
     Args:
         joints: landmarks of the capture, (F, 16, 3) m.
-        scene: where up and ahead are.
+        around: where up and ahead are.
         frames: rows to show, one a picture; the same row again and again for a turntable.
         size: height and width of the pictures, px.
         rate: pictures a second.
@@ -80,9 +80,9 @@ def orbit(
     if not math.isfinite(degrees):
         raise InputError(f"--orbit {degrees}: expected degrees, such as 360")
     shown = joints[list(frames)].double()
-    up, ahead = scene.up.double(), scene.ahead.double()
+    up, ahead = around.up.double(), around.ahead.double()
     heights = (shown @ up).flatten()
-    middle = (torch.minimum(heights.min(), heights.new_tensor(scene.ground)) + heights.max()) / 2
+    middle = (torch.minimum(heights.min(), heights.new_tensor(around.ground)) + heights.max()) / 2
     place = shown.mean(1)
     place = _calm(place - (place @ up)[:, None] * up, _CALM * rate) + middle * up
     turn = math.radians(degrees) * torch.arange(len(shown), dtype=torch.float64) / len(shown)

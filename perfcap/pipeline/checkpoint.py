@@ -43,14 +43,21 @@ class Checkpoint:
 
     Attributes:
         folder: exists; None where nothing is kept.
+        prefix: of the journals' names.
     """
 
     folder: Path | None = None
+    prefix: str = ""
 
     def kept(self, stage: str) -> Kept:
         """What is kept of a stage."""
-        journal = None if self.folder is None else Journal(self.folder / f"{stage}{SUFFIX}")
-        return Kept(stage, journal)
+        if self.folder is None:
+            return Kept(stage, None)
+        return Kept(stage, Journal(self.folder / f"{self.prefix}{stage}{SUFFIX}"))
+
+    def of(self, part: str) -> Checkpoint:
+        """The same for a part of the work, beside the others."""
+        return Checkpoint(self.folder, f"{self.prefix}{part}_")
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from perfcap.io.video_writer import VideoWriter
 from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.camera_path import CameraPath
 from perfcap.pipeline.footage import Image
-from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.surface import BLOCK, SurfaceFrames
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.render import ProjectedMesh, Visibility, render, shade_ground, visibility
 from perfcap.render.backdrop import Backdrop
 from perfcap.workers import ordered_map
@@ -32,21 +32,21 @@ class Studio:
     """Where and how a person is shown; everything but the moment and the camera."""
 
     appearance: Appearance
-    scene: Scene
+    around: Surroundings
     backdrop: Backdrop
 
     @classmethod
-    def of(cls, template: Template, scene: Scene, middle: Tensor) -> Studio:
+    def of(cls, template: Template, around: Surroundings, middle: Tensor) -> Studio:
         """The studio of an actor.
 
         Args:
             template: the textured mesh.
-            scene: up, ground and light.
+            around: up, ground and light.
             middle: point (3,) above or below the middle of the ground, m.
         """
-        up, middle = scene.up.double(), middle.double()
-        ground = middle + (scene.ground - middle @ up) * up
-        return cls(Appearance.of(template), scene, Backdrop(up, ground))
+        up, middle = around.up.double(), middle.double()
+        ground = middle + (around.ground - middle @ up) * up
+        return cls(Appearance.of(template), around, Backdrop(up, ground))
 
     def at(self, vertices: Tensor) -> Moment:
         """The person in one pose, template vertices (V, 3) m in the world."""
@@ -64,13 +64,13 @@ class Moment:
     def reached(self) -> Visibility:
         """Share of the light that reaches the vertices."""
         studio = self.studio
-        lighting = studio.scene.lighting
+        lighting = studio.around.lighting
         return visibility(self.vertices, studio.appearance.faces, lighting, _SUN, _SKY)
 
     def seen_by(self, camera: Camera) -> Image:
         """A picture (H, W, 3) by a camera of one view at one time, batch (1,)."""
         studio, faces = self.studio, self.studio.appearance.faces
-        lighting, ground = studio.scene.lighting, studio.scene.ground
+        lighting, ground = studio.around.lighting, studio.around.ground
         empty, below = studio.backdrop.seen_by(camera)
         darker = shade_ground(
             empty, camera, self.vertices, faces, lighting, ground, _SUN_BELOW, _SKY_BELOW
@@ -83,18 +83,18 @@ class Moment:
 
 
 def draw_free_view(
-    template: Template, surface: SurfaceFrames, scene: Scene, path: CameraPath
+    template: Template, surface: SurfaceFrames, around: Surroundings, path: CameraPath
 ) -> Iterator[Image]:
     """Pictures (H, W, 3) of a capture along a camera path, drawn by all cores.
 
     Args:
         template: the textured mesh.
         surface: its vertices in every frame of the capture.
-        scene: up, ground and light, see ``Scene.around``.
+        around: up, ground and light, see ``Surroundings.around``.
         path: what to show from where.
     """
     first = surface[int(path.frames[0]) : int(path.frames[0]) + 1][0]
-    studio = Studio.of(template, scene, first.mean(0).cpu())
+    studio = Studio.of(template, around, first.mean(0).cpu())
     tasks = zip(_moments(studio, surface, path), range(len(path)), strict=True)
     yield from ordered_map(lambda task: task[0].seen_by(path.camera(task[1])), tasks)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any, overload
 
 import torch
 from torch import Tensor
@@ -28,6 +29,7 @@ from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.objective import person_height, views_with_person
+from perfcap.pipeline.people import Scene, one_by_one
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
@@ -41,6 +43,20 @@ from perfcap.solve import Status
 Progress = Callable[[str, int, int], None]
 
 
+@overload
+def capture(
+    actor: Scene,
+    *,
+    config: CaptureConfig | None = None,
+    until: Stage | None = None,
+    energies: Mapping[str, Term] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[Performance, ...]: ...
+
+
+@overload
 def capture(
     actor: Actor,
     cameras: Camera,
@@ -56,14 +72,26 @@ def capture(
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
-) -> Performance:
-    """Motion and surface of one person from detections and images (Xu et al. 2018).
+) -> Performance: ...
+
+
+def capture(
+    actor: Actor | Scene,
+    cameras: Camera | None = None,
+    detections: Detections | None = None,
+    rate: float | None = None,
+    config: CaptureConfig | None = None,
+    **options: Any,
+) -> Performance | tuple[Performance, ...]:
+    """Motion and surface of one person from detections and images (Xu et al. 2018), or of several.
 
     One view or several, fixed cameras or moving: the same stages. Computes in the type and on the
-    device of the detections.
+    device of the detections. Of a ``Scene`` with several people, who are captured one by one, the
+    results are in their order; it has cameras, detections, rate, images and ``solve_bones`` of its
+    own. One person is a tuple of one, with the same bits.
 
     Args:
-        actor: the rigged person.
+        actor: the rigged person; or a scene.
         cameras: C views, (C,) or (F, C), in pixels of the detections.
         detections: (F, C, 16).
         rate: frames a second.
@@ -81,11 +109,36 @@ def capture(
         progress: told how far each stage is.
         checkpoint: keeps finished blocks of every stage; what it holds of an earlier call with the
             same arguments is not computed again, and the result has the same bits.
+        **options: those named above, by keyword.
 
     Raises:
         InputError: nobody is detected, the shapes do not fit, a stage needs images, or there are
             both energies of an author's own and a level world.
     """
+    if isinstance(actor, Scene):
+        return one_by_one(_capture_person, actor, config, **options)
+    if cameras is None or detections is None or rate is None:
+        raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")
+    return _capture_person(actor, cameras, detections, rate, config, **options)
+
+
+def _capture_person(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float,
+    config: CaptureConfig | None = None,
+    *,
+    images: Images | None = None,
+    until: Stage | None = None,
+    energies: Mapping[str, Term] | None = None,
+    solve_bones: bool = False,
+    level: bool = False,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Performance:
+    """See ``capture``."""
     note_threads()
     require_matching(cameras, detections, rate, images)
     detections = detections.to(detections.joints2d)  # 3D joints may be of another type

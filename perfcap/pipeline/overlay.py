@@ -15,7 +15,7 @@ from perfcap.io.clip import Clip
 from perfcap.pipeline.appearance import Appearance
 from perfcap.pipeline.footage import Image, Painter, write_footage
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.scene import daylight, upright
+from perfcap.pipeline.surroundings import daylight, upright
 from perfcap.render import OverlayStyle, ProjectedMesh, draw_overlay, rasterize, render
 
 _STYLE = OverlayStyle(tint=0.12)

@@ -16,7 +16,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import METRICS, PAGE, own_file
-from perfcap.pipeline.scene import Scene
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.report import sections
 from perfcap.report.curves import Measured, charts
 from perfcap.report.marks import marks
@@ -126,13 +126,13 @@ def _page(
     found = marks(result.report, int(numbers[0]), int(numbers[-1]) + 1)
     arrays = pack({**model.arrays, **views.arrays})
     blobs = {"model": arrays.text, **{name: encode(data) for name, data in views.videos.items()}}
-    scene = Scene.around(torch.from_numpy(result.joints), result.shown, shown=rows)
+    around = Surroundings.around(torch.from_numpy(result.joints), result.shown, shown=rows)
     data: dict[str, Any] = {
         "name": result.folder.resolve().name,
         "first": int(numbers[0]),
         "frames": len(numbers),
         "rate": result.rate,
-        "scene": scene_arrays(scene),
+        "scene": scene_arrays(around),
         "arrays": arrays.entries,
         "views": views.plain,
         "charts": [chart.plain() for chart in charts(result, rows, measured)],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from perfcap.actor.template import Template
 from perfcap.geometry.rotation import matrix_to_quaternion
 from perfcap.io.result import Result
-from perfcap.pipeline.scene import Scene
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.report.quantize import Box, difference
 
 SURFACE_LIMIT = 6_000_000  # vertices times frames, 20 MB or so in a page
@@ -75,11 +75,11 @@ def build_model(result: Result, rows: slice) -> Model:
     return Model(arrays, coded, box, texture)
 
 
-def scene_arrays(scene: Scene) -> dict[str, Any]:
+def scene_arrays(around: Surroundings) -> dict[str, Any]:
     """Where up, ahead and the ground are, for JSON: rows of ``axes`` are side, up and ahead."""
-    up, ahead = scene.up.double(), scene.ahead.double()
+    up, ahead = around.up.double(), around.ahead.double()
     side = torch.linalg.cross(up, ahead)
-    return {"axes": torch.stack((side, up, ahead)).tolist(), "ground": scene.ground}
+    return {"axes": torch.stack((side, up, ahead)).tolist(), "ground": around.ground}
 
 
 def _mesh(template: Template, welded: NDArray[Any], representative: NDArray[Any]) -> Arrays:

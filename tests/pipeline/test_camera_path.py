@@ -12,13 +12,13 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
-from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.surface import SkinnedSurface
+from perfcap.pipeline.surroundings import Surroundings
 
 PERSON = actor()
 MOTION = sway(PERSON, 40)
 JOINTS = PERSON.joints(MOTION)
-SCENE = Scene.around(JOINTS, SkinnedSurface(PERSON, MOTION))
+SCENE = Surroundings.around(JOINTS, SkinnedSurface(PERSON, MOTION))
 F64 = torch.float64
 
 

@@ -13,15 +13,15 @@ from takes import sway
 from perfcap.pipeline import free_view as module
 from perfcap.pipeline.camera_path import CameraPath, orbit
 from perfcap.pipeline.free_view import Studio, draw_free_view, save_free_view
-from perfcap.pipeline.scene import Scene
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
+from perfcap.pipeline.surroundings import Surroundings
 from perfcap.render import ProjectedMesh
 
 PERSON = actor()
 MOTION = sway(PERSON, 20)
 JOINTS = PERSON.joints(MOTION)
 SURFACE = SkinnedSurface(PERSON, MOTION)
-SCENE = Scene.around(JOINTS, SURFACE)
+SCENE = Surroundings.around(JOINTS, SURFACE)
 SIZE = (90, 120)
 
 

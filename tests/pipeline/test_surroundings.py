@@ -7,8 +7,8 @@ from takes import sway
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.pipeline.scene import Scene, axis, daylight, facing, upright
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface
+from perfcap.pipeline.surroundings import Surroundings, axis, daylight, facing, upright
 
 PERSON = actor()
 MOTION = sway(PERSON, 40)
@@ -28,7 +28,7 @@ def turned(points: Tensor, up: str) -> Tensor:
 def test_any_axis_may_be_up(up: str) -> None:
     joints = turned(PERSON.joints(MOTION), up)
     vertices = turned(SkinnedSurface(PERSON, MOTION)[:], up)
-    scene = Scene.around(joints, StoredSurface(vertices))
+    scene = Surroundings.around(joints, StoredSurface(vertices))
     assert scene.up.tolist() == axis(up).tolist()
     torch.testing.assert_close(scene.ahead, turned(facing(PERSON.joints(MOTION)[0], axis("y")), up))
     lowest = (vertices @ scene.up).amin(-1)
@@ -41,7 +41,7 @@ def test_a_person_faces_forward_at_rest() -> None:
 
 
 def test_a_known_direction_is_kept() -> None:
-    scene = Scene.around(PERSON.joints(MOTION), SkinnedSurface(PERSON, MOTION), axis("-z"))
+    scene = Surroundings.around(PERSON.joints(MOTION), SkinnedSurface(PERSON, MOTION), axis("-z"))
     assert scene.up.tolist() == [0, 0, -1]
 
 
@@ -56,7 +56,7 @@ def test_nobody_in_particular_still_gives_level_unit_directions(up: str) -> None
 
 
 def test_light_comes_from_ahead() -> None:
-    scene = Scene.around(PERSON.joints(MOTION), SkinnedSurface(PERSON, MOTION))
+    scene = Surroundings.around(PERSON.joints(MOTION), SkinnedSurface(PERSON, MOTION))
     assert torch.tensor(scene.lighting.towards_sun).double() @ scene.ahead > 0.3
 
 

@@ -21,7 +21,7 @@ _LOOKED_AT = 200  # frames at most
 
 
 @dataclass(frozen=True)
-class Scene:
+class Surroundings:
     """Directions are unit vectors (3,) in the world.
 
     Attributes:
@@ -42,7 +42,7 @@ class Scene:
         up: Tensor | None = None,
         shown: slice = slice(None),
     ) -> Self:
-        """The scene of a capture.
+        """Up, ahead and ground around a captured person.
 
         Args:
             joints: landmarks, (F, 16, 3) m.

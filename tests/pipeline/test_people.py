@@ -1,0 +1,75 @@
+"""Several people in one scene: found, and captured one by one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from crowds import RATE, make_crowd
+
+import perfcap
+from perfcap.detect.association import associate
+from perfcap.errors import InputError
+from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.performance import Performance
+
+CROWD = make_crowd(2, frames=24, noise=2.0, spoil=0.2)
+FOUND = associate(CROWD.cameras, CROWD.candidates, RATE)
+
+
+def scene() -> perfcap.Scene:
+    """Both, by whom they are."""
+    owners, _ = CROWD.matched(FOUND.slots)
+    people = tuple(
+        perfcap.Person(CROWD.actors[k], person)
+        for k, person in sorted(zip(owners, FOUND.people, strict=True), key=lambda pair: pair[0])
+    )
+    return perfcap.Scene(CROWD.cameras, people, RATE)
+
+
+def same(one: Performance, other: Performance) -> bool:
+    return all(
+        torch.equal(getattr(one.motion, name), getattr(other.motion, name))
+        for name in ("translation", "rotation", "angles")
+    )
+
+
+def test_one_person_is_a_tuple_of_one_with_the_same_bits() -> None:
+    whole = scene()
+    person = whole.people[0]
+    (found,) = perfcap.capture(replace(whole, people=(person,)))
+    alone = perfcap.capture(person.actor, CROWD.cameras, person.detections, RATE)
+    assert same(found, alone) and found.warnings == alone.warnings
+    assert [s.name for s in found.stages] == [s.name for s in alone.stages]
+
+
+def test_everybody_is_where_they_were(tmp_path: Path) -> None:
+    told: list[str] = []
+    kept = Checkpoint(tmp_path)
+    found = perfcap.capture(scene(), checkpoint=kept, progress=lambda stage, *_: told.append(stage))
+    for k, each in enumerate(found):
+        error = (each.joints() - CROWD.joints[k]).norm(dim=-1)
+        assert 1000 * error.mean() < 15
+    assert {line.split(":")[0] for line in told} == {"person 1", "person 2"}
+    assert {path.name.split("_")[0] for path in tmp_path.iterdir()} == {"person1", "person2"}
+    again = perfcap.capture(scene(), checkpoint=kept)
+    assert all(same(a, b) for a, b in zip(found, again, strict=True))
+
+
+def test_a_scene_needs_people_who_fit() -> None:
+    with pytest.raises(InputError, match="has nobody in it"):
+        perfcap.Scene(CROWD.cameras, (), RATE)
+    one, other = scene().people
+    shorter = replace(other, detections=other.detections.frames(slice(5)))
+    with pytest.raises(InputError, match="the same frames and views of everybody"):
+        perfcap.Scene(CROWD.cameras, (one, shorter), RATE)
+
+
+def test_several_people_have_one_world() -> None:
+    with pytest.raises(InputError, match="level: is for one person"):
+        perfcap.capture(scene(), level=True)  # type: ignore[call-overload]
+
+
+def test_an_actor_needs_detections() -> None:
+    with pytest.raises(TypeError, match="a scene, or an actor with cameras"):
+        perfcap.capture(CROWD.actors[0])  # type: ignore[call-overload]
