@@ -77,7 +77,7 @@ def save_animation(
         tree["animations"] = [_animation(buffer, tracks, np.arange(len(transforms)) / fps)]
     tree |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
     tree["buffers"] = [{"byteLength": len(buffer.data)}]
-    _write(Path(path), tree, buffer.data)
+    write_glb(Path(path), tree, buffer.data)
     return fits
 
 
@@ -277,7 +277,8 @@ def _continuous(quaternions: Floats) -> Floats:
     return np.concatenate([quaternions[:1], quaternions[1:] * signs[..., None]])
 
 
-def _write(path: Path, tree: Object, binary: bytearray) -> None:
+def write_glb(path: Path, tree: Object, binary: bytearray) -> None:
+    """Write a tree and its one buffer; the file appears complete or not at all."""
     text = json.dumps(tree, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
     size = 12 + 8 + len(text) + 8 + len(binary)

@@ -144,12 +144,14 @@ def skinned(template: Template, transforms: np.ndarray) -> np.ndarray:
     return np.einsum("fvij,vj->fvi", blended, homogeneous)[..., :3]
 
 
-def played(path: Path, time: float) -> np.ndarray:
+def played(path: Path, time: float, skin_number: int = 0) -> np.ndarray:
     """Vertices of a file at a time by the rules of the specification, from its raw accessors."""
     document = open_document(path)
     tree = document.tree
     nodes = [dict(node) for node in tree["nodes"]]
     for channel in tree["animations"][0]["channels"]:
+        if channel["target"]["path"] == "weights":  # of morph targets, which are left out
+            continue
         sampler = tree["animations"][0]["samplers"][channel["sampler"]]
         keys = document.accessor(sampler["input"], "SCALAR")[:, 0]
         kind = "VEC4" if channel["target"]["path"] == "rotation" else "VEC3"
@@ -171,7 +173,9 @@ def played(path: Path, time: float) -> np.ndarray:
 
     for root in tree["scenes"][0]["nodes"]:
         visit(root, np.eye(4))
-    skin, attributes = tree["skins"][0], tree["meshes"][0]["primitives"][0]["attributes"]
+    (mesh,) = (node["mesh"] for node in nodes if node.get("skin") == skin_number)
+    skin = tree["skins"][skin_number]
+    attributes = tree["meshes"][mesh]["primitives"][0]["attributes"]
     inverse = document.accessor(skin["inverseBindMatrices"], "MAT4").reshape(-1, 4, 4).mT
     matrices = np.stack([world[joint] for joint in skin["joints"]]) @ inverse
     bones = document.accessor(attributes["JOINTS_0"], "VEC4")
