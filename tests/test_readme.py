@@ -40,7 +40,7 @@ def skeleton() -> Skeleton:
 def test_install_commands_are_one_line_each() -> None:
     for marker in ("demo", "test"):
         assert len(block(marker).splitlines()) == 1
-        assert block(marker).startswith("python3.11 -m venv .venv && . .venv/bin/activate && pip ")
+        assert block(marker).startswith("python3 -m venv .venv && . .venv/bin/activate && pip ")
 
 
 @pytest.mark.parametrize("line", commands())
