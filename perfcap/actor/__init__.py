@@ -17,6 +17,8 @@ from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.actor.template import Template
+from perfcap.actor.volume import GaussianCentres, Volume
+from perfcap.actor.volume_fit import fit_volume
 
 __all__ = [
     "Actor",
@@ -25,6 +27,7 @@ __all__ = [
     "Deformation",
     "DeformationGraph",
     "EmbeddedPoints",
+    "GaussianCentres",
     "Hinge",
     "Landmarks",
     "Motion",
@@ -35,7 +38,9 @@ __all__ = [
     "Skeleton",
     "SkinnedPoints",
     "Template",
+    "Volume",
     "dual_quaternion_blend",
+    "fit_volume",
     "human_rig",
     "linear_blend",
     "map_bones",

@@ -1,5 +1,6 @@
 """Meshes to pixels."""
 
+from perfcap.render.density import Splats, background
 from perfcap.render.label_map import Cull, LabelMap, rasterize
 from perfcap.render.lighting import DAYLIGHT, FLAT, Lighting
 from perfcap.render.mesh_edges import MeshEdges
@@ -24,8 +25,10 @@ __all__ = [
     "ProjectedMesh",
     "Rendering",
     "SoftSilhouette",
+    "Splats",
     "Texture",
     "Visibility",
+    "background",
     "draw_caption",
     "draw_overlay",
     "look_at",

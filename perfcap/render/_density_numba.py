@@ -1,0 +1,178 @@
+"""Images of Gaussians on the CPU: optical depth and its slope, and the way back to each Gaussian.
+
+The plain-torch twin is ``_density_torch.py``; tests hold the two equal. Along a row a Gaussian is
+a product of two geometric progressions, so that a pixel costs two multiplications in place of an
+exponential: ``t(x + 1) = t(x) r(x)``, ``r(x + 1) = r(x) q``.
+"""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def reach(thickness: float, least: float) -> float:
+    """Squared Mahalanobis distance at which a Gaussian has thinned out to ``least``, or zero."""
+    return 2 * math.log(thickness / least) if thickness > least else 0.0
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, int]:
+    """First row that a Gaussian touches, and the one behind the last."""
+    determinant = form[0] * form[2] - form[1] * form[1]
+    half = math.sqrt(far * form[0] / determinant)
+    return max(0, math.ceil(centre[1] - half)), min(height, math.floor(centre[1] + half) + 1)
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> tuple[int, int]:
+    """Values of a Gaussian in a row; its first column, and the one behind the last."""
+    dy = row - centre[1]
+    middle = -form[1] * dy / form[0]
+    left = far - (form[2] - form[1] * form[1] / form[0]) * dy * dy
+    half = math.sqrt(max(left, 0.0) / form[0])
+    start = max(0, math.ceil(centre[0] + middle - half))
+    stop = min(len(values), math.floor(centre[0] + middle + half) + 1)
+    dx = start - centre[0]
+    t = math.exp(-0.5 * (form[0] * dx * dx + 2 * form[1] * dx * dy + form[2] * dy * dy))
+    r, ratio = math.exp(-form[0] * (dx + 0.5) - form[1] * dy), math.exp(-form[0])
+    for i in range(stop - start):
+        values[i] = t
+        t *= r
+        r *= ratio
+    return start, stop
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+def draw(
+    centre: Floats, form: Floats, thickness: Floats, least: float, depth: Floats, slope: Floats
+) -> None:
+    """Add up optical depth and its descent.
+
+    Args:
+        centre: of Gaussians in the image, (Q, 2) px.
+        form: entries xx, xy, yy of the inverse covariances, (Q, 3) px^-2.
+        thickness: optical depth through the middle of each, (Q,).
+        least: optical depth below which one is left out.
+        depth: (H, W), preset to zero; written.
+        slope: minus the derivative of ``depth`` in x and y, (2, H, W), likewise.
+    """
+    height, width = depth.shape
+    values = np.empty(width)
+    for q in range(len(thickness)):
+        far = reach(thickness[q], least)
+        first, last = _rows(centre[q], form[q], far, height)
+        xx, xy, yy, a = form[q, 0], form[q, 1], form[q, 2], thickness[q]
+        for row in range(first, last):
+            start, stop = _fill(centre[q], form[q], far, row, values)
+            dy = row - centre[q, 1]
+            line, down = depth[row, start:stop], slope[1, row, start:stop]
+            across, offset = slope[0, row, start:stop], start - centre[q, 0]
+            for i in range(len(line)):
+                dx, t = offset + i, a * values[i]
+                line[i] += t
+                across[i] += t * (xx * dx + xy * dy)
+                down[i] += t * (xy * dx + yy * dy)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+def pull_back(
+    centre: Floats,
+    form: Floats,
+    thickness: Floats,
+    least: float,
+    on_depth: Floats,
+    on_slope: Floats,
+    of_centre: Floats,
+    of_form: Floats,
+    of_thickness: Floats,
+) -> None:
+    """Gradient of a function of ``draw``'s images in the Gaussians.
+
+    Args:
+        centre: as of ``draw``, as the next three.
+        form: (Q, 3).
+        thickness: (Q,).
+        least: optical depth.
+        on_depth: derivative of the function in ``depth``, (H, W).
+        on_slope: likewise in ``slope``, (2, H, W).
+        of_centre: (Q, 2), written.
+        of_form: in the entries xx, xy, yy, (Q, 3), written.
+        of_thickness: (Q,), written.
+    """
+    height, width = on_depth.shape
+    values = np.empty(width)
+    for q in range(len(thickness)):
+        far = reach(thickness[q], least)
+        first, last = _rows(centre[q], form[q], far, height)
+        xx, xy, yy = form[q, 0], form[q, 1], form[q, 2]
+        m = mx = my = mxx = mxy = myy = 0.0  # moments of the pull on t
+        wx = wy = wxx = wxy = wyy = 0.0  # moments of the pull on the slope
+        for row in range(first, last):
+            start, stop = _fill(centre[q], form[q], far, row, values)
+            dy = row - centre[q, 1]
+            n = nx = nxx = ux = uy = uxx = uxy = 0.0  # the row's share
+            line, down = on_depth[row, start:stop], on_slope[1, row, start:stop]
+            across, offset = on_slope[0, row, start:stop], start - centre[q, 0]
+            for i in range(len(line)):
+                dx, t = offset + i, values[i]
+                u, v, pull = t * across[i], t * down[i], t * line[i]
+                pull += u * (xx * dx + xy * dy) + v * (xy * dx + yy * dy)
+                n += pull
+                nx += pull * dx
+                nxx += pull * dx * dx
+                ux += u
+                uy += v
+                uxx += u * dx
+                uxy += v * dx
+            m += n
+            mx += nx
+            my += n * dy
+            mxx += nxx
+            mxy += nx * dy
+            myy += n * dy * dy
+            wx += ux
+            wy += uy
+            wxx += uxx
+            wxy += ux * dy + uxy
+            wyy += uy * dy
+        a = thickness[q]
+        of_thickness[q] = m
+        of_centre[q, 0] = a * (xx * (mx - wx) + xy * (my - wy))
+        of_centre[q, 1] = a * (xy * (mx - wx) + yy * (my - wy))
+        of_form[q, 0] = a * (wxx - 0.5 * mxx)
+        of_form[q, 1] = a * (wxy - mxy)
+        of_form[q, 2] = a * (wyy - 0.5 * myy)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+def gather(
+    centre: Floats, form: Floats, thickness: Floats, least: float, images: Floats, sums: Floats
+) -> None:
+    """Sums of images, weighed by the optical depth of each Gaussian.
+
+    Args:
+        centre: as of ``draw``, as the next three.
+        form: (Q, 3).
+        thickness: (Q,).
+        least: optical depth.
+        images: (K, H, W).
+        sums: (Q, K), written.
+    """
+    count, height, width = images.shape
+    values = np.empty(width)
+    for q in range(len(thickness)):
+        far = reach(thickness[q], least)
+        first, last = _rows(centre[q], form[q], far, height)
+        sums[q] = 0.0
+        for row in range(first, last):
+            start, stop = _fill(centre[q], form[q], far, row, values)
+            for k in range(count):
+                line, total = images[k, row, start:stop], 0.0
+                for i in range(len(line)):
+                    total += values[i] * line[i]
+                sums[q, k] += thickness[q] * total
