@@ -19,7 +19,6 @@ from perfcap.pipeline.joint_paths import with_paths
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
-from perfcap.solve.energy import Energy
 from perfcap.temporal.window import Window, partition
 
 Progress = Callable[[int, int], None]
@@ -194,14 +193,7 @@ def _report(values: dict[str, Any]) -> WindowReport:
 def _frame_terms(objective: Objective, motion: Motion) -> dict[str, Tensor]:
     """Each energy of each frame, (N, W) by name; their sum over frames is the energy."""
     with torch.no_grad():
-        return {name: _per_frame(energy, motion) for name, energy in objective.items()}
-
-
-def _per_frame(energy: Energy[Motion], motion: Motion) -> Tensor:
-    """An energy of each frame, (N, W); its weight is a number, or one a window."""
-    each = energy.kernel.value(energy.residual(motion).squared_norm()).sum(-1)
-    weight = energy.weight.to(each)
-    return (weight[..., None] if weight.ndim else weight) * each
+        return {name: energy.per_frame(motion) for name, energy in objective.items()}
 
 
 def select(motion: Motion, element: int) -> Motion:

@@ -17,6 +17,7 @@ from perfcap.solve.energy import (
 )
 from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.majorized import Expansion, Majorized
 from perfcap.solve.method import Method
 from perfcap.solve.minimize import solve
 from perfcap.solve.solution import Sensitivity, Solution, Status
@@ -31,12 +32,14 @@ __all__ = [
     "Coupling",
     "Detached",
     "Energy",
+    "Expansion",
     "GemanMcClure",
     "Huber",
     "Implicit",
     "Kernel",
     "LevenbergMarquardt",
     "Linearization",
+    "Majorized",
     "Method",
     "Objective",
     "Quadratic",

@@ -35,7 +35,8 @@ def assemble(objective: Objective, state: State) -> NormalEquations:
             terms[name] = windows[-1].value()
         elif energy.coupling is Coupling.FRAME:
             linear = energy.linearize(state)
-            terms[name] = layout.per_element(energy.cost(linear.residual))
+            value = energy.cost(linear.residual) if linear.value is None else linear.value
+            terms[name] = layout.per_element(value)
             blocks.add(energy, linear, layout)
         else:
             raise InputError(

@@ -87,12 +87,14 @@ class Linearization:
 
     ``frame`` is (*b, F, G, d, D), the derivative of frame f's rows in frame f's unknowns;
     ``shared`` is (*b, F, G, d, S'), in the shared blocks that the energy sees and the state has, in
-    the state's order, or None where there are none.
+    the state's order, or None where there are none. ``value`` (*b,) is the weighted energy where it
+    is not the cost of the residual.
     """
 
     residual: Residual
     frame: Tensor
     shared: Tensor | None = None
+    value: Tensor | None = None
 
 
 class Energy(nn.Module, ABC, Generic[StateType]):
@@ -131,6 +133,12 @@ class Energy(nn.Module, ABC, Generic[StateType]):
         """Energy of a residual that is already at hand, (*b,)."""
         cost = self.kernel.value(residual.squared_norm()).sum((-2, -1))
         return self.weight.to(cost) * cost
+
+    def per_frame(self, state: StateType) -> Tensor:
+        """The energy of each frame, (*b, F); they sum to it."""
+        each = self.kernel.value(self.residual(state).squared_norm()).sum(-1)
+        weight = self.weight.to(each)
+        return (weight[..., None] if weight.ndim else weight) * each
 
     def linearize(self, state: StateType) -> Linearization:
         """Residual and Jacobian at a state."""
