@@ -1,6 +1,7 @@
 """One file, one term, one equation."""
 
 from perfcap.energy.contour_alignment import ContourAlignment
+from perfcap.energy.density_contour import DensityContour
 from perfcap.energy.floor_penetration import FloorPenetration
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
@@ -16,6 +17,7 @@ from perfcap.energy.trajectory import Trajectory
 __all__ = [
     "BoneLengthPrior",
     "ContourAlignment",
+    "DensityContour",
     "FloorPenetration",
     "JointPosition",
     "JointTarget",

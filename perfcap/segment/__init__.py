@@ -2,6 +2,7 @@
 
 from perfcap.segment.contour import Contour, Tracing, extract_contour
 from perfcap.segment.correspondence import Correspondences, Matches, stack
+from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges
 from perfcap.segment.grabcut import FrameReport, Segmentation
 from perfcap.segment.matching import Matching, match
 from perfcap.segment.scene import Scene, survey
@@ -11,6 +12,8 @@ from perfcap.segment.silhouettes import Silhouettes
 __all__ = [
     "Contour",
     "Correspondences",
+    "EdgeField",
+    "EdgeSettings",
     "Footage",
     "FrameReport",
     "Matches",
@@ -21,6 +24,7 @@ __all__ = [
     "Silhouettes",
     "Tracing",
     "extract_contour",
+    "find_edges",
     "match",
     "segment_block",
     "stack",

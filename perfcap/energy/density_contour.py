@@ -1,0 +1,279 @@
+"""Contours of a body of Gaussians meet the edges of images: nothing of the background is known.
+
+The section of Rhodin et al. 2016 that defines its contour energy (5.2) is not in the text we have.
+What follows is ours, in the spirit of what its authors and others say of it; docs/contours.md
+derives it and compares its parts.
+
+With the share B of the background that is seen through the body (``perfcap.render.density``), the
+contour of the body is where B changes. Along it runs ``grad B``; what is seen there is
+``grad I``. At an angle alpha between the two,
+
+    E_sim  = - sum_pixels |grad B| |grad I| cos(2 alpha)
+    E_flat =   sum_pixels |grad B| max(0, low - |grad I|)
+
+reward contours along edges of either polarity, and make those expensive that cross flat parts of
+the image. Both are linear in ``|grad B| (1, cos 2 beta, sin 2 beta)`` with the direction beta of
+``grad B``: three numbers a pixel say all that matters of an image, whatever made them
+(``perfcap.segment.edge_field`` does; a network may).
+
+``|grad B|`` across a contour sums to one, so the energy is an integral along the contour, in
+pixels. In pixel units (one percent of the person's height) it does not depend on the resolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.volume import GaussianCentres, Volume
+from perfcap.energy import _contour_torch
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_plain
+from perfcap.render import _density_torch
+from perfcap.render.density import LEAST, Splats, optical_depth
+from perfcap.solve.majorized import Expansion, Majorized
+
+Floats = NDArray[np.float64]
+
+
+class Field(Protocol):
+    """What contours gain and pay in a part of an image; ``EdgeField`` is one.
+
+    ``edges`` (2, h, w) has cosine and sine of twice the direction of edges, times their strength,
+    ``flat`` (h, w) the price of a unit of contour, arrays or tensors; ``corner`` is the row and
+    column of the first pixel.
+    """
+
+    edges: Any
+    flat: Any
+    corner: tuple[int, int]
+
+
+class DensityContour(Majorized[Any]):
+    """E_sim + E_flat of all frames and views, per pixel unit of contour.
+
+    As a loss it is differentiable in centres, deviations, densities, cameras and the fields. To
+    the solver it is a pull on every Gaussian: its slope, and the curvature that edges of the width
+    ``1 / sqrt(bend)`` would have, across the contour; nothing is pulled along it.
+
+    Args:
+        points: centres of the Gaussians, such as ``GaussianCentres``.
+        volume: their deviations and densities.
+        cameras: C views in pixels of the images, (C,) or (F, C).
+        fields: ``[F][C]``, one for each image.
+        weight: of the energy.
+        unit: pixels that count as one, a number or (C,).
+        bend: curvature of an edge of strength one, px^-2.
+        offset: added to every frame; see ``Majorized``.
+
+    Raises:
+        InputError: numbers of Gaussians, frames or views that do not fit.
+    """
+
+    deviations: Tensor
+    densities: Tensor
+    scale: Tensor
+
+    def __init__(
+        self,
+        points: GaussianCentres,
+        volume: Volume,
+        cameras: Camera,
+        fields: Sequence[Sequence[Field]],
+        weight: float | Tensor = 1.0,
+        unit: float | Tensor = 1.0,
+        *,
+        bend: float = 0.25,
+        offset: float = 0.0,
+    ) -> None:
+        super().__init__(points, weight, offset)
+        if volume.count != points.count or any(len(row) != cameras.views for row in fields):
+            raise InputError(
+                f"contours have {points.count} points of {volume.count} Gaussians, and fields of "
+                f"{sorted({len(row) for row in fields})} views for {cameras.views} cameras; "
+                "expected the same numbers"
+            )
+        self.cameras, self.fields, self.bend = cameras, fields, bend
+        self.register_buffer("deviations", volume.deviations)
+        self.register_buffer("densities", volume.densities)
+        scale = (1 / torch.as_tensor(unit)).to(volume.deviations).expand(cameras.views)
+        self.register_buffer("scale", scale.contiguous())
+
+    def lower_bound(self, points: Tensor) -> float:
+        """What no frame's energy is below, about points (F, Q, 3) and wherever contours are no
+        longer: all of them along edges as strong as any.
+        """
+        most = max((float(abs(each.edges).max()) for row in self.fields for each in row
+                    if each.flat.size), default=0.0)  # fmt: skip
+        strong = [[_Strong(each, most) for each in row] for row in self.fields]
+        volume = Volume(
+            points[0], self.deviations, self.densities, torch.zeros_like(points[0, :, 0])
+        )
+        every = DensityContour(self.points, volume, self.cameras, strong, 1.0, 1 / self.scale)
+        return -1.5 * float(every.values(points.detach()).amax())
+
+    def values(self, points: Tensor) -> Tensor:
+        """The energy of each frame, (*b, F)."""
+        self._require_frames(points)
+        if points.ndim > 3:
+            return torch.stack([self.values(each) for each in points])
+        splats = self._splats(points)
+        if self._compiled_for(points):
+            return _Pulls(self, splats, derivatives=False).value
+        rows = [
+            torch.stack([self._energy(splats, f, c) for c in range(self.cameras.views)])
+            for f in range(len(self.fields))
+        ]
+        return torch.stack(rows) @ self.scale.to(points)
+
+    def expand(self, points: Tensor) -> Expansion:
+        """Value, slope in the centres, and curvature across the contour."""
+        self._require_frames(points)
+        if points.ndim > 3:
+            parts = [self.expand(each) for each in points]
+            return Expansion(
+                torch.stack([part.value for part in parts]),
+                torch.stack([part.gradient for part in parts]),
+                torch.stack([part.curvature for part in parts]),
+            )
+        with torch.enable_grad():
+            free = points.detach().requires_grad_()
+            splats = self._splats(free)
+        if is_plain(points.detach(), self.deviations) and points.dtype == torch.float64:
+            pulls = _Pulls(self, splats.detach(), derivatives=True)
+            value, curved = pulls.value, pulls.curved
+            with torch.enable_grad():
+                total = pulls.on(splats)
+        else:
+            with torch.enable_grad():
+                value = self.values(free)
+                total = value.sum()
+            curved = self._curved(splats.detach())
+        (gradient,) = torch.autograd.grad(total, free)
+        _, slope = self.cameras.linearize(points.detach())
+        xx, xy, yy = (self.scale.to(curved)[:, None, None] * curved).unbind(-1)
+        bend = torch.stack((torch.stack((xx, xy), -1), torch.stack((xy, yy), -1)), -2)
+        return Expansion(value.detach(), gradient, (slope.mT @ bend @ slope).sum(-4))
+
+    def _splats(self, points: Tensor) -> Splats:
+        widths = (each.to(points) for each in (self.deviations, self.densities))
+        return Splats.seen_by(self.cameras, points, *widths)
+
+    def _compiled_for(self, points: Tensor) -> bool:
+        given = (points, self.deviations, self.densities, self.cameras.translation)
+        tensors = any(isinstance(row[0].edges, Tensor) for row in self.fields if row)
+        return not tensors and points.dtype == torch.float64 and is_plain(*given)
+
+    def _require_frames(self, points: Tensor) -> None:
+        if points.shape[-3] != len(self.fields):
+            raise InputError(
+                f"contours have fields of {len(self.fields)} frames but the motion has "
+                f"{points.shape[-3]}; give those of the same frames"
+            )
+
+    def _image(self, splats: Splats, frame: int, view: int) -> tuple[Tensor, ...]:
+        """Splats, edges and price of an image, in pixels of the field."""
+        field, like = self.fields[frame][view], splats.centre
+        first = like.new_tensor([field.corner[1], field.corner[0]])
+        edges, flat = (torch.as_tensor(part).to(like) for part in (field.edges, field.flat))
+        centre, form, thick = (
+            each[frame, view][None] for each in (splats.centre, splats.form, splats.thickness)
+        )
+        return centre - first, form, thick, edges, flat
+
+    def _energy(self, splats: Splats, frame: int, view: int) -> Tensor:
+        """Of one image, differentiable."""
+        *shapes, edges, flat = self._image(splats, frame, view)
+        if not flat.numel():
+            return flat.sum()
+        centre, form, thickness = shapes
+        depth, slope = optical_depth(centre, form, thickness, (flat.shape[0], flat.shape[1]))
+        return _contour_torch.contour(depth[0], slope[0], edges, flat).sum()
+
+    def _curved(self, splats: Splats) -> Tensor:
+        """Curvature for a shift of each splat, entries xx, xy, yy, (F, C, Q, 3)."""
+        found = torch.zeros_like(splats.form)
+        for frame in range(found.shape[0]):
+            for view in range(found.shape[1]):
+                *shapes, edges, flat = self._image(splats, frame, view)
+                centre, form, thickness = shapes
+                size = (flat.shape[0], flat.shape[1])
+                depth, slope = _density_torch.draw(centre, form, thickness, size, LEAST)
+                bent = _contour_torch.curvature(depth[0], slope[0], edges, flat, self.bend)
+                bent = torch.where(depth[0] > 0, bent, 0.0)[None]
+                found[frame, view] = _density_torch.gather(centre, form, thickness, bent, LEAST)[0]
+        return found
+
+
+class _Strong:
+    """A field in which every contour costs ``price``."""
+
+    def __init__(self, like: Field, price: float) -> None:
+        self.edges = np.zeros(like.edges.shape, np.float32)
+        self.flat = np.full(like.flat.shape, price, np.float32)
+        self.corner = like.corner
+
+
+class _Pulls:
+    """What all images say of their splats, by the compiled kernels.
+
+    Attributes:
+        value: of each frame, (F,).
+        curved: of each splat, entries xx, xy, yy, (F, C, Q, 3).
+    """
+
+    def __init__(self, energy: DensityContour, splats: Splats, derivatives: bool) -> None:
+        self._scale = energy.scale.to(splats.centre)
+        self.value = splats.centre.new_zeros(len(energy.fields))
+        self.curved = torch.zeros_like(splats.form)
+        self._of = [torch.zeros_like(e) for e in (splats.centre, splats.form, splats.thickness)]
+        for frame, row in enumerate(energy.fields):
+            for view, field in enumerate(row):
+                first = splats.centre.new_tensor([field.corner[1], field.corner[0]])
+                shapes = (
+                    (splats.centre[frame, view] - first).numpy(),
+                    splats.form[frame, view].numpy(),
+                    splats.thickness[frame, view].numpy(),
+                )
+                a, b, c, d = (each[frame, view].numpy() for each in (*self._of, self.curved))
+                into = (a, b, c, d) if derivatives else None
+                found = _look(shapes, field, energy.bend, into)
+                self.value[frame] += self._scale[view] * found
+
+    def on(self, splats: Splats) -> Tensor:
+        """A number whose gradient in the splats is that of the energy."""
+        parts = (splats.centre, splats.form, splats.thickness)
+        return sum(
+            (
+                (self._scale.reshape(-1, *[1] * (pull.ndim - 2)) * pull * part).sum()
+                for pull, part in zip(self._of, parts, strict=True)
+            ),
+            torch.zeros((), dtype=splats.centre.dtype),
+        )
+
+
+def _look(
+    shapes: tuple[Floats, Floats, Floats],
+    field: Field,
+    bend: float,
+    into: tuple[Floats, Floats, Floats, Floats] | None,
+) -> float:
+    """Energy of one image; its derivatives are written ``into`` arrays."""
+    from perfcap.energy import _contour_numba
+    from perfcap.render import _density_numba
+
+    height, width = field.flat.shape
+    depth, slope = np.zeros((height, width)), np.zeros((2, height, width))
+    bent = np.empty((3, height, width))
+    _density_numba.draw(*shapes, LEAST, depth, slope)
+    value: float = _contour_numba.contour(depth, slope, field.edges, field.flat, bend, bent)
+    if into is not None:
+        _density_numba.pull_back(*shapes, LEAST, depth, slope, *into[:3])
+        _density_numba.gather(*shapes, LEAST, bent, into[3])
+    return value

@@ -1,0 +1,186 @@
+"""The contour energy: its slope, its curvature, its twins, and that it finds a person."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from checks import check_coupling, check_shapes
+from numpy.typing import NDArray
+from synthetic import actor, random_motion
+from synthetic import cameras as circle
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.actor.volume import GaussianCentres, Volume
+from perfcap.energy.density_contour import DensityContour
+from perfcap.energy.prior import PosePrior
+from perfcap.errors import InputError
+from perfcap.geometry.plain import torch_only
+from perfcap.render.density import Splats, background
+from perfcap.solve import LevenbergMarquardt, Objective, Step, solve
+
+F64 = torch.float64
+
+
+@dataclass(frozen=True)
+class Seen:
+    edges: NDArray[np.float32] | Tensor
+    flat: NDArray[np.float32] | Tensor
+    corner: tuple[int, int]
+
+
+def body() -> tuple[GaussianCentres, Volume]:
+    """Blobs along the limbs of the person of tubes."""
+    skeleton = actor().skeleton
+    rig = skeleton.rig
+    ends = {p: c for c, p in reversed(list(enumerate(rig.parents))) if p >= 0}
+    places, joints, widths = [], [], []
+    for joint, end in ends.items():
+        for share in (0.25, 0.75):
+            places.append(torch.lerp(rig.positions[joint], rig.positions[end], share))
+            joints.append(joint)
+            widths.append(0.09 if rig.joints[joint] in ("pelvis", "spine") else 0.045)
+    wide = torch.tensor(widths, dtype=F64)
+    volume = Volume(torch.stack(places), wide, 3 / (2.5 * wide), torch.tensor(joints))
+    return GaussianCentres(skeleton, volume), volume
+
+
+def truth() -> Motion:
+    rest = actor().skeleton.rest_motion(2)
+    return replace(rest, angles=rest.angles + torch.tensor([[0.05], [0.1]], dtype=F64))
+
+
+def seen(motion: Motion, size: int = 110) -> tuple[DensityContour, GaussianCentres]:
+    """The energy of images whose edges are the contours of the body in a motion."""
+    points, volume = body()
+    cameras = circle(3, size=size)
+    splats = Splats.seen_by(cameras, points(motion), volume.deviations, volume.densities)
+    _, slope = background(splats, (size, size))
+    x, y = slope.unbind(-3)
+    strength = (x * x + y * y).sqrt().clamp(min=1e-9)
+    double = torch.stack(((x * x - y * y) / strength, 2 * x * y / strength), -3)
+    flat = (0.1 - strength).clamp(min=0)
+    fields = [
+        [
+            Seen(
+                double[f, c, :, 3:, 5:].numpy().astype(np.float32),
+                flat[f, c, 3:, 5:].numpy().astype(np.float32),
+                (3, 5),
+            )
+            for c in range(3)
+        ]
+        for f in range(motion.frames)
+    ]
+    return DensityContour(points, volume, cameras, fields, unit=1.0, offset=200.0), points
+
+
+def near(motion: Motion, size: float = 0.02) -> Motion:
+    here = motion.coordinates()
+    draw = torch.Generator().manual_seed(3)
+    return motion.retract(
+        Step(size * torch.randn(here.frame.shape, generator=draw, dtype=F64), here.shared)
+    )
+
+
+def test_contract_of_an_energy() -> None:
+    energy, _ = seen(truth())
+    state = near(truth())
+    check_shapes(energy, state)
+    check_coupling(energy, state)
+    torch.testing.assert_close(energy.per_frame(state).sum(-1), energy(state))
+
+
+def test_slope_against_differences() -> None:
+    energy, points = seen(truth())
+    here = points(near(truth()))
+    found = energy.expand(here)
+    draw = torch.Generator().manual_seed(4)
+    for _ in range(3):
+        way = torch.randn(here.shape, generator=draw, dtype=F64)
+        ahead, behind = (energy.expand(here + s * 1e-6 * way).value for s in (1, -1))
+        slope = (found.gradient * way).sum((-2, -1))
+        torch.testing.assert_close(slope, (ahead - behind) / 2e-6, rtol=2e-3, atol=1e-3)
+    eigenvalues = torch.linalg.eigvalsh(found.curvature)
+    assert bool((eigenvalues > -1e-9 * eigenvalues.max()).all())
+
+
+def test_kernels_equal_plain_torch() -> None:
+    energy, points = seen(truth())
+    here = points(near(truth()))
+    fast = energy.expand(here)
+    with torch_only():
+        plain = energy.expand(here)
+    torch.testing.assert_close(fast.value, plain.value, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(fast.gradient, plain.gradient, rtol=1e-4, atol=1e-3)
+    scale = float(plain.curvature.abs().max())
+    torch.testing.assert_close(fast.curvature, plain.curvature, rtol=1e-4, atol=1e-5 * scale)
+    torch.testing.assert_close(energy.values(here), fast.value)
+
+
+def test_gradient_reaches_widths_and_images() -> None:
+    energy, points = seen(truth())
+    free = [
+        [
+            replace(
+                each,
+                edges=torch.tensor(each.edges).double().requires_grad_(),
+                flat=torch.tensor(each.flat),
+            )
+            for each in row
+        ]
+        for row in energy.fields
+    ]
+    _, volume = body()
+    wide = volume.deviations.clone().requires_grad_()
+    loss = DensityContour(points, replace(volume, deviations=wide), energy.cameras, free)
+    loss(truth()).backward()
+    assert wide.grad is not None and float(wide.grad.abs().max()) > 0
+    assert all(float(each.edges.grad.abs().max()) > 0 for row in free for each in row)
+    step = 1e-4 * torch.randn(wide.shape, generator=torch.Generator().manual_seed(5), dtype=F64)
+
+    def at(deviations: Tensor) -> Tensor:
+        widened = replace(volume, deviations=deviations.detach())
+        return DensityContour(points, widened, energy.cameras, energy.fields)(truth())
+
+    change = at(wide + step) - at(wide - step)
+    assert float((wide.grad * step).sum()) == pytest.approx(float(change) / 2, rel=2e-2)
+
+
+def test_finds_the_pose_whose_contours_were_seen() -> None:
+    known = truth()
+    energy, points = seen(known, 160)
+    energy.weight = torch.tensor(1.0, dtype=F64)
+    prior = PosePrior(known.angles.mean(0), 1.5, 1e-2)
+    start = near(known, 0.015)
+    solution = solve(
+        Objective(contour=energy, prior=prior), start, LevenbergMarquardt(max_steps=30)
+    )
+    before, after = (
+        (points(each) - points(known)).norm(dim=-1).mean() for each in (start, solution.state)
+    )
+    assert float(before) > 0.015 and float(after) < 0.4 * float(before)
+
+
+def test_no_pose_is_below_the_bound() -> None:
+    energy, points = seen(truth())
+    bound = energy.lower_bound(points(near(truth(), 0.05)))
+    assert bound < float(energy.values(points(truth())).min()) < 0
+
+
+def test_an_empty_field_costs_nothing() -> None:
+    energy, points = seen(truth())
+    none = Seen(np.zeros((2, 0, 0), np.float32), np.zeros((0, 0), np.float32), (0, 0))
+    _, volume = body()
+    blind = DensityContour(points, volume, energy.cameras, [[none] * 3] * 2)
+    found = blind.expand(points(truth()))
+    assert float(found.value.abs().max()) == 0 and float(found.gradient.abs().max()) == 0
+
+
+def test_wrong_numbers_are_refused() -> None:
+    energy, points = seen(truth())
+    _, volume = body()
+    with pytest.raises(InputError, match="expected the same numbers"):
+        DensityContour(points, volume, energy.cameras, [row[:2] for row in energy.fields])
+    with pytest.raises(InputError, match="same frames"):
+        energy(random_motion(actor().skeleton, 3))
