@@ -16,6 +16,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "adjoint_speed": ("--windows", "1", "--repeats", "1", "--directions", "1"),
     "auto_rig": ("--people", "4", "--every", "30", "--sequences", "dev_tight"),
     "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
+    "clocks": ("--views", "3", "--clips", "1", "--frames", "60"),
     "feet": (),
     "fast_motion": ("--clips", "2", "--views", "1", "4", "--frames", "50"),
     "joint_table": ("--clips", "3", "--frames", "60"),

@@ -38,7 +38,7 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.track_motion import track_twice
 
 # the prior was chosen on the other clips, and the rendered sequences were made from some of these
-_HELD_OUT = (
+HELD_OUT = (
     "01_06", "01_09", "01_14", "02_05", "05_03", "05_17", "05_20",
     "06_01", "06_07", "06_11", "07_01", "07_03", "07_06", "07_08",
 )  # fmt: skip
@@ -114,7 +114,7 @@ def run(config: Experiment) -> Report:
 def takes(config: Experiment, views: int) -> Iterator[Take]:
     """Every clip at both speeds."""
     root = report.data_folder(config.data, "mocap_cmu_library")
-    for number, name in enumerate(_HELD_OUT[: config.clips]):
+    for number, name in enumerate(HELD_OUT[: config.clips]):
         actor = bare_actor(cmu.skeleton(root, name))
         for step in (2, 3):
             truth = active(cmu.landmarks(root, name, step), config.frames)

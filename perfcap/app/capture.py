@@ -22,6 +22,7 @@ from perfcap.app.environment import environment
 from perfcap.app.inputs import InputRequest, Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, find_model
 from perfcap.app.report import ReportRequest, write_report
+from perfcap.app.true_views import ViewRequest, settled
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST
@@ -68,6 +69,8 @@ class CaptureRequest(InputRequest):
     actor: str = AUTO
     height: float | None = None
     masks: tuple[Path, ...] = ()
+    sync: str = "none"
+    refine_cameras: bool = False
     out: Path
     until: str = "refine_surface"
     preset: str = "default"
@@ -130,7 +133,10 @@ def _capture(request: CaptureRequest) -> int:
 def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint) -> int:
     started = time.perf_counter()
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
-    inputs = examined(read_inputs(request, work), needs_images=images, detected=detected)
+    wrong = ViewRequest(request.sync, request.refine_cameras)
+    given = read_inputs(request, work)
+    inputs, views = settled(given, wrong)
+    inputs = examined(inputs, needs_images=images, detected=detected)
     with progress_bars() as tell:
         chosen = cast(_casting(request), inputs, tell)
     require_places(folder, view_folders(list(inputs.rig.names)))
@@ -143,12 +149,13 @@ def _run(request: CaptureRequest, folder: Path, generic: bool, work: Checkpoint)
         _draw(request, scratch, performance, inputs)
         chosen.save(scratch)
         if any(_networks(request)):
-            _save_detections(scratch, inputs)
+            _save_detections(scratch, given)
         if request.cameras is None:
             seen = inputs.rig.names, inputs.clip.fps
             save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen)
         wall = time.perf_counter() - started
         run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
+        run |= {"view_errors": views} if views else {}
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
     made_up, trust = _made_up(performance, inputs.clip.start), performance.trust
     untrusted = trust.sentences(inputs.clip.start) if trust else ()

@@ -18,6 +18,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.clip import Clip, open_source
+from perfcap.io.late_source import LateSource
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
@@ -92,8 +93,9 @@ def read_masks(chosen: ChosenFrames, folders: Sequence[Path]) -> PersonMasks:
             f"--masks: are {len(folders)} folders, expected one for each of {clip.views} views"
         )
     views = []
-    for folder, size in zip(folders, clip.sizes, strict=True):
+    for folder, video, size in zip(folders, clip.sources, clip.sizes, strict=True):
         source = open_source(folder)
+        source = LateSource(source, video.late) if isinstance(video, LateSource) else source
         needed = clip.start + chosen.frames[-1] + 1
         if len(source) < needed or source.size != size:
             raise InputError(

@@ -67,6 +67,10 @@ class Capture:
     """Measured defaults, or what Xu et al. 2018 or Huang et al. 2017 (several views) published."""
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
+    sync: Literal["auto", "none"] = "none"
+    """auto: find by how many frames, and fractions, views run ahead of the first one."""
+    refine_cameras: bool = False
+    """Correct small errors of where cameras stand and look, from the person's motion."""
     floor: Literal["auto", "none"] = "auto"
     """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
     video_map: Path | None = None

@@ -10,9 +10,11 @@ from perfcap.energy.pose_mixture import PoseMixture
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
+from perfcap.energy.shared_prior import SharedPrior
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory
+from perfcap.energy.uncertain_views import UncertainViews
 
 __all__ = [
     "BoneLengthPrior",
@@ -26,7 +28,9 @@ __all__ = [
     "PosePrior",
     "Reprojection",
     "Rigidity",
+    "SharedPrior",
     "SilhouetteOverlap",
     "Tether",
     "Trajectory",
+    "UncertainViews",
 ]

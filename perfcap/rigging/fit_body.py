@@ -17,14 +17,14 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
+from perfcap.energy.shared_prior import SharedPrior
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.rigging.surface_match import ShapePrior
-from perfcap.rigging.uncertainty import deviations, shape_covariance
+from perfcap.rigging.uncertainty import deviations
 from perfcap.solve import (
     Bounds,
     Coupling,
@@ -35,6 +35,7 @@ from perfcap.solve import (
     Step,
     solve,
 )
+from perfcap.solve.covariance import shared_covariance
 from perfcap.solve.kernels import GemanMcClure
 
 # How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
@@ -189,12 +190,12 @@ class _Problem:
                 GemanMcClure(settings.joint_scale),
                 self.unit,
             ),
-            "shape": ShapePrior(model.components, frames, weight=settings.shape),
+            "shape": SharedPrior(model.components, frames, weight=settings.shape),
             "pose": PosePrior(self.actor.skeleton.lower.new_zeros(27), settings.pose, 1.0),
         }
         if landmarks.offsets is not None:
             free = len(landmarks.offsets)
-            found["offsets"] = ShapePrior(free, frames, weight=settings.shape, block=OFFSETS)
+            found["offsets"] = SharedPrior(free, frames, weight=settings.shape, block=OFFSETS)
         if self.height is not None:
             found["height"] = Stature(model, self.height, settings.height, frames)
         return found
@@ -246,10 +247,10 @@ class _Problem:
         shape, count = motion.shared[BODY], self.model.components
         energies = self._energies(self.settings.offsets)
         prior = energies["offsets"]
-        assert isinstance(prior, ShapePrior)
+        assert isinstance(prior, SharedPrior)
         both = {BODY: shape, OFFSETS: shape.new_zeros(prior.components)}
         free = replace(motion, shared=both)
-        covariance = shape_covariance(Objective({**energies, **more}), free)
+        covariance = shared_covariance(Objective({**energies, **more}), free)
         template = self.model.template(shape)
         edge = self.settings.edge if more else 0.0
         own = covariance[:count, :count]

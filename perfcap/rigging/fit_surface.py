@@ -18,7 +18,8 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
-from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch
+from perfcap.energy.shared_prior import SharedPrior
+from perfcap.rigging.surface_match import Matches, SurfaceMatch
 from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
 from perfcap.rigging.view_landmarks import SeenLandmarks
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
@@ -199,7 +200,7 @@ class BodyFitter:
         start = self._anchor(motion)
         objective = Objective(
             energies,
-            shape=ShapePrior(self.model.components, weight=settings.shape),
+            shape=SharedPrior(self.model.components, weight=settings.shape),
             pose=PosePrior(start, settings.deviation, settings.pose),
         )
         method = LevenbergMarquardt(max_steps=settings.steps)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from perfcap.actor.motion import BODY, Motion
+from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.solve import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
@@ -70,45 +70,3 @@ class SurfaceMatch(Energy[Motion]):
     def _residual(self, points: Tensor) -> Residual:
         error = (self.metric @ (points - self.place)[..., None]).squeeze(-1)
         return Residual(error, self.trust.expand(error.shape[:-1]))
-
-
-class ShapePrior(Energy[Motion]):
-    """Gaussian on shared coefficients: sum (coefficient / deviation)^2, however many the frames.
-
-    Args:
-        components: S.
-        frames: F.
-        deviation: of every coefficient.
-        weight: of the energy.
-        block: name of the coefficients among what is shared.
-    """
-
-    coupling = Coupling.FRAME
-
-    def __init__(
-        self,
-        components: int,
-        frames: int = 1,
-        deviation: float = 1.0,
-        weight: float | Tensor = 1.0,
-        block: str = BODY,
-    ) -> None:
-        super().__init__(weight)
-        self.sees, self.block = (block,), block
-        self.components, self.scale = components, 1 / (deviation * frames**0.5)
-
-    def residual(self, motion: Motion) -> Residual:
-        """(*b, F, S, 1), equal in all frames."""
-        if self.block not in motion.shared:
-            raise ValueError(f"ShapePrior needs a motion that shares {self.block}; it does not")
-        value = (self.scale * motion.shared[self.block])[..., None, :, None]
-        lead = motion.angles.shape[:-1]
-        return Residual(value.expand(*lead, self.components, 1))
-
-    def linearize(self, motion: Motion) -> Linearization:
-        """A constant diagonal in the shared block."""
-        residual = self.residual(motion)
-        lead = residual.value.shape[:-2]
-        frame = residual.value.new_zeros(1).expand(*lead, self.components, 1, motion.frame_dim)
-        shared = self.scale * torch.eye(self.components).to(residual.value)[:, None]
-        return Linearization(residual, frame, shared.expand(*lead, *shared.shape))

@@ -5,34 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements
-from perfcap.actor.motion import Motion
 from perfcap.rigging.scales import LENGTHS, Scales
-from perfcap.solve import Objective
-from perfcap.solve.assembly import assemble
 
 # by how much a body's measurements change when its surface moves out by one
 _GROWTH = {"height": 2.0, "inseam": 1.0, **dict.fromkeys(("chest", "waist", "hip"), 2 * math.pi)}
-
-
-def shape_covariance(objective: Objective, motion: Motion) -> Tensor:
-    """Covariance (S, S) of a motion's coefficients of shape at a minimum of an objective.
-
-    Laplace's approximation: energies are twice negative log likelihoods, so that it is the inverse
-    of the Gauss-Newton matrix, here with the poses of all frames eliminated.
-    """
-    equations = assemble(objective, motion)
-    curvature = equations.curvature[0]
-    ridge = 1e-9 * curvature.diagonal(dim1=-2, dim2=-1).mean() * torch.eye(motion.frame_dim)
-    border = equations.border[0]  # F D S
-    shares = torch.linalg.solve(curvature + ridge.to(curvature), border)
-    left = equations.shared_curvature[0] - (border.mT @ shares).sum(0)
-    covariance: Tensor = torch.linalg.inv(left)
-    return covariance
 
 
 def deviations(

@@ -155,3 +155,9 @@ def test_masks_belong_to_auto(views: Views, tmp_path: Path, perfcap: Command) ->
     given = masks_of(views, "masks")
     line = perfcap(views.command(tmp_path, *given, "--actor", "sam")).refused()
     assert "--masks: is for --actor auto" in line
+
+
+def test_clocks_are_told_and_kept(views: Views, tmp_path: Path, perfcap: Command) -> None:
+    """Too short a clip is refused; ``run.json`` tells what a longer one showed."""
+    line = perfcap(views.command(tmp_path, "--sync", "auto")).refused()
+    assert "--sync auto: clip has 6 frames" in line

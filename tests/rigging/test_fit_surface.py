@@ -13,11 +13,12 @@ from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
+from perfcap.energy import SharedPrior
 from perfcap.errors import InputError
 from perfcap.io.body_model import load_body_model
 from perfcap.rigging.auto_rig import auto_rig, rig_with_joints
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings
-from perfcap.rigging.surface_match import Matches, ShapePrior, SurfaceMatch
+from perfcap.rigging.surface_match import Matches, SurfaceMatch
 
 QUICK = FitSettings(screened=1, first=2, rounds=7, samples=(250, 350), arms=(40.0,))
 
@@ -69,7 +70,7 @@ def test_energies_pass_the_checks(model: BodyModel) -> None:
     normal = torch.nn.functional.normalize(place - place.mean(0), dim=-1)
     matches = Matches(place, normal, torch.rand(count, generator=random, dtype=torch.float64))
     check_energy(SurfaceMatch(points, matches, weight=2.0), state)
-    check_energy(ShapePrior(3, weight=0.5), state)
+    check_energy(SharedPrior(3, weight=0.5), state)
 
 
 def test_a_posed_body_is_recovered(fitter: BodyFitter) -> None:

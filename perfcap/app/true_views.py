@@ -1,0 +1,75 @@
+"""``--sync`` and ``--refine-cameras``: views corrected before anything else is done with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+
+from perfcap.app.inputs import Inputs
+from perfcap.errors import InputError
+from perfcap.io.body_model import DEFAULT_BODY, load_body_model
+from perfcap.io.clip import Clip
+from perfcap.io.late_source import LateSource
+from perfcap.pipeline.view_errors import ViewErrors, solve_views
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """Which errors of views are to be found.
+
+    Attributes:
+        sync: ``auto`` for clocks, ``none`` for views that are synchronous.
+        refine: whether cameras may stand a little elsewhere.
+    """
+
+    sync: str = "none"
+    refine: bool = False
+
+    @property
+    def asks(self) -> bool:
+        """Whether anything is to be found."""
+        return self.sync == "auto" or self.refine
+
+
+def settled(inputs: Inputs, request: ViewRequest) -> tuple[Inputs, dict[str, Any]]:
+    """The inputs with clocks and cameras as a moving person shows them, and what was found.
+
+    Videos are read from the nearest whole frame, joints between frames.
+
+    Raises:
+        InputError: one view, cameras that move, or a clip too short to tell.
+    """
+    if not request.asks:
+        return inputs, {}
+    option = "--sync auto" if request.sync == "auto" else "--refine-cameras"
+    actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
+    like = torch.zeros((), dtype=torch.float64)
+    cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
+    rate, sync = inputs.clip.fps, request.sync == "auto"
+    try:
+        found = solve_views(actor, cameras, detections, rate, sync=sync, refine=request.refine)
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from error
+    names = list(inputs.rig.names)
+    changed = replace(
+        inputs,
+        clip=_late(inputs.clip, found),
+        rig=replace(inputs.rig, cameras=found.of_cameras(inputs.rig.cameras)),
+        detections=found.of_detections(inputs.detections),
+        warnings=(*inputs.warnings, *found.sentences(names)),
+    )
+    return changed, found.report(names)
+
+
+def _late(clip: Clip, found: ViewErrors) -> Clip:
+    """The clip with each view from the frame nearest to its clock."""
+    if found.clock is None:
+        return clip
+    whole = [round(value) for value in found.clock.tolist()]
+    sources = [
+        LateSource(source, late) if late else source
+        for source, late in zip(clip.sources, whole, strict=True)
+    ]
+    return Clip(sources, clip.fps, clip.warnings, clip.start, clip.start + len(clip))

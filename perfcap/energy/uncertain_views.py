@@ -1,0 +1,212 @@
+"""Reprojection into views whose clocks and places are not quite what they are said to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.actor.points import Points
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
+from perfcap.solve.kernels import Kernel
+
+CLOCK = "clock"
+"""Shared: frames by which each of C views runs ahead, (C,): it shows frame f at f + clock."""
+CAMERAS = "cameras"
+"""Shared: rotation vector and shift of each camera, in its own axes, (6 C,): radians, metres."""
+
+
+class UncertainViews(Energy[Motion]):
+    """Distance of projected points from what each view shows a little earlier or later.
+
+    A residual group is one point in one view, ``(project_c(x_f) - d_c(f + t_c)) / unit``: the
+    motion is in the time of view frames with t = 0, and detections between frames are those of a
+    smooth spline. A camera turned by w and shifted by s sees ``exp(w) (R x + t) + s``. Either
+    block may be missing from a motion; what it stands for is then as stated. At the ends of the
+    clip, and next to frames that do not see the point, nothing counts.
+
+    Args:
+        points: N points, one for each detected one.
+        cameras: C fixed views.
+        detections: (F, C, N), of one clip.
+        weight: of the energy.
+        kernel: acts on the squared distance, in ``unit``.
+        unit: pixels that count as one, a number or (C,).
+
+    Raises:
+        InputError: cameras that move.
+    """
+
+    coupling = Coupling.FRAME
+    scale: Tensor
+
+    def __init__(
+        self,
+        points: Points,
+        cameras: Camera,
+        detections: Detections,
+        weight: float | Tensor = 1.0,
+        kernel: Kernel | None = None,
+        unit: float | Tensor = 1.0,
+    ) -> None:
+        if cameras.moving:
+            raise InputError("cameras move; clocks and small errors of fixed cameras are solved")
+        super().__init__(weight, kernel)
+        self.points, self.sees = points, (*points.sees, CLOCK, CAMERAS)
+        self.cameras, self.detections = cameras, detections
+        scale = 1 / torch.as_tensor(unit).to(detections.joints2d)
+        self.register_buffer("scale", scale.expand(cameras.views).clone())
+
+    def residual(self, motion: Motion) -> Residual:
+        """(F, C * N, 2)."""
+        local = self._local(self.points(motion), motion)
+        shown, sure, _ = self._shown(motion)
+        return self._residual(self.cameras.project_camera(local), shown, sure)
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """Closed form in all blocks."""
+        joints, frame, shared = self.points.linearize(motion)
+        local = self._local(joints, motion)
+        pixels, slope = self._project(local)  # F C N 2, F C N 2 3
+        shown, sure, speed = self._shown(motion)
+        turned = slope @ self._turned(motion)[:, None]
+        rows = (self.scale[:, None, None, None] * turned).unsqueeze(-1)  # F C N 2 3 1
+        of_frame = (rows * frame[:, None, :, None]).sum(-2).flatten(-4, -3)
+        parts = self._blocks(motion, local, slope, speed)
+        sizes = motion.shared_sizes
+        if shared is not None:
+            own = [name for name in sizes if name in self.points.sees]
+            moved = (rows * shared[:, None, :, None]).sum(-2).flatten(-4, -3)
+            parts |= dict(zip(own, torch.split(moved, [sizes[n] for n in own], -1), strict=True))
+        columns = [parts[name] for name in sizes if name in parts]
+        of_shared = torch.cat(columns, -1) if columns else None
+        return Linearization(self._residual(pixels, shown, sure), of_frame, of_shared)
+
+    def _residual(self, pixels: Tensor, shown: Tensor, sure: Tensor) -> Residual:
+        error = (pixels - shown) * self.scale[:, None, None]
+        return Residual(error.flatten(-3, -2), sure.flatten(-2))
+
+    def _local(self, points: Tensor, motion: Motion) -> Tensor:
+        """Points in the axes of each camera as it really stands, (F, C, N, 3)."""
+        local = self.cameras.to_camera(points)
+        if CAMERAS not in motion.shared:
+            return local
+        turn, shift = motion.shared[CAMERAS].reshape(-1, 2, 3).unbind(-2)
+        return local @ rotvec_to_matrix(turn).mT + shift[:, None]
+
+    def _turned(self, motion: Motion) -> Tensor:
+        """Rotation from the world of each camera as it really stands, (C, 3, 3)."""
+        if CAMERAS not in motion.shared:
+            return self.cameras.rotation
+        return rotvec_to_matrix(motion.shared[CAMERAS].reshape(-1, 6)[:, :3]) @ (
+            self.cameras.rotation
+        )
+
+    def _project(self, local: Tensor) -> tuple[Tensor, Tensor]:
+        """Pixels of local points and their slopes in these, (F, C, N, 2) and (F, C, N, 2, 3)."""
+        eye = torch.eye(3).to(local)
+        here = replace(
+            self.cameras,
+            rotation=eye.expand_as(self.cameras.rotation),
+            translation=torch.zeros_like(self.cameras.translation),
+        )
+        columns = [_pushed(here.project_camera, local, axis.expand_as(local)) for axis in eye]
+        return columns[0][0], torch.stack([column for _, column in columns], -1)
+
+    def _blocks(
+        self, motion: Motion, local: Tensor, slope: Tensor, speed: Tensor
+    ) -> dict[str, Tensor]:
+        """Columns of clock and cameras, (F, C N, 2, C) and (F, C N, 2, 6 C), those there are."""
+        views = torch.eye(self.cameras.views).to(local)
+        scale = self.scale[:, None, None]
+        found = {}
+        if CLOCK in motion.shared:
+            own = (-scale * speed).unsqueeze(-1)  # F C N 2 1
+            found[CLOCK] = (own * views[:, None, None]).flatten(1, 2)
+        if CAMERAS in motion.shared:
+            turn, shift = motion.shared[CAMERAS].reshape(-1, 2, 3).unbind(-2)
+            still = local - shift[:, None]  # turned, not shifted: what the rotation moves
+            lever = -_cross(still) @ _left_jacobian(turn)[:, None]  # F C N 3 3
+            own = scale.unsqueeze(-1) * torch.cat((slope @ lever, slope), -1)  # F C N 2 6
+            spread = own.unsqueeze(-2) * views[:, None, None, :, None]  # F C N 2 C 6
+            found[CAMERAS] = spread.flatten(-2).flatten(1, 2)
+        return found
+
+    def _shown(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor]:
+        """What views show in the time of the motion: pixels, confidence, pixels a frame."""
+        seen = self.detections
+        clock = motion.shared.get(CLOCK)
+        if clock is None:
+            return seen.joints2d, seen.confidence2d, torch.zeros_like(seen.joints2d)
+        return smooth_at(seen, clock)
+
+
+def _spline(apart: Tensor) -> Tensor:
+    """Quintic cardinal B-spline at distances (...,) of 0 to 3: six of them sum to one."""
+    x = apart.abs().clamp(max=3)
+    powers = (6, (3 - x).clamp(min=0)), (-36, (2 - x).clamp(min=0)), (90, (1 - x).clamp(min=0))
+    parts = [factor * reach**5 for factor, reach in powers]
+    return torch.stack(parts).sum(0) / 720
+
+
+def smooth_at(detections: Detections, clock: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Detections of each view so many frames later, on a quintic spline that smooths.
+
+    Means over six frames with the weights of a B-spline: motion of constant acceleration keeps its
+    shape, and noise is as small between frames as on them (to 1.3 %). A spline through the
+    detections has half the noise midway, which pulls clocks towards half a frame.
+
+    Args:
+        detections: (F, C, 16).
+        clock: frames, (C,).
+
+    Returns:
+        Pixels (F, C, 16, 2), confidence (F, C, 16), 0 where one of the six is not seen or not in
+        the clip, and the change of the pixels a frame, (F, C, 16, 2).
+    """
+    frames = detections.frame_count
+    place = torch.arange(frames).to(clock)[:, None] + clock  # F C
+    first = place.detach().floor().long() - 2
+    taps = first[..., None] + torch.arange(6, device=first.device)  # F C 6
+    inside = ((taps >= 0) & (taps < frames)).all(-1)
+    index, view = taps.clamp(0, frames - 1), torch.arange(detections.views)[:, None]
+    apart = place[..., None] - taps
+    weight, slope = _pushed(_spline, apart, torch.ones_like(apart))
+    values = detections.joints2d[index, view.to(index.device)]  # F C 6 16 2
+    sure = detections.confidence2d[index, view.to(index.device)]  # F C 6 16
+    pixels, speed = (torch.einsum("fct,fctnk->fcnk", w, values) for w in (weight, slope))
+    known = (sure > 0).all(-2) & inside[..., None]
+    return pixels, torch.einsum("fct,fctn->fcn", weight, sure) * known, speed
+
+
+def _cross(vectors: Tensor) -> Tensor:
+    """Matrices of the cross product with vectors (..., 3)."""
+    x, y, z = vectors.unbind(-1)
+    none = torch.zeros_like(x)
+    rows = (none, -z, y, z, none, -x, -y, x, none)
+    return torch.stack(rows, -1).reshape(*x.shape, 3, 3)
+
+
+def _left_jacobian(vectors: Tensor) -> Tensor:
+    """How a rotation turns, in its own axes after it, as its vector (C, 3) changes; (C, 3, 3)."""
+    columns = []
+    for axis in torch.eye(3).to(vectors):
+        value, slope = _pushed(rotvec_to_matrix, vectors, axis.expand_as(vectors))
+        spin = slope @ value.mT
+        columns.append(torch.stack((spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]), -1))
+    return torch.stack(columns, -1)
+
+
+def _pushed(
+    function: Callable[[Tensor], Tensor], here: Tensor, along: Tensor
+) -> tuple[Tensor, Tensor]:
+    """A value and its derivative along a direction."""
+    pair = torch.func.jvp(function, (here,), (along,))
+    return pair[0], pair[1]

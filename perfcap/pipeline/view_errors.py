@@ -1,0 +1,302 @@
+"""Clocks and places of cameras that are slightly wrong: solved with the motion of a stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import BONES, Motion
+from perfcap.detect.detections import Detections
+from perfcap.detect.resample import at_clock
+from perfcap.energy.prior import BoneLengthPrior, PosePrior
+from perfcap.energy.shared_prior import SharedPrior
+from perfcap.energy.uncertain_views import CAMERAS, CLOCK, UncertainViews
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.geometry.triangulation import triangulate
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.objective import kernel, neutral_angles, person_height, trajectory_prior
+from perfcap.pipeline.prepare import prepare
+from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
+from perfcap.solve.covariance import shared_covariance
+
+
+@dataclass(frozen=True)
+class ViewErrorConfig:
+    """How errors of views are found.
+
+    Attributes:
+        frames: the liveliest stretch of so many is looked at.
+        reach: seconds by which clocks may differ, either way.
+        clock: deviation of clocks about what the search for whole frames finds, frames.
+        turn: deviation of the directions of cameras, radians.
+        shift: deviation of their places, metres.
+        rounds: of solving; each starts from poses of views as the last one corrected them.
+        steps: of the solver in a round.
+        correlation: frames over which the errors of detectors stay alike; they are no news.
+    """
+
+    frames: int = 150
+    reach: float = 0.5
+    clock: float = 1.0
+    turn: float = 0.01
+    shift: float = 0.03
+    rounds: int = 2
+    steps: int = 30
+    correlation: float = 3.0
+
+
+@dataclass(frozen=True)
+class ViewErrors:
+    """What was found, with standard deviations.
+
+    Attributes:
+        clock: frames by which each view runs ahead of the first, (C,); None where not asked for.
+        clock_deviation: likewise, (C,).
+        cameras: rotation vectors and shifts in each camera's axes, (C, 6), radians and metres.
+        cameras_deviation: likewise, (C, 6).
+    """
+
+    clock: Tensor | None = None
+    clock_deviation: Tensor | None = None
+    cameras: Tensor | None = None
+    cameras_deviation: Tensor | None = None
+
+    def of_cameras(self, cameras: Camera) -> Camera:
+        """Cameras as they stand."""
+        if self.cameras is None:
+            return cameras
+        turn, shift = self.cameras.to(cameras.translation).reshape(-1, 2, 3).unbind(-2)
+        matrix = rotvec_to_matrix(turn)
+        moved = (matrix @ cameras.translation[..., None])[..., 0] + shift
+        return replace(cameras, rotation=matrix @ cameras.rotation, translation=moved)
+
+    def of_detections(self, detections: Detections) -> Detections:
+        """Detections in the time of the first view."""
+        if self.clock is None:
+            return detections
+        return at_clock(detections, self.clock.to(detections.joints2d))
+
+    def report(self, names: list[str]) -> dict[str, Any]:
+        """Plain values by view."""
+        found: dict[str, Any] = {}
+        parts = (
+            ("clock_frames", self.clock, self.clock_deviation),
+            ("camera_turn_shift", self.cameras, self.cameras_deviation),
+        )
+        for key, values, spread in parts:
+            if values is not None and spread is not None:
+                pairs = zip(names, values.tolist(), spread.tolist(), strict=True)
+                found[key] = {n: {"value": v, "deviation": d} for n, v, d in pairs}
+        return found
+
+    def sentences(self, names: list[str]) -> Iterator[str]:
+        """What a user should know."""
+        if self.clock is not None and self.clock_deviation is not None:
+            pairs = zip(names, self.clock.tolist(), self.clock_deviation.tolist(), strict=True)
+            shown = [f"{name} {value:+.2f} ± {sure:.2f}" for name, value, sure in pairs]
+            yield f"clocks: views run ahead of {names[0]} by {', '.join(shown[1:])} frames"
+        if self.cameras is not None:
+            turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
+            pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
+            shown = [f"{n} {57.2958 * w:.2f}°, {1000 * s:.0f} mm" for n, w, s in pairs]
+            yield f"cameras were moved by {'; '.join(shown)}"
+
+
+@torch.no_grad()
+def solve_views(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float,
+    *,
+    sync: bool = True,
+    refine: bool = False,
+    config: PoseConfig | None = None,
+    settings: ViewErrorConfig | None = None,
+) -> ViewErrors:
+    """Find clocks and small errors of the places of cameras from a moving person.
+
+    Bone lengths are unknown too, so that any actor will do. The first view's clock is the time of
+    the motion; cameras are held by a Gaussian about where they are said to stand.
+
+    Args:
+        actor: any person's skeleton.
+        cameras: C fixed views, two or more.
+        detections: (F, C, 16), of one clip.
+        rate: frames a second.
+        sync: whether clocks are unknown.
+        refine: whether the places of cameras are.
+        config: of the pose.
+        settings: of the search.
+
+    Raises:
+        InputError: one view, cameras that move, or a clip too short to tell.
+    """
+    config, settings = config or PoseConfig(), settings or ViewErrorConfig()
+    _require_views(cameras, detections)
+    part = _liveliest(detections, settings.frames)
+    some = replace(detections.frames(part), joints3d=None)
+    found = ViewErrors()
+    if sync:
+        clock = _whole_frames(cameras, some, round(settings.reach * rate))
+        found = replace(found, clock=clock)
+    problem = _Problem(actor, cameras, some, rate, config, settings)
+    for _ in range(settings.rounds):
+        found = problem.solved(found, sync, refine)
+    return found
+
+
+def _require_views(cameras: Camera, detections: Detections) -> None:
+    if cameras.moving:
+        raise InputError("cameras move; clocks and small errors are found of fixed cameras only")
+    if cameras.views < 2:
+        raise InputError("one view has nothing to be synchronous with; give two or more")
+    if detections.frame_count < 15:
+        raise InputError(
+            f"clip has {detections.frame_count} frames; clocks and cameras need 15 or more"
+        )
+
+
+def _liveliest(detections: Detections, frames: int) -> slice:
+    """The stretch in which joints move most in the images."""
+    count = detections.frame_count
+    if count <= frames:
+        return slice(0, count)
+    seen = detections.confidence2d
+    both = torch.minimum(seen[1:], seen[:-1])
+    moved = (both * detections.joints2d.diff(dim=0).norm(dim=-1)).flatten(1).median(-1).values
+    start = int(moved.unfold(0, frames - 1, 1).mean(-1).argmax())
+    return slice(start, start + frames)
+
+
+def _whole_frames(cameras: Camera, detections: Detections, reach: int) -> Tensor:
+    """Frames by which each view runs ahead of the first, to the nearest, (C,)."""
+    views, reach = detections.views, min(reach, detections.frame_count // 3)
+    clock = detections.joints2d.new_zeros(views)
+    for _ in range(2 if views > 2 else 1):
+        for view in range(1, views):
+            tried = [clock.clone() for _ in range(2 * reach + 1)]
+            for step, each in enumerate(tried):
+                each[view] = step - reach
+            errors = torch.stack([_disagreement(cameras, detections, each) for each in tried])
+            best = int(errors.argmin())
+            # whole frames at a price: nothing is moved where the views do not tell
+            clock = tried[best] if errors[best] < 0.98 * errors[reach] else tried[reach]
+    return clock
+
+
+def _disagreement(cameras: Camera, detections: Detections, clock: Tensor) -> Tensor:
+    """Median error of triangulated joints at some clocks, in units of the image plane."""
+    moved = at_clock(detections, clock)
+    plane = cameras.to_plane(moved.joints2d)
+    return triangulate(cameras, plane, moved.confidence2d, rounds=2)[1].nanmedian()
+
+
+class _Problem:
+    """A stretch of a clip, and the solves of it."""
+
+    def __init__(
+        self,
+        actor: Actor,
+        cameras: Camera,
+        detections: Detections,
+        rate: float,
+        config: PoseConfig,
+        settings: ViewErrorConfig,
+    ) -> None:
+        like = detections.joints2d
+        self.actor, self.cameras, self.detections = actor, cameras.to(like), detections
+        self.rate, self.settings = rate, settings
+        self.unit = 0.01 * person_height(detections)
+        self.config = relaxed(config, detections, self.unit)
+
+    def solved(self, known: ViewErrors, sync: bool, refine: bool) -> ViewErrors:
+        """One round: poses of views as corrected so far, then all unknowns together."""
+        cameras = known.of_cameras(self.cameras)
+        detections = known.of_detections(self.detections)
+        prepared = prepare(self.actor, cameras, detections)
+        motion, _ = initialize(self.actor, cameras, prepared, self.config, self.unit)
+        views = self.cameras.views
+        groups = len(self.actor.skeleton.group_names)
+        shared = {BONES: motion.angles.new_zeros(groups)}
+        if sync:
+            assert known.clock is not None
+            shared[CLOCK] = known.clock.to(motion.angles)
+        if refine:
+            start = known.cameras
+            zeros = motion.angles.new_zeros(6 * views)
+            shared[CAMERAS] = zeros if start is None else start.flatten().to(zeros)
+        motion = replace(motion, shared=shared)
+        objective = self._objective(motion)
+        method = LevenbergMarquardt(self.settings.steps, self.config.tolerance)
+        state: Motion = solve(objective, motion, method, self._bounds(motion)).state
+        return self._errors(objective, state)
+
+    def _objective(self, motion: Motion) -> Objective:
+        config, settings, frames = self.config, self.settings, motion.frames
+        views = self.cameras.views
+        landmarks, r = self.actor.landmarks, config.reprojection
+        energies: dict[str, Energy[Any]] = {
+            "joints2d": UncertainViews(
+                landmarks,
+                self.cameras,
+                self.detections,
+                r.weight,
+                kernel(r.scale),
+                r.deviation * self.unit,
+            ),
+            "trajectory": trajectory_prior(config.trajectory, frames, self.rate),
+            "prior": PosePrior(neutral_angles(self.actor), config.prior.deviation),
+            "bones": BoneLengthPrior(
+                motion.shared_sizes[BONES], frames, config.bones.size, config.bones.own
+            ),
+        }
+        if CAMERAS in motion.shared:
+            spread = torch.tensor([settings.turn] * 3 + [settings.shift] * 3).repeat(views)
+            energies["cameras"] = SharedPrior(6 * views, frames, spread, block=CAMERAS)
+        return Objective(energies).to(motion.angles)
+
+    def _bounds(self, motion: Motion) -> Bounds:
+        """Angles within their limits, the first clock fixed, others near the whole frames."""
+        lower, upper = self.actor.skeleton.bounds
+        sides = []
+        for sign in (-1.0, 1.0):
+            parts = []
+            for name, block in motion.shared.items():
+                free = torch.full_like(block, sign * torch.inf)
+                if name == CLOCK:
+                    free = block + sign * 2.5 * self.settings.clock
+                    free[0] = 0.0
+                parts.append(free)
+            sides.append(torch.cat(parts))
+        return Bounds(Step(lower, sides[0]), Step(upper, sides[1]))
+
+    def _errors(self, objective: Objective, state: Motion) -> ViewErrors:
+        """Values and deviations at a minimum; the first clock is known, and not among these."""
+        names, sizes = list(state.shared), state.shared_sizes
+        energies = dict(objective.items())
+        if CLOCK in names:  # as good as fixed
+            spread = torch.full((sizes[CLOCK],), 1e3, dtype=torch.float64)
+            spread[0] = 1e-4
+            energies["clock"] = SharedPrior(sizes[CLOCK], state.frames, spread, block=CLOCK)
+        covariance = shared_covariance(Objective(energies).to(state.angles), state)
+        root = (self.settings.correlation * covariance.diagonal(dim1=-2, dim2=-1)).sqrt()
+        spreads = dict(zip(names, torch.split(root, list(sizes.values())), strict=True))
+        found = ViewErrors()
+        if CLOCK in names:
+            sure = spreads[CLOCK].clone()
+            sure[0] = 0.0
+            found = replace(found, clock=state.shared[CLOCK], clock_deviation=sure)
+        if CAMERAS in names:
+            values, sure = (x[CAMERAS].reshape(-1, 6) for x in (state.shared, spreads))
+            found = replace(found, cameras=values, cameras_deviation=sure)
+        return found

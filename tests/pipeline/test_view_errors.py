@@ -1,0 +1,99 @@
+"""Clocks and cameras of synthetic views: recovered to fractions, and what is refused."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from synthetic import actor
+from takes import Take, make_take
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.resample import at_clock
+from perfcap.errors import InputError
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.view_errors import ViewErrors, solve_views
+
+F64 = torch.float64
+LATE = torch.tensor([0.0, 2.5, -0.5], dtype=F64)  # frames
+
+
+def filmed() -> tuple[Take, Detections]:
+    """Three views of a take at four times the rate, each from its own time, with noise."""
+    take = make_take(260, views=3, lifted=False, rate=120.0)
+    steps = (4 * LATE).long()
+    first = [12 - int(step) for step in steps]
+    pixels = torch.stack(
+        [take.detections.joints2d[f : f + 240 : 4, view] for view, f in enumerate(first)], 1
+    )
+    random = torch.Generator().manual_seed(7)
+    pixels = pixels + torch.randn(pixels.shape, generator=random, dtype=F64)
+    return take, Detections.from_joints(pixels, torch.ones(pixels.shape[:-1], dtype=F64))
+
+
+def test_clocks_are_found_between_frames() -> None:
+    take, detections = filmed()
+    found = solve_views(actor(), take.cameras, detections, 30.0)
+    assert found.clock is not None and found.clock_deviation is not None
+    assert float((found.clock - LATE).abs().max()) < 0.05
+    assert float(found.clock_deviation.max()) < 0.1 and float(found.clock_deviation[0]) == 0
+    assert "run ahead of a by b +2." in next(found.sentences(["a", "b", "c"]))
+    assert set(found.report(["a", "b", "c"])) == {"clock_frames"}
+
+
+def test_cameras_are_brought_together() -> None:
+    take, _ = filmed()
+    random = torch.Generator().manual_seed(8)
+    truth = take.actor.joints(take.truth)[::4]
+    pixels = take.cameras.project(truth)
+    noise = torch.randn(pixels.shape, generator=random, dtype=F64)
+    detections = Detections.from_joints(pixels + noise, torch.ones(pixels.shape[:-1]).double())
+    turn = rotvec_to_matrix(0.006 * torch.randn(3, 3, generator=random, dtype=F64))
+    stated = replace(
+        take.cameras,
+        rotation=turn @ take.cameras.rotation,
+        translation=(turn @ take.cameras.translation[..., None])[..., 0],
+    )
+    found = solve_views(actor(), stated, detections, 30.0, sync=False, refine=True)
+    assert found.clock is None and found.cameras is not None
+    # directions between pairs of cameras, which no motion of the whole world changes
+    angles = []
+    for cameras in (stated, found.of_cameras(stated)):
+        pair = cameras.rotation[0] @ cameras.rotation[1:].mT
+        real = take.cameras.rotation[0] @ take.cameras.rotation[1:].mT
+        angles.append(float((pair - real).norm()))
+    assert angles[1] < 0.35 * angles[0]
+    assert found.of_detections(detections) is detections
+    assert len(list(found.sentences(["a", "b", "c"]))) == 1
+
+
+def test_detections_are_moved_in_time() -> None:
+    frames = torch.arange(10, dtype=F64)[:, None, None, None].expand(10, 2, 16, 2)
+    confidence = torch.ones(10, 2, 16, dtype=F64)
+    confidence[4, 1, 0] = 0
+    moved = at_clock(
+        Detections.from_joints(frames, confidence), torch.tensor([-2.0, 1.25], dtype=F64)
+    )
+    assert torch.equal(moved.joints2d[2:, 0], frames[:8, 0])
+    assert torch.allclose(moved.joints2d[:8, 1], frames[:8, 1] + 1.25)
+    assert moved.confidence2d[:2, 0].sum() == 0 and moved.confidence2d[2:, 0].all()
+    assert moved.confidence2d[8:, 1].sum() == 0
+    assert moved.confidence2d[:5, 1, 0].tolist() == [1, 1, 0, 0, 1]
+
+
+def test_nothing_found_changes_nothing() -> None:
+    take = make_take(20, views=2, lifted=False)
+    nothing = ViewErrors()
+    assert nothing.of_cameras(take.cameras) is take.cameras
+    assert nothing.of_detections(take.detections) is take.detections
+    assert list(nothing.sentences(["a", "b"])) == [] and nothing.report(["a", "b"]) == {}
+
+
+def test_what_cannot_be_solved_is_refused() -> None:
+    take = make_take(20, views=2, lifted=False)
+    parts = take.cameras, take.detections
+    with pytest.raises(InputError, match="one view"):
+        solve_views(take.actor, parts[0].select([0]), parts[1].select([0]), 30.0)
+    with pytest.raises(InputError, match="cameras move"):
+        solve_views(take.actor, parts[0].every_frame(20), parts[1], 30.0)
+    with pytest.raises(InputError, match="has 9 frames"):
+        solve_views(take.actor, parts[0], parts[1].frames(slice(0, 9)), 30.0)
