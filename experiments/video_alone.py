@@ -18,7 +18,8 @@ from recordings import balancing, rendered
 from report import Report, Table, data_folder
 from torch import Tensor
 
-from perfcap.app.capture import CaptureRequest, run_capture
+from perfcap.app.capture import run_capture
+from perfcap.app.capture_request import CaptureRequest
 from perfcap.io.calibration.assumed import ASSUMED_FOV
 from perfcap.metrics import joint_errors
 

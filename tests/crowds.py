@@ -10,8 +10,7 @@ from functools import cache
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from synthetic import actor as person
-from takes import F64, sway
+from takes import F64, marked_template, sway
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -74,7 +73,7 @@ def walkers(
     """People of different size whose ways cross, ``gap`` m beside each other."""
     actors, motions = [], []
     for k in range(count):
-        body = person()
+        body = Actor(marked_template())
         size = torch.full(
             (len(body.skeleton.group_names),), 0.07 * (k - (count - 1) / 2), dtype=F64
         )
@@ -112,6 +111,7 @@ def make_crowd(
     count: int = 2,
     frames: int = 40,
     views: int = 4,
+    size: int = 700,
     noise: float = 3.0,
     spoil: float = 0.0,
     stranger: bool = False,
@@ -124,7 +124,8 @@ def make_crowd(
         count: K.
         frames: F.
         views: C.
-        noise: of joints, px.
+        size: of the square images, px.
+        noise: of joints, px of an image of 700.
         spoil: share of frames and views in which something is wrong: a limb exchanged between two
             people, one person listed twice and another not at all, one not at all. Two views of
             everybody are right in every frame.
@@ -133,10 +134,10 @@ def make_crowd(
     """
     random = np.random.default_rng(seed)
     actors, motions = walkers(count, frames)
-    cameras = circle(views)
+    cameras = circle(views, size)
     joints = torch.stack([a.joints(m) for a, m in zip(actors, motions, strict=True)])
     pixels = cameras.project(joints).numpy()  # K F C J 2
-    pixels = pixels + noise * random.standard_normal(pixels.shape)
+    pixels = pixels + noise * size / 700 * random.standard_normal(pixels.shape)
     trust = random.uniform(0.6, 0.95, pixels.shape[:-1])
     owner = np.broadcast_to(np.arange(count)[:, None, None], pixels.shape[:3]).copy()
     right = np.ones(owner.shape, bool)
@@ -149,7 +150,7 @@ def make_crowd(
                 _spoil(random, pixels[:, frame, view], trust[:, frame, view],
                        owner[:, frame, view], right[:, frame, view])  # fmt: skip
     if stranger:
-        other = pixels[:1] + np.array([170.0, -40.0])
+        other = pixels[:1] + size / 700 * np.array([170.0, -40.0])
         trust = np.concatenate((trust, np.zeros_like(trust[:1])))
         trust[-1, :, 0] = 0.8
         pixels = np.concatenate((pixels, other))
@@ -179,7 +180,9 @@ def _spoil(
         pixels[[one, other], limb[0] : limb[-1] + 1] = pixels[[other, one], limb[0] : limb[-1] + 1]
         right[[one, other]] = False
     elif kind == 1:  # one listed twice, the other missing
-        pixels[other] = pixels[one] + random.standard_normal(pixels[one].shape)
+        pixels[other] = pixels[one] + 1e-3 * np.ptp(pixels[one]) * random.standard_normal(
+            pixels[one].shape
+        )
         owner[other] = owner[one]
         right[[one, other]] = False
     else:  # missed

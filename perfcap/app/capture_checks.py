@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from perfcap.actor.actor import Actor
 from perfcap.app.inputs import Inputs
+from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.doctor import (
@@ -21,6 +22,7 @@ from perfcap.io.doctor import (
 from perfcap.io.doctor.evidence import Scene
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take
+from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
 _LOG = logging.getLogger(__name__)
@@ -115,6 +117,23 @@ def check_result(performance: Performance) -> tuple[str, ...]:
         f"the person is {distance:.3g} m from the cameras; check the focal length and the units of "
         "cameras and actor",
     )
+
+
+def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:
+    """Whether to solve bone lengths; ``auto``: of nobody in particular, where views show them."""
+    return choice == "solve" or (choice == "auto" and generic and shows_bone_lengths(detections))
+
+
+def made_up(performance: Performance, first: int) -> Iterator[str]:
+    """Frames without a capture, for a person; ``first`` is the number of the first frame."""
+    for start, stop in performance.gaps:
+        yield (
+            f"frames {first + start} to {first + stop - 1}: nobody is detected; they are "
+            "interpolated"
+        )
+    if performance.lost:
+        start, stop = first + performance.frames, first + performance.frames + performance.lost
+        yield f"frames {start} to {stop - 1}: are missing in the video or its detections"
 
 
 def _size(inputs: Inputs, actor: Actor, solve_bones: bool) -> Iterator[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from perfcap.app.capture import CaptureRequest, run_capture
+from perfcap.app.capture import run_capture
+from perfcap.app.capture_request import CaptureRequest
 from perfcap.app.console import PlainConsole
 from perfcap.app.evaluate import error_table, evaluate
 from perfcap.io.actor import models_folder
@@ -18,7 +19,7 @@ def run_demo(out: Path, overwrite: bool = False) -> int:
     code = run_capture(
         CaptureRequest(
             videos=(source / "video.mp4",),
-            actor=ACTOR,
+            actor=(ACTOR,),
             cameras=source / "camera.json",
             detections=(source / "detections.npz",),
             out=out,

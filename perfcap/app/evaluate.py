@@ -11,11 +11,14 @@ from typing import Any
 from rich.table import Table
 
 from perfcap.app.console import PlainConsole
+from perfcap.app.people_truth import match_truths, read_truths
 from perfcap.app.scores import joint_scores, joint_tables, mask_scores, surface_scores
 from perfcap.app.truth import Truth, find_truth, read_found, read_truth
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.people_folder import is_several, people_of
 from perfcap.io.result import require_one_capture
+from perfcap.io.result_folder import METRICS
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (
@@ -76,15 +79,44 @@ def run_evaluate(request: EvaluateRequest) -> int:
     """
     if request.every < 1:
         raise InputError(f"--every is {request.every}, expected 1 or more")
+    if is_several(request.folder):
+        return _evaluate_people(request)
     truth = read_truth(request.truth, request.dataset, request.sequence)
     metrics = compare(request.folder, truth, request.every)
-    with writing(request.out or request.folder / "metrics.json") as file:
+    _write(request.out or request.folder / METRICS, metrics)
+    _show(metrics)
+    return 0
+
+
+def _evaluate_people(request: EvaluateRequest) -> int:
+    """Everybody against the truth whose joints are nearest; all together in the folder's file."""
+    folders = people_of(request.folder)
+    truths = match_truths(folders, read_truths(request.truth, request.dataset, request.sequence))
+    together: dict[str, Any] = {}
+    for folder, truth in zip(folders, truths, strict=True):
+        metrics = compare(folder, truth, request.every) | {"truth": truth.sequence.name}
+        _write(folder / METRICS, metrics)
+        PlainConsole().print(f"\n{folder.name}: {truth.sequence.name}")
+        _show(metrics)
+        together[folder.name] = metrics
+    errors = [each["mpjpe_mm"] for each in together.values() if "mpjpe_mm" in each]
+    if errors:
+        together["mpjpe_mm"] = sum(errors) / len(errors)
+        PlainConsole().print(f"everybody: joints, absolute, {together['mpjpe_mm']:.1f} mm")
+    _write(request.out or request.folder / METRICS, together)
+    return 0
+
+
+def _write(path: Path, metrics: Mapping[str, Any]) -> None:
+    with writing(path) as file:
         file.write((json.dumps(metrics, indent=1) + "\n").encode())
+
+
+def _show(metrics: Mapping[str, Any]) -> None:
     console = PlainConsole()
     console.print(error_table(metrics))
     for note in metrics["notes"]:
         console.print(note, style="yellow", soft_wrap=True)
-    return 0
 
 
 def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import torch
 
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
+from perfcap.app.people_loop import for_everybody
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
@@ -39,11 +40,21 @@ class ExportRequest:
 
 
 def run_export(request: ExportRequest) -> int:
-    """Write all files and say which; returns the exit code.
+    """Write all files and say which, of several people each on their own; returns the exit code.
 
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
+
+    def export(folder: Path, person: str) -> int:
+        base = _name(request)
+        name = f"{base}_{person}" if person else request.name
+        return _export(replace(request, folder=folder, name=name))
+
+    return for_everybody(request.folder, export)
+
+
+def _export(request: ExportRequest) -> int:
     formats = {name: FORMATS[name] for name in request.to}
     if not formats:
         raise InputError(f"--to: expected one or several of {', '.join(FORMATS)}")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from perfcap.app.console import progress_bars
 from perfcap.app.networks import (
@@ -15,6 +16,7 @@ from perfcap.app.networks import (
     LIFTERS,
     Detecting,
     detect_clip,
+    detect_everybody,
     find_model,
     parse_boxes,
 )
@@ -32,7 +34,7 @@ from perfcap.io.calibration import (
     read_pixel_map,
 )
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
-from perfcap.io.detections import read_detections
+from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.impossible import impossible_cameras
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
@@ -54,6 +56,8 @@ class InputRequest:
         frames: ``A:B``, the part of the clip to use.
         video_map: maps from video to calibration pixels, where they differ.
         detections_in: whose pixels those of the detections are: ``calibration`` or ``video``.
+        people: how many are found, ``auto`` for as many as files list; None for one, who is
+            followed.
     """
 
     videos: tuple[Path, ...]
@@ -67,6 +71,17 @@ class InputRequest:
     frames: str | None = None
     video_map: Path | None = None
     detections_in: str = "calibration"
+    people: int | Literal["auto"] | None = None
+
+    @property
+    def everybody(self) -> bool:
+        """Whether everybody is read, whoever they are."""
+        return self.people is not None
+
+    @property
+    def count(self) -> int | None:
+        """How many people are found; None for as many as there are."""
+        return 1 if self.people is None else self.people if self.people != "auto" else None
 
     @property
     def detectors(self) -> tuple[str, ...]:
@@ -79,6 +94,7 @@ class InputRequest:
         if self.lifter is not None:
             return (self.lifter,)
         found = not self.detections and not self.detector and len(self.videos) == 1
+        found = found and not self.everybody
         return (DEFAULT_LIFTER,) if found else ()
 
 
@@ -89,7 +105,8 @@ class Inputs:
     Attributes:
         clip: the frames that are captured.
         rig: one camera a view, in the order of the clip's views.
-        detections: in pixels of the calibration, (F, C, 16).
+        detections: in pixels of the calibration, (F, C, 16); of everybody (P, F, C, 16), see
+            ``read_candidates``.
         pixel_map: from the clip's pixels to the calibration's.
         warnings: what a user should know.
         lost: frames that should follow, but a damaged video or its detections end before.
@@ -117,10 +134,13 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
     lifter = next((OnnxLifter(find_model(name, LIFTERS)) for name in request.lifters), None)
     if not request.detectors:
         return _lifted(_read(request), lifter)
+    _check_detector(request)
     detectors = tuple(OnnxDetector(find_model(name, DETECTORS)) for name in request.detectors)
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
         detecting = Detecting(detectors, boxes, request.person or 1, tell, checkpoint)
+        if request.everybody:
+            detecting = replace(detecting, people=request.count or 1)
         return _lifted(_read(request, detecting), lifter)
 
 
@@ -140,6 +160,17 @@ def _check_detections(request: InputRequest) -> None:
         raise InputError(f"--person: is {request.person}; expected 1 for the surest, 2, 3, ...")
     if request.fov is not None and request.cameras is not None:
         raise InputError("--fov: and --cameras are both given; leave one of them out")
+
+
+def _check_detector(request: InputRequest) -> None:
+    """Networks follow as many people as they are told, each wherever they are found."""
+    if request.everybody and request.count is None:
+        raise InputError(
+            "--people auto: counts the people that --detections list; without these say how many"
+        )
+    if request.everybody and (request.box or request.person is not None):
+        name = "--box" if request.box else "--person"
+        raise InputError(f"{name}: is for one person; leave it out where several are captured")
 
 
 def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
@@ -164,7 +195,8 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
-    read = partial(read_detections, list(request.detections), views=rig.names)
+    reader = read_candidates if request.everybody else read_detections
+    read = partial(reader, list(request.detections), views=rig.names)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
     found, notes = read(pixel_offset=rig.pixel_offset, frames=whole, used=used)
     _require_possible(request.cameras, rig)
@@ -205,7 +237,8 @@ def _lifted(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
 def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detecting) -> Detections:
     """Joints found in the clip, in pixels of the calibration."""
     cameras = pixel_map.cameras(_camera_frames(rig, clip, len(clip)).cameras, clip.sizes)
-    found = detect_clip(clip, detecting, cameras).to(cameras.intrinsics)
+    detect = detect_clip if detecting.people is None else detect_everybody
+    found = detect(clip, detecting, cameras).to(cameras.intrinsics)
     return _to_calibration(found, pixel_map)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from perfcap.detect.crop import Frame
@@ -38,6 +38,7 @@ class Detecting:
         boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
             search.
         person: which one of a search, 1 for the surest.
+        people: how many of a search are followed, each on their own; None for that one.
         tell: told how far it is.
         checkpoint: keeps what the network answered.
     """
@@ -47,6 +48,7 @@ class Detecting:
     person: int = 1
     tell: Tell = lambda stage, done, total: None
     checkpoint: Checkpoint = NO_CHECKPOINT
+    people: int | None = None
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -127,6 +129,21 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
             "with --box LEFT TOP RIGHT BOTTOM"
         )
     return whole
+
+
+def detect_everybody(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections:
+    """Joints of several people, (P, F, C, 16): in every view, each slot follows somebody.
+
+    Who that is differs from view to view, and two slots may follow the same person.
+
+    Raises:
+        InputError: nobody is found anywhere.
+    """
+    found = []
+    for person in range(1, (detecting.people or 1) + 1):
+        kept = detecting.checkpoint.of(f"slot{person}")
+        found.append(detect_clip(clip, replace(detecting, person=person, checkpoint=kept), cameras))
+    return Detections.stack(found)
 
 
 def _kept_name(number: int, view: int) -> str:

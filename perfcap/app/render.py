@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import parse_frames
+from perfcap.app.people_loop import beside, for_everybody
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras
 from perfcap.io.result import Result, read_result
@@ -41,12 +42,21 @@ class RenderRequest:
 
 
 def run_render(request: RenderRequest) -> int:
-    """Write the video; returns the exit code.
+    """Write the video, of several people one each, OUT_person1.mp4 ...; returns the exit code.
 
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
     _check(request)
+    return for_everybody(
+        request.folder,
+        lambda folder, person: _render(
+            replace(request, folder=folder, out=beside(request.out, person))
+        ),
+    )
+
+
+def _render(request: RenderRequest) -> int:
     result = read_result(request.folder)
     rows = _rows(request, result)
     joints = torch.from_numpy(result.joints)

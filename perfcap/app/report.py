@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
+from perfcap.app.people_loop import for_everybody
 from perfcap.app.truth import find_truth, read_found, require_rate
 from perfcap.io.result_folder import PAGE, REPORT
 from perfcap.report import Places, Wanted, make_report
@@ -28,11 +29,15 @@ class ReportRequest:
 
 
 def run_report(request: ReportRequest) -> int:
-    """Write the page and print where it is; returns the exit code.
+    """Write the page and print where it is, of several people one each; returns the exit code.
 
     Raises:
         InputError: bad input, in one line; an older page is still there then.
     """
+    return for_everybody(request.folder, lambda folder, _: _report(replace(request, folder=folder)))
+
+
+def _report(request: ReportRequest) -> int:
     page = write_report(request)
     size = page.stat().st_size / 1e6
     PlainConsole().print(f"{page} ({size:.1f} MB); perfcap view {request.folder} opens it")
@@ -40,7 +45,11 @@ def run_report(request: ReportRequest) -> int:
 
 
 def run_view(folder: Path) -> int:
-    """Open the page of a result, made first where it is missing or older than the result."""
+    """Open the page of a result, made first where it is missing or older; of everybody one each."""
+    return for_everybody(folder, lambda place, _: _view(place))
+
+
+def _view(folder: Path) -> int:
     page, report = folder / PAGE, folder / REPORT
     fresh = page.is_file() and report.is_file()
     if not fresh or page.stat().st_mtime < report.stat().st_mtime:

@@ -27,13 +27,19 @@ class Demo:
 
 @dataclass(frozen=True)
 class Capture:
-    """Capture one person's motion and surface from a video, or from several calibrated ones."""
+    """Capture a person's motion and surface from a video, or from several calibrated ones; or
+    the motion of several people.
+    """
 
     videos: tyro.conf.Positional[tuple[Path, ...]]
     """A video or a folder of images; one for each view."""
-    actor: str = "auto"
+    actor: tuple[str, ...] = ("auto",)
     """auto: the person's own body, fitted to the videos. Or a shipped actor's name, a skinned
-    .glb/.gltf, or a folder with actor.glb."""
+    .glb/.gltf, or a folder with actor.glb. Of several people one each, in any order, or one for
+    all."""
+    people: int | Literal["auto"] | None = None
+    """How many people, seen by several views; auto: as many as --detections list. As many as
+    actors if not given."""
     height: float | None = None
     """Of the person, metres, for --actor auto; one camera does not tell it."""
     masks: tuple[Path, ...] = ()
@@ -90,7 +96,8 @@ class Capture:
 
     def run(self) -> int:
         """Run the command; returns the exit code."""
-        from perfcap.app.capture import CaptureRequest, default_folder, point_to, run_capture
+        from perfcap.app.capture import default_folder, point_to, run_capture
+        from perfcap.app.capture_request import CaptureRequest
 
         given = vars(self) | {"out": self.out or default_folder(self.videos)}
         code = run_capture(CaptureRequest(**given))

@@ -22,7 +22,7 @@ from perfcap.io.files import read_json
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_read import read_template
-from perfcap.io.result_folder import MOTION, REPORT, SURFACE, is_between, own_file
+from perfcap.io.result_folder import MOTION, PEOPLE, REPORT, SURFACE, is_between, own_file
 from perfcap.io.surface_file import BLOCK, SurfaceFile, open_surface, read_identity
 
 _AGAIN = "run perfcap capture again"
@@ -115,6 +115,10 @@ def read_result(folder: str | Path) -> Result:
             damaged, or do not belong together.
     """
     folder = Path(folder)
+    if own_file(folder, PEOPLE) is not None:
+        raise InputError(
+            f"{folder}: holds several people; expected the folder of one, {folder / 'person1'}"
+        )
     report = _read_report(folder)
     motion = _read_motion(_present(folder, MOTION))
     frames = len(motion["frames"])

@@ -26,11 +26,22 @@ METRICS, PAGE = "metrics.json", "report.html"
 ASSUMED_CAMERA = "assumed_camera.json"
 BODY, MEASURES, BODY_PICTURE = "body.npz", "measurements.json", "body.jpg"
 PERSONAL = (BODY, MEASURES, BODY_PICTURE)  # of a body that was fitted to the person
-ABOUT = (OVERLAY, TEXTURED, METRICS, PAGE, ASSUMED_CAMERA, *PERSONAL)  # tell of one result
+PEOPLE, SCENE = "people.json", "scene.glb"  # of several people, who have folders of their own
+ABOUT = (
+    OVERLAY,
+    TEXTURED,
+    METRICS,
+    PAGE,
+    ASSUMED_CAMERA,
+    *PERSONAL,
+    PEOPLE,
+    SCENE,
+)  # tell of one result
 OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
 
 WORK = ".perfcap"  # where a result grows; gone once it is complete
 _NEXT, _PLAN = "next", "publish.json"
+PERSON = re.compile(r"person[1-9]\d{0,3}")
 _MASK = re.compile(rf"{MASKS}/(?:\w[\w .-]{{0,99}}/)?\d{{6,}}\.png")
 
 _LOG = logging.getLogger(__name__)
@@ -118,7 +129,7 @@ def replacing(folder: Path, *, last: bool = False) -> Iterator[Path]:
         _remove(scratch)
         scratch.mkdir(parents=True)
         yield scratch
-        require_places(folder, _views(scratch))
+        _require_all(folder, _files(scratch))
         _plan(folder, scratch, last)
         finish(folder)
     except OSError as error:
@@ -146,7 +157,7 @@ def finish(folder: Path) -> None:
         return
     plan = _Plan.read(folder / WORK / _PLAN)
     scratch = folder / WORK / _NEXT
-    require_places(folder, {Path(name).parent.name for name in plan.names if _MASK.match(name)})
+    _require_all(folder, plan.names)
     for name in plan.names:
         (folder / name).parent.mkdir(exist_ok=True, parents=True)
     if own_file(scratch, REPORT) is not None:
@@ -198,12 +209,38 @@ class _Plan:
 
 
 def _is_own(name: str) -> bool:
+    name = _of_person(name)[1]
     return name in OWN or _MASK.fullmatch(name) is not None
 
 
-def _plan(folder: Path, scratch: Path, last: bool) -> None:
+def _of_person(name: str) -> tuple[str, str]:
+    """The folder of a person whose file it is, "" where it is nobody's own, and its name there."""
+    folder, slash, rest = name.partition("/")
+    return (folder, rest) if slash and PERSON.fullmatch(folder) else ("", name)
+
+
+def _require_all(folder: Path, names: Collection[str]) -> None:
+    """``require_places`` of a result, and of the people in it."""
+    by_person: dict[str, set[str]] = {"": set()}
+    for person, name in map(_of_person, names):
+        views = by_person.setdefault(person, set())
+        if _MASK.match(name):
+            views.add(Path(name).parent.name)
+    for person, views in by_person.items():
+        if _kind(folder / person) not in (None, stat.S_IFDIR):
+            raise InputError(
+                f"{folder / person}: is a link or a file, expected a folder; remove it"
+            )
+        require_places(folder / person, views)
+
+
+def _files(scratch: Path) -> list[str]:
     found = (path for path in sorted(scratch.rglob("*")) if not path.is_dir())
-    names = [path.relative_to(scratch).as_posix() for path in found]
+    return [path.relative_to(scratch).as_posix() for path in found]
+
+
+def _plan(folder: Path, scratch: Path, last: bool) -> None:
+    names = _files(scratch)
     unknown = [name for name in names if not _is_own(name)]
     assert not unknown, unknown
     older = holds_result(folder)
@@ -220,18 +257,24 @@ def _move(scratch: Path, folder: Path, names: Collection[str]) -> None:
             os.replace(scratch / name, folder / name)
 
 
-def _views(scratch: Path) -> list[str]:
-    masks = scratch / MASKS
-    return [entry.name for entry in masks.iterdir() if entry.is_dir()] if masks.is_dir() else []
-
-
 def _remove_older(folder: Path, plan: _Plan) -> None:
     """What tells of an older result and is not part of the new one."""
-    gone = (*ABOUT, SURFACE) if plan.older else (SURFACE,)
+    several = PEOPLE in plan.names
+    gone = (*ABOUT, SURFACE, *(FILES if several else ())) if plan.older else (SURFACE,)
+    _remove_from(folder, gone, plan.names)
+    for place in sorted(folder.iterdir()) if plan.older else ():
+        if PERSON.fullmatch(place.name) and _kind(place) == stat.S_IFDIR:
+            own = [name for person, name in map(_of_person, plan.names) if person == place.name]
+            _remove_from(place, OWN, own)
+            with suppress(OSError):  # something else is in it
+                place.rmdir()
+
+
+def _remove_from(folder: Path, gone: Collection[str], kept: Collection[str]) -> None:
     for name in gone:
-        if name not in plan.names:
+        if name not in kept:
             (folder / name).unlink(missing_ok=True)
-    remove_masks(folder / MASKS, {n.removeprefix(f"{MASKS}/") for n in plan.names})
+    remove_masks(folder / MASKS, {n.removeprefix(f"{MASKS}/") for n in kept})
 
 
 def _remove(path: Path) -> None:

@@ -44,7 +44,7 @@ def save_overlay(
     faces = torch.as_tensor(performance.actor.template.faces.copy())
 
     def prepare(span: slice) -> Painter:
-        pixels, depth = _projected(cameras.frames(span), performance.shown[span])
+        pixels, depth = projected(cameras.frames(span), performance.shown[span])
         joints = performance.actor.joints(performance.motion[span])
         points = cameras.frames(span).project(joints).double().numpy(force=True)
         seen = performance.detections.frames(span)
@@ -78,7 +78,7 @@ def save_textured(
 
     def prepare(span: slice) -> Painter:
         vertices = performance.shown[span].float().cpu()[:, appearance.representative]
-        pixels, depth = _projected(cameras.frames(span), vertices)
+        pixels, depth = projected(cameras.frames(span), vertices)
 
         def paint(frame: int, view: int, image: Image) -> Image:
             mesh = ProjectedMesh(
@@ -98,7 +98,7 @@ def save_textured(
         write_footage(path, clip, performance.frames, prepare, progress)
 
 
-def _projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
+def projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:
     """Pixels (f, C, V, 2) and depth (f, C, V) of vertices (f, V, 3), on the CPU."""
     local = cameras.to_camera(vertices.to(cameras.intrinsics))
     return cameras.project_camera(local).cpu(), local[..., 2].cpu()

@@ -58,6 +58,43 @@ def save_detections(
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
+def save_candidates(
+    path: Path,
+    candidates: Detections,
+    views: Sequence[str] = (),
+    *,
+    start: int = 0,
+    pixel_offset: float = 0.0,
+    video_frames: int | None = None,
+) -> None:
+    """Write people without names, (P, F, C, 16), as ``read_candidates`` reads them.
+
+    Args:
+        path: the file, .npz.
+        candidates: 3D joints are left out.
+        views: as of ``save_detections``, and so are the others.
+        start: frames of the video before the first.
+        pixel_offset: what readers will add to pixels.
+        video_frames: of the whole video.
+
+    Raises:
+        InputError: the place cannot be written.
+    """
+    seen = candidates.confidence2d[..., None] > 0
+    joints2d = (candidates.joints2d - pixel_offset).where(seen, 0)
+    arrays = {
+        "joints2d": _padded(joints2d.movedim(0, 2), start),
+        "confidence2d": _padded(candidates.confidence2d.movedim(0, 2), start),
+        "joint_names": np.array(LANDMARKS),
+    }
+    if views:
+        arrays["view_names"] = np.array(list(views))
+    if video_frames is not None:
+        arrays["video_frames"] = np.array(video_frames)
+    with writing(path) as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
 def _padded(values: Tensor, start: int, fill: float = 0.0) -> NDArray[np.float32]:
     array = values.detach().cpu().numpy().astype(np.float32)
     before = np.full((start, *array.shape[1:]), fill, np.float32)

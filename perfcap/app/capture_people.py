@@ -1,0 +1,209 @@
+"""``perfcap capture`` of several people: found in what was detected, then captured each."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from perfcap.app.auto_actor import AUTO, Cast, cast
+from perfcap.app.capture_checks import (
+    check_actor,
+    check_result,
+    doubts,
+    made_up,
+    refuse_wrong,
+    wants_bones,
+)
+from perfcap.app.capture_request import CaptureRequest, casting_of, find_device, settings_of
+from perfcap.app.console import progress_bars
+from perfcap.app.inputs import Inputs
+from perfcap.app.match_people import UNMATCHED, Matching, match_actors
+from perfcap.app.people_files import CapturedScene, write_scene
+from perfcap.detect.association import Association, associate
+from perfcap.errors import InputError
+from perfcap.io.actor import load_actor
+from perfcap.io.result_folder import replacing
+from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.people import Person, Scene
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.stage import Stage
+
+_LAST = Stage.TRACK_MOTION  # what looks at images knows one person
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """People in the inputs of a capture.
+
+    Attributes:
+        inputs: with detections of everybody, (P, F, C, 16).
+        found: who is who.
+        generic: of each actor, whether it is nobody in particular.
+    """
+
+    inputs: Inputs
+    found: Association
+    generic: Sequence[bool]
+
+    def of(self, track: int) -> Inputs:
+        """What one person is captured from."""
+        return replace(self.inputs, detections=self.found.people[track], warnings=())
+
+
+def check_people(request: CaptureRequest) -> None:
+    """Refuse numbers of actors and people that do not go together.
+
+    Raises:
+        InputError: says which.
+    """
+    actors, people = len(request.actor), request.people
+    if not actors:
+        raise InputError("--actor: is empty; expected auto, an actor, or one for each person")
+    if isinstance(people, int) and people < 1:
+        raise InputError(f"--people: is {people}; expected 1, 2, ..., or auto")
+    if not request.everybody:
+        return
+    if actors > 1 and people not in (None, "auto", actors):
+        raise InputError(
+            f"--people: is {people} beside {actors} actors; expected one actor for everybody, or "
+            "one each"
+        )
+    if actors > 1 and AUTO in request.actor:
+        raise InputError(
+            f"--actor: {AUTO} beside other actors; expected {AUTO} for everybody, or an actor each"
+        )
+    if len(request.videos) < 2:
+        raise InputError(
+            "--people: several people in one view cannot be told apart; expected two or more "
+            "calibrated views"
+        )
+    options = {
+        "lifter": request.lifter,
+        "height": request.height,
+        "masks": request.masks or None,
+        "sync": request.sync if request.sync != "none" else None,
+        "refine-cameras": request.refine_cameras or None,
+    }
+    for name, given in options.items():
+        if given is not None:
+            raise InputError(
+                f"--{name}: is for one person; leave it out where several are captured"
+            )
+
+
+def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
+    """Who is who: as many people as are asked for, or for several actors at least as many.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    parts = inputs.rig.cameras, inputs.detections, inputs.clip.fps
+    if len(request.actor) == 1:
+        return associate(*parts, people=request.count)
+    wanted = len(request.actor)
+    try:
+        found = associate(*parts)
+    except InputError:
+        found = None
+    return found if found and len(found.people) >= wanted else associate(*parts, people=wanted)
+
+
+def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
+    """Capture everybody and write the folder; whether all went well."""
+    started = time.perf_counter()
+    matching, chosen = _cast(request, crowd)
+    everybody = [crowd.of(track) for track in matching.tracks]
+    for each in everybody:
+        refuse_wrong(each)
+    notes = [*crowd.inputs.warnings, *crowd.found.notes, *matching.notes, *_untold(crowd, matching)]
+    until = min(Stage[request.until.upper()], _LAST)
+    if until is not Stage[request.until.upper()]:
+        notes.append("several people: their motion is captured from joints, not from images yet")
+    notes += _doubts(everybody, bool(request.detectors))
+    for line in notes:
+        _LOG.warning("%s", line)
+    people, told = [], []
+    for number, (one, each) in enumerate(zip(chosen, everybody, strict=True)):
+        generic = crowd.generic[number % len(crowd.generic)]
+        solve_bones = wants_bones(request.bones, generic, each.detections)
+        people.append(Person(one.actor, each.detections, solve_bones))
+        told.append(check_actor(each, one.actor, solve_bones))
+    captured = _perform(request, crowd.inputs, people, until, work)
+    done = [
+        replace(each, lost=crowd.inputs.lost,
+                warnings=(*each.warnings, *more, *check_result(each)))
+        for each, more in zip(captured, told, strict=True)
+    ]  # fmt: skip
+    cast_of = tuple(chosen)
+    scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, tuple(notes))
+    with replacing(folder, last=True) as scratch:
+        write_scene(request, scratch, scene, started)
+    _tell(done, crowd.inputs.clip.start)
+    return all(each.complete and each.trusted for each in done)
+
+
+def _cast(request: CaptureRequest, crowd: Crowd) -> tuple[Matching, list[Cast]]:
+    """Who is whom, and the actor of each person."""
+    count = len(crowd.found.people)
+    if len(request.actor) > 1:
+        actors = [load_actor(name) for name in request.actor]
+        return match_actors(actors, crowd.found, request.actor), [Cast(each) for each in actors]
+    found = []
+    with progress_bars() as tell:
+        for track in range(count):
+            chosen = cast(casting_of(request, request.actor[0]), crowd.of(track), tell)
+            for line in chosen.warnings:
+                _LOG.warning("person %d: %s", track + 1, line)
+            found.append(chosen)
+    return replace(UNMATCHED, tracks=tuple(range(count))), found
+
+
+def _untold(crowd: Crowd, matching: Matching) -> list[str]:
+    """People whom no actor plays."""
+    others = len(crowd.found.people) - len(matching.tracks)
+    if not others:
+        return []
+    return [f"{others} of {len(crowd.found.people)} people have no --actor; they are left out"]
+
+
+def _doubts(everybody: Sequence[Inputs], detected: bool) -> list[str]:
+    """What may be wrong with the inputs; of one person, where it is not of all."""
+    lines = [doubts(each, needs_images=False, detected=detected) for each in everybody]
+    common = set(lines[0]).intersection(*lines[1:])
+    found = [line for line in lines[0] if line in common]
+    for number, own in enumerate(lines, 1):
+        found += [f"person {number}: {line}" for line in own if line not in common]
+    return found
+
+
+def _perform(
+    request: CaptureRequest,
+    inputs: Inputs,
+    people: Sequence[Person],
+    until: Stage,
+    work: Checkpoint,
+) -> tuple[Performance, ...]:
+    torch.set_num_threads(1)
+    like = torch.zeros((), dtype=torch.float64, device=find_device(request.device))
+    moved = tuple(replace(each, detections=each.detections.to(like)) for each in people)
+    scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps)
+    with progress_bars() as tell:
+        config = settings_of(request)
+        found = capture(scene, config=config, until=until, progress=tell, checkpoint=work)
+    return tuple(each.to(like.cpu()) for each in found)
+
+
+def _tell(people: Sequence[Performance], first: int) -> None:
+    """Warnings of every person, with their number."""
+    for number, each in enumerate(people, 1):
+        untrusted = each.trust.sentences(first) if each.trust else ()
+        for line in (*each.warnings, *made_up(each, first), *untrusted):
+            _LOG.warning("person %d: %s", number, line)

@@ -1,0 +1,120 @@
+"""What ``perfcap capture`` is asked for: by whom, from which files, with which settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from perfcap.app.auto_actor import AUTO, Casting
+from perfcap.app.inputs import InputRequest
+from perfcap.app.networks import DETECTORS, LIFTERS, find_model
+from perfcap.errors import InputError
+from perfcap.io.actor_folder import MANIFEST
+from perfcap.pipeline.presets import PRESETS, CaptureConfig
+from perfcap.pipeline.stage import Stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureRequest(InputRequest):
+    """What the command line asks for; see ``perfcap capture --help``."""
+
+    actor: tuple[str, ...] = (AUTO,)
+    height: float | None = None
+    masks: tuple[Path, ...] = ()
+    sync: str = "none"
+    refine_cameras: bool = False
+    out: Path
+    until: str = "refine_surface"
+    preset: str = "default"
+    bones: str = "auto"
+    floor: str = "auto"
+    device: str = "auto"
+    overlay: bool = True
+    report: bool = False
+    resume: bool = False
+    overwrite: bool = False
+
+    @property
+    def count(self) -> int | None:
+        """How many people are captured; None for as many as there are."""
+        if isinstance(self.people, int):
+            return self.people
+        return len(self.actor) if self.people is None else None
+
+    @property
+    def everybody(self) -> bool:
+        """Whether files that list everybody are sorted by people."""
+        return self.people is not None or len(self.actor) > 1
+
+
+def describe(request: CaptureRequest) -> dict[str, Any]:
+    """The request as plain values."""
+    values = {k: getattr(request, k) for k in request.__dataclass_fields__}
+    del values["resume"], values["report"], values["overwrite"]
+    if len(request.actor) == 1:
+        values["actor"] = request.actor[0]
+    if request.people is None:
+        del values["people"]
+    return {
+        k: [str(p) for p in v] if isinstance(v, tuple) else str(v) if isinstance(v, Path) else v
+        for k, v in values.items()
+    }
+
+
+def used_files(request: CaptureRequest, actors: Iterable[Path]) -> Iterator[Path]:
+    """Files and folders that a request reads."""
+    yield from (*request.videos, *request.detections, *request.masks)
+    for actor in actors:
+        yield actor
+        manifest = actor.with_name(MANIFEST)
+        if manifest.is_file():
+            yield manifest
+    if request.cameras is not None:
+        yield request.cameras
+    if request.video_map is not None:
+        yield request.video_map
+    yield from networks_of(request)
+
+
+def networks_of(request: CaptureRequest) -> Iterator[Path]:
+    """Folders of the networks that a request uses."""
+    for names, kind in ((request.detectors, DETECTORS), (request.lifters, LIFTERS)):
+        for name in names:
+            yield find_model(name, kind)
+
+
+def casting_of(request: CaptureRequest, actor: str) -> Casting:
+    """How an actor is found; of several people by joints alone, images show all of them at once."""
+    look = Stage[request.until.upper()].needs_images and not request.everybody
+    return Casting(actor, request.height, request.masks, look, request.preset)
+
+
+def settings_of(request: CaptureRequest) -> CaptureConfig:
+    """The preset, without contact and floor where the request says so."""
+    preset = PRESETS[request.preset]
+    if request.floor == "auto":
+        return preset
+    contact = replace(preset.pose.contact, enabled=False)
+    return replace(preset, pose=replace(preset.pose, contact=contact))
+
+
+def find_device(name: str) -> torch.device:
+    """The device of that name.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    if name == "auto":
+        # windows are small: a CPU core solves them faster than a GPU launches them
+        return torch.device("cpu")
+    try:
+        device = torch.device(name)
+        torch.zeros(1, dtype=torch.float64, device=device).item()
+    except (RuntimeError, AssertionError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"--device {name}: cannot be used ({reason}); try cpu") from None
+    return device

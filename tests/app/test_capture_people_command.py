@@ -1,0 +1,238 @@
+"""``perfcap capture`` of several people, and what other commands do with them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from crowd_files import SIZE, CrowdFiles, write_crowd
+from crowds import make_crowd
+from runs import Command
+
+from perfcap.cli import main
+from perfcap.io.detections import read_candidates
+from perfcap.io.gltf_document import open_document
+from perfcap.io.people_folder import people_of
+from perfcap.io.result import read_result
+
+ONE = {"motion.npz", "motion.bvh", "capture.glb", "config.yaml", "run.json", "detections.npz"}
+SHARED = {"people.json", "scene.glb", "run.json", "config.yaml"}
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> CrowdFiles:
+    crowd = make_crowd(2, frames=20, views=3, size=SIZE, noise=2.0, spoil=0.1)
+    return write_crowd(tmp_path_factory.mktemp("pair"), crowd)
+
+
+@pytest.fixture(scope="module")
+def captured(pair: CrowdFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Both, whose actors are named in the other order than the truths."""
+    out = tmp_path_factory.mktemp("captured") / "both"
+    with pytest.raises(SystemExit) as exit_:
+        main(pair.command(out))
+    assert exit_.value.code == 0
+    return out
+
+
+def files_of(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir() if path.is_file()}
+
+
+def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> None:
+    assert files_of(captured) == SHARED | {"overlay.mp4"}
+    assert [path.name for path in people_of(captured)] == ["person1", "person2"]
+    for number, folder in enumerate(people_of(captured)):
+        assert files_of(folder) == ONE
+        result = read_result(folder)
+        error = np.linalg.norm(result.joints - pair.crowd.joints[number].numpy(), axis=-1)
+        assert 1000 * error.mean() < 25
+        assert result.report["request"]["actor"] == str(pair.actors[number])
+    people = json.loads((captured / "people.json").read_text())
+    assert people["K"] == 2
+    for who in people["people"]:
+        assert who["bones_margin"] > 0.01 and who["identity_margin_m"]["median"] > 0.1
+    run = json.loads((captured / "run.json").read_text())
+    assert run["people"] == 2 and run["complete"] and run["request"]["actor"] == [
+        str(path) for path in pair.actors
+    ]  # fmt: skip
+    assert any("from joints, not from images" in line for line in run["warnings"])
+
+
+def test_everybody_moves_in_one_file(captured: Path) -> None:
+    tree = open_document(captured / "scene.glb").tree
+    assert len(tree["skins"]) == 2 and len(tree["animations"]) == 1
+    assert {"person1", "person2"} <= {node.get("name") for node in tree["nodes"]}
+
+
+def test_the_overlay_has_a_color_for_everybody(captured: Path) -> None:
+    video = cv2.VideoCapture(str(captured / "overlay.mp4"))
+    found, picture = video.read()
+    assert found and picture.shape[1] == 3 * SIZE
+    blue, green, red = (picture[..., k].astype(int) for k in range(3))
+    yellow = (red > blue + 40) & (green > blue + 40)
+    magenta = (red > green + 30) & (blue > green + 30)
+    assert yellow.sum() > 50 and magenta.sum() > 50
+
+
+def test_actors_in_any_order(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    turned = pair.actors[::-1]
+    assert perfcap(pair.command(tmp_path / "o", "--no-overlay", actors=turned)).code == 0
+    for one, other in ((1, 2), (2, 1)):
+        here, there = tmp_path / f"o/person{one}", captured / f"person{other}"
+        np.testing.assert_array_equal(read_result(here).joints, read_result(there).joints)
+
+
+def test_evaluate_finds_whose_truth_it_is(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    out = tmp_path / "numbers.json"
+    done = perfcap(["evaluate", captured, "--truth", pair.truth, "--out", out])
+    assert done.code == 0 and "everybody: joints, absolute" in done.out
+    numbers = json.loads(out.read_text())
+    for folder in people_of(captured):
+        alone = json.loads((folder / "metrics.json").read_text())
+        assert alone["mpjpe_mm"] == numbers[folder.name]["mpjpe_mm"] < 25
+    one = pair.truth / "person1"
+    assert "the truth of everybody" in perfcap(["evaluate", captured, "--truth", one]).refused()
+
+
+def test_commands_go_from_one_to_the_next(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path]).code == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
+    video = [
+        "--out",
+        tmp_path / "turn.mp4",
+        "--freeze",
+        "3",
+        "--seconds",
+        "0.1",
+        "--size",
+        "64",
+        "64",
+    ]
+    assert perfcap(["render", captured, *video]).code == 0
+    assert (tmp_path / "turn_person1.mp4").is_file() and (tmp_path / "turn_person2.mp4").is_file()
+    again = tmp_path / "again"
+    shutil.copytree(captured, again)
+    assert perfcap(["report", again]).code == 0
+    assert all((folder / "report.html").is_file() for folder in people_of(again))
+    assert perfcap(["export", captured / "person1", "--to", "bvh", "--out", tmp_path]).code == 0
+
+
+def test_a_body_for_each_of_a_number(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    call = pair.command(tmp_path, "--people", "2", "--no-overlay", actors=["sam"])
+    done = perfcap(call)
+    assert done.code in (0, 3)
+    people = json.loads((tmp_path / "people.json").read_text())["people"]
+    assert [who["actor"] for who in people] == ["sam", "sam"]
+    assert all(json.loads((f / "run.json").read_text())["bone_scales"] for f in people_of(tmp_path))
+
+
+def test_one_of_them_writes_what_one_person_writes(
+    pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    options = ("--people", "1", "--no-overlay", "--until", "track_motion")
+    done = perfcap(pair.command(tmp_path, *options, actors=pair.actors[:1]))
+    assert done.code == 0 and not (tmp_path / "people.json").exists()
+    assert {"motion.npz", "capture.glb"} <= files_of(tmp_path)
+    assert any("further people" in note for note in done.notes)
+
+
+def test_another_number_of_people_leaves_nothing_behind(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    place = tmp_path / "o"
+    shutil.copytree(captured, place)
+    (place / "person2" / "mine.txt").write_text("kept")
+    options = ("--people", "1", "--no-overlay", "--until", "track_motion", "--overwrite")
+    assert perfcap(pair.command(place, *options, actors=pair.actors[:1])).code == 0
+    assert not (place / "people.json").exists() and not (place / "scene.glb").exists()
+    assert not (place / "person1").exists() and files_of(place / "person2") == {"mine.txt"}
+    assert perfcap(pair.command(place, "--overwrite", "--no-overlay")).code == 0
+    assert files_of(place) == SHARED
+
+
+def test_resume_knows_a_whole_result(captured: Path, pair: CrowdFiles, perfcap: Command) -> None:
+    before = (captured / "scene.glb").stat().st_mtime_ns
+    assert perfcap(pair.command(captured, "--resume")).code == 0
+    assert (captured / "scene.glb").stat().st_mtime_ns == before
+    assert "holds a result already" in perfcap(pair.command(captured)).refused()
+
+
+def test_somebody_who_leaves_is_named(tmp_path: Path, perfcap: Command) -> None:
+    away = [slice(0), slice(24, 40)]
+    crowd = make_crowd(3, frames=40, views=3, size=SIZE, noise=1.0, away=away)
+    files = write_crowd(tmp_path / "in", crowd)
+    done = perfcap(files.command(tmp_path / "out", "--no-overlay"))
+    assert done.code == 3
+    lost = [note for note in done.notes if "nobody is detected" in note]
+    assert len(lost) == 1 and lost[0].startswith("person 2: frames 24 to 39")
+    assert json.loads((tmp_path / "out/run.json").read_text())["complete"] is False
+
+
+def test_actors_that_cannot_be_told_apart(
+    pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    actors = [pair.actors[0], pair.actors[0]]
+    done = perfcap(pair.command(tmp_path, "--no-overlay", actors=actors))
+    assert any("somebody else's bones fit it almost as well" in note for note in done.notes)
+
+
+@pytest.mark.parametrize(
+    ("options", "actors", "said"),
+    [
+        ((), 3, "3 are wanted, 2 are seen"),
+        (("--people", "3"), 2, "--people: is 3 beside 2 actors"),
+        (("--people", "3"), 1, "3 are wanted, 2 are seen"),
+        (("--people", "0"), 1, "--people: is 0"),
+        (("--people", "2", "--height", "1.8"), 1, "--height"),
+        (("--people", "2", "--lifter", "cmu"), 1, "--lifter: is for one person"),
+    ],
+)
+def test_numbers_that_do_not_fit(
+    options: tuple[str, ...], actors: int, said: str, pair: CrowdFiles, tmp_path: Path,
+    perfcap: Command,
+) -> None:  # fmt: skip
+    chosen = (pair.actors * 2)[:actors]
+    refused = perfcap(pair.command(tmp_path / "o", *options, actors=chosen)).refused()
+    assert said in refused
+    assert not (tmp_path / "o").exists() or not list((tmp_path / "o").iterdir())
+
+
+def test_auto_beside_an_actor(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    call = pair.command(tmp_path, actors=["auto", pair.actors[0]])
+    assert "auto for everybody, or an actor each" in perfcap(call).refused()
+
+
+def test_several_people_in_one_view(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    call = ["capture", pair.videos[0], "--people", "2", "--out", tmp_path]
+    assert "one view cannot be told apart" in perfcap(call).refused()
+
+
+def test_nobody_says_how_many(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    cameras = ["--cameras", pair.folder / "cameras.json"]
+    call = ["capture", *pair.videos, *cameras, "--people", "auto", "--out", tmp_path]
+    assert "say how many" in perfcap(call).refused()
+
+
+def test_a_folder_of_several_people_is_no_result_of_one(captured: Path) -> None:
+    from perfcap.errors import InputError
+
+    with pytest.raises(InputError, match="holds several people"):
+        read_result(captured)
+
+
+def test_candidates_are_read_as_they_were_written(pair: CrowdFiles) -> None:
+    names = [path.stem for path in pair.videos]
+    found, _ = read_candidates(pair.folder / "detections.npz", views=names)
+    true = pair.crowd.candidates
+    for one, other in ((found, true), (true, found)):
+        for slot, frame, view in np.argwhere((one.confidence2d > 0).any(-1).numpy()):
+            sought = one.joints2d[slot, frame, view]
+            apart = (other.joints2d[:, frame, view] - sought).abs().amax((-1, -2))
+            assert apart.min() < 1e-4
