@@ -26,6 +26,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "bundle_adjustment": (),
     "own_skeleton": (),
     "people_association": ("--seeds", "2"),
+    "people_joints": ("--sequences", "dev_duo", "--no-fewer"),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
     "solver_classics": (),
