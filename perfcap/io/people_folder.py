@@ -38,10 +38,15 @@ def people_of(folder: Path) -> tuple[Path, ...]:
         return (folder,)
     values = read_json(path, "the people of a capture", _LIMIT)
     listed = values.get("people") if isinstance(values, dict) else None
-    names = [each.get("folder") if isinstance(each, dict) else None for each in listed or ()]
+    entries = listed if isinstance(listed, list) else []
+    names = [each.get("folder") if isinstance(each, dict) else None for each in entries]
     if not names or not all(isinstance(n, str) and PERSON.fullmatch(n) for n in names):
         raise InputError(f"{path}: names no folders of people; run perfcap capture again")
-    return tuple(folder / str(name) for name in names)
+    places = tuple(folder / str(name) for name in names)
+    for place in places:
+        if place.is_symlink() or not place.is_dir():
+            raise InputError(f"{place}: is no folder of a person; run perfcap capture again")
+    return places
 
 
 def is_several(folder: Path) -> bool:
