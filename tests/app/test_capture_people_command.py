@@ -7,11 +7,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from crowd_files import SIZE, CrowdFiles, write_crowd
 from crowds import make_crowd
 from runs import Command
 
+from perfcap.app import networks
+from perfcap.app.networks import Detecting
 from perfcap.cli import main
+from perfcap.detect.detections import Detections
 from perfcap.io.detections import read_candidates
 from perfcap.io.gltf_document import open_document
 from perfcap.io.people_folder import people_of
@@ -236,3 +240,26 @@ def test_candidates_are_read_as_they_were_written(pair: CrowdFiles) -> None:
             sought = one.joints2d[slot, frame, view]
             apart = (other.joints2d[:, frame, view] - sought).abs().amax((-1, -2))
             assert apart.min() < 1e-4
+
+
+def test_networks_follow_somebody_else_in_every_slot(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, str]] = []
+
+    def detect(clip: object, detecting: Detecting, cameras: object) -> Detections:
+        asked.append((detecting.person, detecting.checkpoint.prefix))
+        joints = torch.full((3, 2, 16, 2), float(detecting.person))
+        return Detections.from_joints(joints, torch.ones(3, 2, 16))
+
+    monkeypatch.setattr(networks, "detect_clip", detect)
+    found = networks.detect_everybody(None, Detecting((), people=3), None)  # type: ignore[arg-type]
+    assert found.joints2d.shape == (3, 3, 2, 16, 2)
+    assert found.joints2d[:, 0, 0, 0, 0].tolist() == [1, 2, 3]
+    assert asked == [(k, f"slot{k}_") for k in (1, 2, 3)]
+
+
+def test_networks_are_not_told_where_one_of_several_is(
+    pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    cameras = ["--cameras", pair.folder / "cameras.json", "--people", "2", "--out", tmp_path]
+    call = ["capture", *pair.videos, *cameras, "--person", "2"]
+    assert "--person: is for one person" in perfcap(call).refused()
