@@ -35,7 +35,7 @@ from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import track_twice
+from perfcap.pipeline.track_twice import track_twice
 
 # the prior was chosen on the other clips, and the rendered sequences were made from some of these
 HELD_OUT = (

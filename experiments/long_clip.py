@@ -26,7 +26,7 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.track_motion import track_twice
+from perfcap.pipeline.track_twice import track_twice
 
 _RATE = 30.0
 _PART = 300  # frames of a random motion; a clip repeats such parts

@@ -11,9 +11,11 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.actor.pose_statistics import Mixture
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
+from perfcap.energy.pose_mixture import PoseMixture
 from perfcap.energy.trajectory import Trajectory
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -31,7 +33,10 @@ TERMS = ("joints2d", "joints3d", "targets", "trajectory", "prior")
 CONTACT = ("contact", "floor")
 """Energies of feet that stand, likewise; their weight is that of ``ContactConfig``."""
 
-_SMOOTH = ("trajectory", "prior")
+OPTIONAL = ("poses", "paths")
+"""Energies that some settings add."""
+
+_SMOOTH = ("trajectory", "prior", "poses")
 _ROOT_DEVIATION = 0.05  # m, of where estimators put a whole person
 
 
@@ -94,6 +99,7 @@ class ClipProblem:
         first: what a first solve told; None before it.
         standing: where feet stand, as a first solve showed it.
         terms: an author's own energies by name.
+        poses: recorded ones, where they are to count.
         factors: on the weights of energies, by name; learned ones may carry a graph.
     """
 
@@ -109,6 +115,7 @@ class ClipProblem:
     first: FirstSolve | None = None
     standing: Standing | None = None
     terms: Mapping[str, Term] = field(default_factory=dict)
+    poses: Mixture | None = None
     factors: Mapping[str, Tensor] = field(default_factory=dict)
 
     @property
@@ -186,6 +193,9 @@ class ClipProblem:
                 energies.pop("joints3d", None)
             places, certain = windows.targets, windows.certain
             energies["targets"] = targets_energy(self.actor, places, certain, config)
+        if self.poses is not None:
+            weight = config.prior.poses * config.prior.weight
+            energies["poses"] = PoseMixture(self.poses, weight).to(self.actor.skeleton.lower)
         if "joints3d" in energies:
             _resize(energies["joints3d"], windows)
         return Objective(energies)
@@ -248,8 +258,8 @@ def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
     """
     own = dict(energies or {})
     for name, term in own.items():
-        if name in TERMS + CONTACT:
-            taken = ", ".join(TERMS + CONTACT)
+        if name in TERMS + CONTACT + OPTIONAL:
+            taken = ", ".join(TERMS + CONTACT + OPTIONAL)
             raise InputError(f"energies: {name!r} is one of {taken}; give yours another name")
         if isinstance(term, Energy) or not callable(term):
             raise InputError(

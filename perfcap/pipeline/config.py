@@ -82,6 +82,7 @@ class PriorConfig:
     deviation: float = 1.5  # rad
     alone: float = 0.75  # rad, for one view without 3D joints, where it tells the depth of limbs
     weight: float = 1.0
+    poses: float = 0.2  # of the mixture of recorded poses, in windows of two views without 3D
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.people import Scene, one_by_one
@@ -35,7 +36,8 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.track_motion import WindowReport, track_twice
+from perfcap.pipeline.track_motion import WindowReport
+from perfcap.pipeline.track_twice import track_twice
 from perfcap.pipeline.trust import frame_evidence, judge_frames
 from perfcap.solve import Status
 
@@ -235,7 +237,8 @@ def _start(
     with clock.stage("initialize"):
         prepared = prepare(actor, cameras, detections, pose.position.gate)
         motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit, checkpoint)
-    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate)
+    poses = known_poses(actor, pose, prepared.detections)
+    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate, poses=poses)
     return _Start(problem, motion, seen, replace(config, pose=pose), bones)
 
 

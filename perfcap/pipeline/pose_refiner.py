@@ -19,7 +19,8 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
 from perfcap.pipeline.start_clip import start_clip
-from perfcap.pipeline.track_motion import loose, select, solve_windows, twice
+from perfcap.pipeline.track_motion import select, solve_windows
+from perfcap.pipeline.track_twice import loose, twice
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 

@@ -31,7 +31,7 @@ from perfcap.solve.assembly import assemble
 from perfcap.temporal.subspace import dct_basis
 
 _ITERATIONS = 15
-_NOT_DATA = ("trajectory", "prior")
+_NOT_DATA = ("trajectory", "prior", "poses")
 _TINY = 1e-12
 
 

@@ -12,8 +12,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.io.journal import Record
-from perfcap.pipeline.adapt import adapted, with_standing
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
+from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
 from perfcap.pipeline.joint_paths import with_paths
 from perfcap.pipeline.motion_blender import MotionBlender
@@ -72,6 +71,17 @@ def track_motion(
     return blender.finish(problem.actor.skeleton), reports
 
 
+def solve_each(
+    problem: ClipProblem, initial: Motion, windows: Sequence[Window], kept: Kept = NOTHING
+) -> Iterator[tuple[Motion, WindowReport]]:
+    """Motion (W,) and report of some windows, in their order; see ``track_motion``."""
+    groups = list(_batches(list(windows), problem.config.batch))
+    results = kept.each(_codec(initial.angles), partial(_solve_group, problem, initial), groups)
+    for solved, reports in results:
+        for i, report in enumerate(reports):
+            yield select(solved, i), report
+
+
 def _solve_group(
     problem: ClipProblem, initial: Motion, group: list[Window]
 ) -> tuple[Motion, list[WindowReport]]:
@@ -119,56 +129,6 @@ def solve_windows(
     method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
     bounds = angle_bounds(problem.actor)
     return solve(objective, start, method, bounds, adjoint), objective
-
-
-def track_twice(
-    problem: ClipProblem,
-    initial: Motion,
-    progress: Progress | None = None,
-    kept: Checkpoint = NO_CHECKPOINT,
-) -> tuple[Motion, list[WindowReport], ClipProblem]:
-    """Solve the windows with the stated settings, then with what that shows of errors and motion.
-
-    From the smooth motion of the first solve, the second one with its weaker prior does not
-    follow wrong detections, which it would from the frames each on its own. One view without 3D
-    joints keeps the first prior: there it alone tells depth. What the first solve shows of the
-    floor and of feet that stand is in the second one too.
-
-    Returns:
-        The motion (F,), a report for each window, and the problem that was solved last.
-    """
-    last, stands = kept.kept("track_motion"), problem.config.contact.enabled
-    if not twice(problem) and not stands:
-        return *track_motion(problem, initial, progress, last), problem
-    first = kept.kept("track_motion_first")
-    begun = loose(problem) if twice(problem) else problem
-    rough, reports = track_motion(begun, initial, _half(progress, 0), first)
-    known = adapted(problem, rough) if twice(problem) else problem
-    known = with_standing(known, rough) if stands else known
-    if known is problem or (not twice(problem) and known.standing is None):
-        return rough, reports, problem
-    if known.standing is not None:
-        rough = replace(rough, translation=rough.translation + known.standing.shift)
-    return *track_motion(known, rough, _half(progress, 1), last), known
-
-
-def twice(problem: ClipProblem) -> bool:
-    """Whether a first solve of a clip tells the second its weights and its prior."""
-    return problem.config.evidence.enabled and problem.tells_depth
-
-
-def loose(problem: ClipProblem) -> ClipProblem:
-    """The problem as it is solved the first time."""
-    config = problem.config
-    tolerance = max(config.tolerance, config.evidence.tolerance)
-    return replace(problem, config=replace(config, tolerance=tolerance))
-
-
-def _half(progress: Progress | None, which: int) -> Progress | None:
-    """What tells the progress of the first or the second of two equal parts."""
-    if progress is None:
-        return None
-    return lambda done, total: progress(which * total + done, 2 * total)
 
 
 def _codec(like: Tensor) -> Codec[tuple[Motion, list[WindowReport]]]:

@@ -51,7 +51,7 @@ class ViewErrorConfig:
     shift: float = 0.03
     rounds: int = 2
     steps: int = 30
-    correlation: float = 3.0
+    correlation: float = 8.0
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ _TERMS = {
     "joints3d": "joints in space",
     "trajectory": "smoothness",
     "prior": "pose prior",
+    "poses": "recorded poses",
+    "paths": "paths of the joints",
 }
 # name of the series in run.json, title of its line
 _OVERLAPS = (

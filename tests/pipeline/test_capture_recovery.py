@@ -88,7 +88,7 @@ def test_one_view_without_3d_stays_close_where_the_start_is_good() -> None:
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_angles_never_leave_their_limits(until: Stage, dtype: torch.dtype) -> None:
     """Joints no pose within the limits can reach push every angle against its bound."""
-    take = make_take(12, views=2, lifted=False)
+    take = make_take(12, views=3, lifted=False)
     wild = take.detections.joints2d.clone()
     random = torch.Generator().manual_seed(3)
     wild += 60 * torch.randn(wild.shape, generator=random, dtype=wild.dtype)

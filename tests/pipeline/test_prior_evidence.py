@@ -16,7 +16,7 @@ from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.objective import person_height, trajectory_prior
 from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.prior_evidence import _maximize
-from perfcap.pipeline.track_motion import track_twice
+from perfcap.pipeline.track_twice import track_twice
 from perfcap.temporal.window import Window
 
 F64 = torch.float64
