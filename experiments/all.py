@@ -20,6 +20,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "feet": (),
     "fast_motion": ("--clips", "2", "--views", "1", "4", "--frames", "50"),
     "joint_table": ("--clips", "3", "--frames", "60"),
+    "leg_swaps": ("--seeds", "1", "--frames", "40"),
     "multi_view": (),
     "noise_sweep": ("--seeds", "1", "--levels", "0", "2", "--frames", "60"),
     "occlusion": ("--seeds", "1", "--lengths", "5", "--frames", "60"),
@@ -31,6 +32,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
     "solver_classics": (),
     "solver_speed": ("--windows", "2", "--slow", "0"),
+    "trajectory_prior": ("--views", "4", "--ranks", "10", "--clips", "1", "--frames", "40"),
     "trust": (),
     "template_quality": (
         "--seeds", "1", "--frames", "6", "--smooth", "20", "--sizes", "1.1",
@@ -46,15 +48,16 @@ LONG = (
     "export_check",
     "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip", "long_surface",
     "mask_corruption", "orbit_frames", "paired_or_soft", "real_body", "real_silhouettes",
-    "report_speed", "segmentation_ablation", "silhouette_speed", "stage_ablation",
-    "surface_speed", "video_alone",
+    "report_speed", "segmentation_ablation", "shape_over_time", "silhouette_speed",
+    "stage_ablation", "surface_speed", "video_alone", "views_sweep",
 )  # fmt: skip
 
 
 # make what they need themselves
 _NO_DATA = (
     "adjoint_speed", "body_fit", "bundle_adjustment", "deformation_speed", "long_clip",
-    "own_skeleton", "paired_or_soft", "silhouette_speed", "solver_classics", "solver_speed",
+    "own_skeleton", "paired_or_soft", "shape_over_time", "silhouette_speed", "solver_classics",
+    "solver_speed",
 )  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def takes(config: Experiment, views: int, *, late: bool, moved: bool) -> Iterato
         pixels = torch.cat([part.joints2d for part in parts], 1)
         sure = torch.cat([part.confidence2d for part in parts], 1)
         stated = _moved(real, each[0], config.pixels, rng) if moved else real
-        # a view that shows the motion h half frames late shows frame f at f - h / 2
+        # a view that shows what comes h half frames later shows frame f at f - h / 2
         clock = -torch.tensor(halves / 2)
         yield Take(name, stated, real, Detections.from_joints(pixels, sure), clock, each[0])
 

@@ -31,8 +31,10 @@ def images_of(recording: Recording) -> Images:
 def clip_of(recording: Recording) -> tuple[Clip, PixelMap]:
     """The clip of a recording, and the map from its pixels to those of the calibration."""
     folder = recording.folder
-    many = folder / "videos"
-    paths = sorted(many.glob("cam*.mp4")) if many.is_dir() else [folder / "video.mp4"]
+    many = [
+        path for name in ("videos", "views") for path in sorted(folder.glob(f"{name}/cam*.mp4"))
+    ]
+    paths = many or [folder / "video.mp4"]
     frames = slice(0, recording.detections.frame_count)
     clip = Clip.open([str(path) for path in paths], frames=frames)
     maps = folder / "video_to_native.json"

@@ -74,7 +74,7 @@ class Capture:
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
     sync: Literal["auto", "none"] = "none"
-    """auto: find by how many frames, and fractions, views run ahead of the first one."""
+    """auto: find by how many frames, and fractions, views are later than the first one."""
     refine_cameras: bool = False
     """Correct small errors of where cameras stand and look, from the person's motion."""
     floor: Literal["auto", "none"] = "auto"

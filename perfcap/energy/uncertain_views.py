@@ -18,7 +18,7 @@ from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
 CLOCK = "clock"
-"""Shared: frames by which each of C views runs ahead, (C,): it shows frame f at f + clock."""
+"""Shared: frames by which each of C views is late, (C,): it shows frame f at f + clock."""
 CAMERAS = "cameras"
 """Shared: rotation vector and shift of each camera, in its own axes, (6 C,): radians, metres."""
 

@@ -59,7 +59,7 @@ class ViewErrors:
     """What was found, with standard deviations.
 
     Attributes:
-        clock: frames by which each view runs ahead of the first, (C,); None where not asked for.
+        clock: frames by which each view is later than the first, (C,); None where not asked for.
         clock_deviation: likewise, (C,).
         cameras: rotation vectors and shifts in each camera's axes, (C, 6), radians and metres.
         cameras_deviation: likewise, (C, 6).
@@ -103,7 +103,7 @@ class ViewErrors:
         if self.clock is not None and self.clock_deviation is not None:
             pairs = zip(names, self.clock.tolist(), self.clock_deviation.tolist(), strict=True)
             shown = [f"{name} {value:+.2f} ± {sure:.2f}" for name, value, sure in pairs]
-            yield f"clocks: views run ahead of {names[0]} by {', '.join(shown[1:])} frames"
+            yield f"clocks: views are later than {names[0]} by {', '.join(shown[1:])} frames"
         if self.cameras is not None:
             turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
             pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
@@ -179,7 +179,7 @@ def _liveliest(detections: Detections, frames: int) -> slice:
 
 
 def _whole_frames(cameras: Camera, detections: Detections, reach: int) -> Tensor:
-    """Frames by which each view runs ahead of the first, to the nearest, (C,)."""
+    """Frames by which each view is later than the first, to the nearest, (C,)."""
     views, reach = detections.views, min(reach, detections.frame_count // 3)
     clock = detections.joints2d.new_zeros(views)
     for _ in range(2 if views > 2 else 1):
