@@ -69,8 +69,9 @@ class Capture:
     """The last stage to run."""
     frames: str | None = None
     """Part of the clip, A:B (B exclusive)."""
-    preset: Literal["default", "monoperfcap", "muvs2017"] = "default"
-    """Measured defaults, or what Xu et al. 2018 or Huang et al. 2017 (several views) published."""
+    preset: Literal["default", "monoperfcap", "muvs2017", "rhodin2016"] = "default"
+    """Measured defaults, or what Xu et al. 2018, Huang et al. 2017 (several views) or Rhodin et al.
+    2016 (several views, raw images without silhouettes) published."""
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
     sync: Literal["auto", "none"] = "none"

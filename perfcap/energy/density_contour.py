@@ -22,7 +22,8 @@ pixels. In pixel units (one percent of the person's height) it does not depend o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import copy
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,16 +44,19 @@ Floats = NDArray[np.float64]
 
 
 class Field(Protocol):
-    """What contours gain and pay in a part of an image; ``EdgeField`` is one.
+    """What contours gain and pay in a part of an image; ``EdgeField`` is one."""
 
-    ``edges`` (2, h, w) has cosine and sine of twice the direction of edges, times their strength,
-    ``flat`` (h, w) the price of a unit of contour, arrays or tensors; ``corner`` is the row and
-    column of the first pixel.
-    """
+    @property
+    def edges(self) -> Any:
+        """Cosine and sine of twice the direction of edges, times their strength, (2, h, w)."""
 
-    edges: Any
-    flat: Any
-    corner: tuple[int, int]
+    @property
+    def flat(self) -> Any:
+        """Price of a unit of contour, (h, w)."""
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Row and column of the first pixel in the image."""
 
 
 class DensityContour(Majorized[Any]):
@@ -105,18 +109,32 @@ class DensityContour(Majorized[Any]):
         scale = (1 / torch.as_tensor(unit)).to(volume.deviations).expand(cameras.views)
         self.register_buffer("scale", scale.contiguous())
 
-    def lower_bound(self, points: Tensor) -> float:
-        """What no frame's energy is below, about points (F, Q, 3) and wherever contours are no
-        longer: all of them along edges as strong as any.
+    def lengths(self, points: Tensor) -> Tensor:
+        """Contour of each frame (F,) about points (F, Q, 3), views added up, in units."""
+        return self._priced(_Flat).values(points.detach())
+
+    def support(self, points: Tensor) -> Tensor:
+        """Share of each frame's contour that edges explain, (F,), -1 to 1, about points (F, Q, 3).
+
+        ``|grad I| cos(2 alpha)`` over the strongest edge, averaged along the contour: nothing in a
+        plain image, and nothing where texture has every direction.
         """
-        most = max((float(abs(each.edges).max()) for row in self.fields for each in row
-                    if each.flat.size), default=0.0)  # fmt: skip
-        strong = [[_Strong(each, most) for each in row] for row in self.fields]
-        volume = Volume(
-            points[0], self.deviations, self.densities, torch.zeros_like(points[0, :, 0])
-        )
-        every = DensityContour(self.points, volume, self.cameras, strong, 1.0, 1 / self.scale)
-        return -1.5 * float(every.values(points.detach()).amax())
+        along = -self._priced(_Edges).values(points.detach())
+        return along / (self._strongest() * self.lengths(points)).clamp(min=1e-9)
+
+    def lower_bound(self, points: Tensor) -> float:
+        """What no frame's energy is below about points (F, Q, 3), unless contours grow by half."""
+        return -1.5 * self._strongest() * float(self.lengths(points).amax())
+
+    def _strongest(self) -> float:
+        parts = (each for row in self.fields for each in row if each.flat.shape[0])
+        return max((float(abs(each.edges).max()) for each in parts), default=0.0)
+
+    def _priced(self, kind: Callable[[Field], Field]) -> DensityContour:
+        """The same contours in other fields, of weight one."""
+        other = copy(self)
+        other.fields = [[kind(each) for each in row] for row in self.fields]
+        return other
 
     def values(self, points: Tensor) -> Tensor:
         """The energy of each frame, (*b, F)."""
@@ -145,7 +163,7 @@ class DensityContour(Majorized[Any]):
         with torch.enable_grad():
             free = points.detach().requires_grad_()
             splats = self._splats(free)
-        if is_plain(points.detach(), self.deviations) and points.dtype == torch.float64:
+        if self._compiled_for(points.detach()):
             pulls = _Pulls(self, splats.detach(), derivatives=True)
             value, curved = pulls.value, pulls.curved
             with torch.enable_grad():
@@ -166,9 +184,9 @@ class DensityContour(Majorized[Any]):
         return Splats.seen_by(self.cameras, points, *widths)
 
     def _compiled_for(self, points: Tensor) -> bool:
-        given = (points, self.deviations, self.densities, self.cameras.translation)
+        given = (points, self.deviations, self.cameras.translation)
         tensors = any(isinstance(row[0].edges, Tensor) for row in self.fields if row)
-        return not tensors and points.dtype == torch.float64 and is_plain(*given)
+        return not tensors and is_plain(*given)
 
     def _require_frames(self, points: Tensor) -> None:
         if points.shape[-3] != len(self.fields):
@@ -211,12 +229,21 @@ class DensityContour(Majorized[Any]):
         return found
 
 
-class _Strong:
-    """A field in which every contour costs ``price``."""
+class _Flat:
+    """A field in which a unit of contour costs one."""
 
-    def __init__(self, like: Field, price: float) -> None:
+    def __init__(self, like: Field) -> None:
         self.edges = np.zeros(like.edges.shape, np.float32)
-        self.flat = np.full(like.flat.shape, price, np.float32)
+        self.flat = np.ones(like.flat.shape, np.float32)
+        self.corner = like.corner
+
+
+class _Edges:
+    """A field in which no contour has a price."""
+
+    def __init__(self, like: Field) -> None:
+        self.edges = np.asarray(like.edges, np.float32)
+        self.flat = np.zeros(like.flat.shape, np.float32)
         self.corner = like.corner
 
 
@@ -229,10 +256,10 @@ class _Pulls:
     """
 
     def __init__(self, energy: DensityContour, splats: Splats, derivatives: bool) -> None:
-        self._scale = energy.scale.to(splats.centre)
-        self.value = splats.centre.new_zeros(len(energy.fields))
-        self.curved = torch.zeros_like(splats.form)
-        self._of = [torch.zeros_like(e) for e in (splats.centre, splats.form, splats.thickness)]
+        like, splats = splats.centre, splats.map(Tensor.double)
+        scale = energy.scale.double()
+        value, curved = scale.new_zeros(len(energy.fields)), torch.zeros_like(splats.form)
+        of = [torch.zeros_like(e) for e in (splats.centre, splats.form, splats.thickness)]
         for frame, row in enumerate(energy.fields):
             for view, field in enumerate(row):
                 first = splats.centre.new_tensor([field.corner[1], field.corner[0]])
@@ -241,21 +268,18 @@ class _Pulls:
                     splats.form[frame, view].numpy(),
                     splats.thickness[frame, view].numpy(),
                 )
-                a, b, c, d = (each[frame, view].numpy() for each in (*self._of, self.curved))
+                a, b, c, d = (each[frame, view].numpy() for each in (*of, curved))
                 into = (a, b, c, d) if derivatives else None
-                found = _look(shapes, field, energy.bend, into)
-                self.value[frame] += self._scale[view] * found
+                value[frame] += scale[view] * _look(shapes, field, energy.bend, into)
+        self.value, self.curved = value.to(like), curved.to(like)
+        weights = (scale.reshape(-1, *[1] * (each.ndim - 2)) for each in of)
+        self._of = [(weight * each).to(like) for weight, each in zip(weights, of, strict=True)]
 
     def on(self, splats: Splats) -> Tensor:
         """A number whose gradient in the splats is that of the energy."""
         parts = (splats.centre, splats.form, splats.thickness)
-        return sum(
-            (
-                (self._scale.reshape(-1, *[1] * (pull.ndim - 2)) * pull * part).sum()
-                for pull, part in zip(self._of, parts, strict=True)
-            ),
-            torch.zeros((), dtype=splats.centre.dtype),
-        )
+        sums = [(pull * part).sum() for pull, part in zip(self._of, parts, strict=True)]
+        return torch.stack(sums).sum()
 
 
 def _look(

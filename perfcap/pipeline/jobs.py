@@ -29,12 +29,12 @@ from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
+from perfcap.pipeline.look import Looked, look
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.people import Scene, one_by_one
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.refine import Refinement, refine
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
@@ -167,12 +167,8 @@ def _capture_person(
         problem, judged = (moved_problem(each, transform) for each in (problem, judged))
         if images is not None:
             images = replace(images, cameras=moved_cameras(images.cameras, transform))
-    refinement: Refinement | None = None
-    if images is not None and until.needs_images:
-        with torch.no_grad():
-            more = (start.config, until, clock.stage, workers, kept)
-            refinement = refine(problem, motion, images, *more)
-        motion = refinement.motion
+    looked = look(problem, motion, images, start.config, until, clock.stage, workers, kept)
+    motion, refinement = looked.motion, looked.refinement
     return Performance(
         actor=problem.actor,
         cameras=problem.cameras,
@@ -184,9 +180,10 @@ def _capture_person(
         windows=tuple(windows),
         stages=tuple(clock.stages),
         bone_scales=start.bones,
-        warnings=(*_blind_views(detections), *_warnings(windows), *_doubts(refinement)),
-        surface=None if refinement is None else refinement.vertices,
+        warnings=(*_blind_views(detections), *_warnings(windows), *_doubts(looked)),
+        surface=looked.surface,
         refinement=refinement,
+        contours=looked.contours,
         floor=None if problem.standing is None else problem.standing.floor,
         contact=None if problem.standing is None else problem.standing.feet,
         trust=judge_frames(frame_evidence(judged, motion)),
@@ -267,8 +264,15 @@ def _warnings(windows: list[WindowReport]) -> Iterator[str]:
             )
 
 
-def _doubts(refinement: Refinement | None) -> Iterator[str]:
+def _doubts(looked: Looked) -> Iterator[str]:
     """What the images did not show, or showed against the model."""
+    refinement = looked.refinement
+    if looked.contours is not None and looked.contours.doubtful.any():
+        yield (
+            f"in {int(looked.contours.doubtful.sum())} frames hardly any edge of the images lies "
+            "along the body's outline: little light, blur, clothes like the background, or an "
+            "actor of another size; there the motion is about that of the joints alone"
+        )
     if refinement is None:
         return
     report = refinement.evidence.report()

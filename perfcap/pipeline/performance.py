@@ -23,6 +23,7 @@ from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
+from perfcap.pipeline.refine_contours import ContourRefinement
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import WindowReport
@@ -60,6 +61,7 @@ class Performance:
         warnings: what a user should know.
         surface: vertices of every frame, where the surface itself was captured.
         refinement: what the images added, where stages looked at them.
+        contours: how contours met the edges of images, where a stage did that.
         floor: that feet stand on, where they do.
         contact: probability that the left and the right foot stand, (F, 2), likewise.
         trust: how far each frame can be trusted.
@@ -79,6 +81,7 @@ class Performance:
     warnings: tuple[str, ...] = field(default=())
     surface: SurfaceFrames | None = None
     refinement: Refinement | None = None
+    contours: ContourRefinement | None = None
     floor: Floor | None = None
     contact: Tensor | None = None
     trust: Trust | None = None
@@ -200,6 +203,7 @@ class Performance:
                 if self.refinement is None
                 else {"refinement": self.refinement.report(first_frame)}
             ),
+            **({} if self.contours is None else {"contours": self.contours.report()}),
         }
 
     def _frame_energy(self) -> dict[str, list[float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perfcap.pipeline.config import MONOPERFCAP_POSE, MUVS_POSE, PoseConfig
+from perfcap.pipeline.refine_contours import ContoursConfig
 from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
     MONOPERFCAP_REFINE_SURFACE,
@@ -17,9 +18,14 @@ from perfcap.pipeline.surface_config import (
 
 @dataclass(frozen=True)
 class CaptureConfig:
-    """Everything of a capture, stage by stage."""
+    """Everything of a capture, stage by stage.
+
+    ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.
+    """
 
     pose: PoseConfig = field(default_factory=PoseConfig)
+    contours: ContoursConfig = field(default_factory=ContoursConfig)
+    segment: bool = True
     silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
     refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
     refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)
@@ -27,8 +33,18 @@ class CaptureConfig:
 
 # as published by Xu et al. 2018, as far as it is
 MONOPERFCAP = CaptureConfig(
-    MONOPERFCAP_POSE, MONOPERFCAP_SILHOUETTES, MONOPERFCAP_REFINE_POSE, MONOPERFCAP_REFINE_SURFACE
+    MONOPERFCAP_POSE,
+    silhouettes=MONOPERFCAP_SILHOUETTES,
+    refine_pose=MONOPERFCAP_REFINE_POSE,
+    refine_surface=MONOPERFCAP_REFINE_SURFACE,
 )
 # the two stages of Huang et al. 2017; with images, perfcap's own refinement comes after them
 MUVS = CaptureConfig(MUVS_POSE)
-PRESETS = {"default": CaptureConfig(), "monoperfcap": MONOPERFCAP, "muvs2017": MUVS}
+# raw images without silhouettes, as Rhodin et al. 2016; the weights are ours
+RHODIN = CaptureConfig(contours=ContoursConfig(enabled=True), segment=False)
+PRESETS = {
+    "default": CaptureConfig(),
+    "monoperfcap": MONOPERFCAP,
+    "muvs2017": MUVS,
+    "rhodin2016": RHODIN,
+}

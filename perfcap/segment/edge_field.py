@@ -69,3 +69,10 @@ def find_edges(
         np.maximum(settings.low - strength, 0),
         corner,
     )
+
+
+def shrunk(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A picture averaged to another height and width, as it is where that is its own."""
+    if image.shape[:2] == size:
+        return image
+    return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA), np.uint8)

@@ -143,6 +143,12 @@ def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command)
     assert pose["trajectory"]["rank"] == 8 and pose["reprojection"]["scale"] is None
 
 
+def test_the_preset_of_contours(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    assert perfcap(take.command(tmp_path, "--preset", "rhodin2016", "--no-overlay")).code == 0
+    settings = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert settings["contours"]["enabled"] is True and settings["segment"] is False
+
+
 def test_resume_does_nothing_only_where_all_is_done(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

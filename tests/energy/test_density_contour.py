@@ -168,6 +168,23 @@ def test_no_pose_is_below_the_bound() -> None:
     assert bound < float(energy.values(points(truth())).min()) < 0
 
 
+def test_support_tells_edges_from_texture_and_from_nothing() -> None:
+    energy, points = seen(truth())
+    here = points(truth())
+    noise = np.random.default_rng(0)
+
+    def among(edges: NDArray[np.float32]) -> DensityContour:
+        fields = [[replace(each, edges=edges) for each in row] for row in energy.fields]
+        return DensityContour(points, body()[1], energy.cameras, fields)
+
+    turns = noise.uniform(0, 2 * np.pi, energy.fields[0][0].flat.shape)
+    texture = np.stack((np.cos(turns), np.sin(turns))).astype(np.float32)
+    assert float(energy.support(here).min()) > 0.4
+    assert float(among(texture).support(here).abs().max()) < 0.1
+    assert float(among(0 * texture).support(here).abs().max()) == 0
+    assert float(energy.support(points(near(truth(), 0.1))).max()) < 0.35
+
+
 def test_an_empty_field_costs_nothing() -> None:
     energy, points = seen(truth())
     none = Seen(np.zeros((2, 0, 0), np.float32), np.zeros((0, 0), np.float32), (0, 0))

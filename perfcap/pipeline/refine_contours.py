@@ -1,0 +1,256 @@
+"""Skeleton motion whose contours meet the edges of raw images (Rhodin et al. 2016, stage II).
+
+Nothing is segmented and no background is known. The body is a volume of Gaussians; the objective is
+that of the windows, detections and temporal prior included, and the contours' energy beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.motion import Motion
+from perfcap.actor.volume import GAUSSIANS, GaussianCentres, Volume
+from perfcap.actor.volume_fit import VolumeFit, fit_volume
+from perfcap.energy.density_contour import DensityContour
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
+from perfcap.pipeline.clip_problem import ClipProblem
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.motion_blender import MotionBlender
+from perfcap.pipeline.objective import angle_bounds
+from perfcap.pipeline.track_motion import Progress
+from perfcap.render.density import Splats
+from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk
+from perfcap.solve import LevenbergMarquardt, Objective, solve
+from perfcap.temporal.window import Window, partition
+
+_EDGE = 3.5  # deviations of a Gaussian that are sure to hold its contour
+_RIM = 8  # px around a crop, for the filters
+
+
+@dataclass(frozen=True)
+class ContoursConfig:
+    """Stage II of Rhodin et al. 2016; tuned on takes of ``experiments/contour_takes.py``."""
+
+    enabled: bool = False
+    gaussians: int = GAUSSIANS
+    fit: VolumeFit = field(default_factory=VolumeFit)
+    height: float = 240.0  # px, of the person where contours are compared; taller ones are shrunk
+    weight: float = 1.0  # of a contour as long as one percent of the person's height
+    bend: float = 0.25  # px^-2, curvature of an edge of strength one
+    margin: float = 10.0  # percent of the person's height around the body, in which edges are known
+    edges: EdgeSettings = field(default_factory=EdgeSettings)
+    max_steps: int = 12
+    tolerance: float = 1e-3
+    support: float = 0.2  # share of the contour on edges below which a frame is not believed
+
+
+@dataclass(frozen=True)
+class ContourRefinement:
+    """The refined motion, and what edges say of it.
+
+    Attributes:
+        motion: (F,).
+        volume: the Gaussians whose contours met the images.
+        before: share of the contour on edges under the motion given, (F,), -1 to 1.
+        after: under the refined one.
+        least: share below which a frame is not believed.
+    """
+
+    motion: Motion
+    volume: Volume
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    least: float
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """Frames in which contours met next to no edges, (F,)."""
+        found: NDArray[np.bool_] = self.after < self.least
+        return found
+
+    def report(self) -> dict[str, list[float]]:
+        """Shares of the contour on edges, as plain values."""
+        return {
+            name: [round(float(value), 4) for value in values]
+            for name, values in (("support_before", self.before), ("support_after", self.after))
+        }
+
+
+def refine_contours(
+    problem: ClipProblem,
+    images: Images,
+    heights: Tensor,
+    motion: Motion,
+    config: ContoursConfig,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
+) -> ContourRefinement:
+    """Minimise the objective of the motion and the contours' energy, window by window.
+
+    Args:
+        problem: the actor, and the windows, detections and prior of its motion.
+        images: F frames and the cameras in their pixels.
+        heights: of the upright person in each image, (C,) px.
+        motion: (F,).
+        config: settings.
+        workers: threads; all cores when not given.
+        progress: called with (frames done, frames).
+        checkpoint: keeps the volume and finished windows.
+    """
+    volume = _volume(problem, config, checkpoint)
+    sight = _Sight.of(images, heights.to(motion.angles), config, motion.angles)
+    points = GaussianCentres(problem.actor.skeleton, volume)
+    windows = partition(motion.frames, problem.config.window, problem.config.overlap)
+
+    def refined(window: Window) -> tuple[Motion, Tensor]:
+        return _solve(problem, sight, points, volume, motion[window.index], window, config)
+
+    blender, shares = MotionBlender(), np.zeros((2, motion.frames))
+    kept = checkpoint.kept("refine_contours")
+    parts = kept.each(_codec(motion.angles), refined, windows, workers)
+    for window, (part, support) in zip(windows, parts, strict=True):
+        blender.push(window, part)
+        shares[:, window.index] = support.numpy(force=True)
+        if progress is not None:
+            progress(window.stop, motion.frames)
+    found = blender.finish(problem.actor.skeleton)
+    return ContourRefinement(found, volume, shares[0], shares[1], config.support)
+
+
+def _solve(
+    problem: ClipProblem,
+    sight: _Sight,
+    points: GaussianCentres,
+    volume: Volume,
+    motion: Motion,
+    window: Window,
+    config: ContoursConfig,
+) -> tuple[Motion, Tensor]:
+    """The motion of a window, and the share of contours on edges before and after, (2, W)."""
+    cameras = sight.cameras.frames(window.index)
+    fields = sight.fields(points(motion), volume, window)
+    contour = DensityContour(
+        points, volume, cameras, fields, config.weight, sight.unit, bend=config.bend
+    )
+    start = points(motion)
+    contour.offset = -contour.lower_bound(start)
+    terms = dict(problem.objective(window).items())
+    method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
+    objective = Objective({"contours": contour, **terms})
+    found: Motion = solve(objective, motion, method, angle_bounds(problem.actor)).state
+    return found, torch.stack([contour.support(each) for each in (start, points(found))])
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """Images in which the person is no taller than needed.
+
+    Attributes:
+        images: as they are.
+        cameras: of the shrunk ones.
+        unit: one percent of the person's height in each, (C,) px.
+        config: settings.
+    """
+
+    images: Images
+    cameras: Camera
+    unit: Tensor
+    config: ContoursConfig
+
+    @classmethod
+    def of(cls, images: Images, heights: Tensor, config: ContoursConfig, like: Tensor) -> _Sight:
+        """Shrink every view in which the person is taller than ``config.height``."""
+        cameras = images.cameras.to(like)
+        shrink = (config.height / heights).clamp(max=1.0).tolist()
+        sizes = tuple(
+            (max(1, round(height * factor)), max(1, round(width * factor)))
+            for (height, width), factor in zip(cameras.size, shrink, strict=True)
+        )
+        ratio = like.new_tensor(sizes) / like.new_tensor(cameras.size)  # C (rows, columns)
+        lens = cameras.intrinsics.clone()
+        # pixel centres are integers: the image corner is half a pixel before the first of them
+        lens[..., :2, 2] += 0.5
+        lens[..., :2, :] *= ratio.flip(-1)[..., None]
+        lens[..., :2, 2] -= 0.5
+        unit = 0.01 * heights * like.new_tensor(shrink)
+        return cls(images, replace(cameras, intrinsics=lens, size=sizes), unit, config)
+
+    def fields(self, points: Tensor, volume: Volume, window: Window) -> list[list[EdgeField]]:
+        """Edges about the Gaussians at points (W, Q, 3), ``[W][C]``."""
+        cameras = self.cameras.frames(window.index)
+        splats = Splats.seen_by(cameras, points, volume.deviations, volume.densities)
+        wide = torch.stack((splats.form[..., 2], splats.form[..., 0]), -1)
+        determinant = splats.form[..., 0] * splats.form[..., 2] - splats.form[..., 1].square()
+        reach = _EDGE * (wide / determinant[..., None]).sqrt()
+        pad = self.config.margin * self.unit[:, None]
+        low = (splats.centre - reach).amin(-2) - pad
+        high = (splats.centre + reach).amax(-2) + pad
+        columns = [
+            self._view(view, low[:, view].tolist(), high[:, view].tolist(), window)
+            for view in range(cameras.views)
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def _view(
+        self, view: int, low: list[list[float]], high: list[list[float]], window: Window
+    ) -> list[EdgeField]:
+        found, size = [], self.cameras.size[view]
+        for frame in range(window.start, window.stop):
+            (image,) = self.images.reader.read_view(view, frame, frame + 1)
+            box = _clamped(low[frame - window.start], high[frame - window.start], size)
+            found.append(_cut(shrunk(image, size), box, self.config.edges))
+        return found
+
+
+def _clamped(
+    low: list[float], high: list[float], size: tuple[int, int]
+) -> tuple[int, int, int, int]:
+    """Top, left, bottom and right of a box (x, y) within an image; empty where it is outside."""
+    far = np.array(size[::-1], dtype=np.float64)
+    first = np.clip(np.nan_to_num(low), 0, far)
+    last = np.clip(np.ceil(np.nan_to_num(high)), first, far)
+    return int(first[1]), int(first[0]), int(last[1]), int(last[0])
+
+
+def _cut(
+    image: NDArray[np.uint8], box: tuple[int, int, int, int], settings: EdgeSettings
+) -> EdgeField:
+    """Edges of a part of an image; filters see a rim around it."""
+    top, left, bottom, right = box
+    if bottom <= top or right <= left:
+        none = np.zeros((2, 0, 0), np.float32)
+        return EdgeField(none, none[0], (top, left))
+    first = max(0, top - _RIM), max(0, left - _RIM)
+    found = find_edges(image[first[0] : bottom + _RIM, first[1] : right + _RIM], settings)
+    rows = slice(top - first[0], bottom - first[0])
+    columns = slice(left - first[1], right - first[1])
+    edges = np.ascontiguousarray(found.edges[:, rows, columns])
+    return EdgeField(edges, np.ascontiguousarray(found.flat[rows, columns]), (top, left))
+
+
+def _volume(problem: ClipProblem, config: ContoursConfig, checkpoint: Checkpoint) -> Volume:
+    like = problem.pixel_unit
+
+    def parts() -> tuple[Tensor, ...]:
+        found = fit_volume(problem.actor, config.gaussians, config.fit)
+        return found.centres, found.deviations, found.densities, found.joints
+
+    return Volume(*checkpoint.kept("volume").once(tensors(like), parts)).to(like)
+
+
+def _codec(like: Tensor) -> Codec[tuple[Motion, Tensor]]:
+    motion = motions(like)
+    return Codec(
+        lambda result: {**motion.pack(result[0]), "support": result[1].numpy(force=True)},
+        lambda record: (
+            motion.unpack({k: v for k, v in record.items() if k != "support"}),
+            torch.from_numpy(record["support"]),
+        ),
+    )
