@@ -27,16 +27,9 @@ ASSUMED_CAMERA = "assumed_camera.json"
 BODY, MEASURES, BODY_PICTURE = "body.npz", "measurements.json", "body.jpg"
 PERSONAL = (BODY, MEASURES, BODY_PICTURE)  # of a body that was fitted to the person
 PEOPLE, SCENE = "people.json", "scene.glb"  # of several people, who have folders of their own
-ABOUT = (
-    OVERLAY,
-    TEXTURED,
-    METRICS,
-    PAGE,
-    ASSUMED_CAMERA,
-    *PERSONAL,
-    PEOPLE,
-    SCENE,
-)  # tell of one result
+VOLUME = "volume.npz"
+_PICTURES = (OVERLAY, TEXTURED, METRICS, PAGE)
+ABOUT = (*_PICTURES, ASSUMED_CAMERA, VOLUME, *PERSONAL, PEOPLE, SCENE)  # tell of one result
 OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
 
 WORK = ".perfcap"  # where a result grows; gone once it is complete

@@ -24,6 +24,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.volume_colors import color_volume
 from perfcap.render.density import Splats
 from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk
 from perfcap.solve import LevenbergMarquardt, Objective, solve
@@ -45,8 +46,8 @@ class ContoursConfig:
     bend: float = 0.25  # px^-2, curvature of an edge of strength one
     margin: float = 10.0  # percent of the person's height around the body, in which edges are known
     edges: EdgeSettings = field(default_factory=EdgeSettings)
-    max_steps: int = 12
-    tolerance: float = 1e-3
+    max_steps: int = 20
+    tolerance: float = 1e-4
     support: float = 0.2  # share of the contour on edges below which a frame is not believed
 
 
@@ -56,7 +57,7 @@ class ContourRefinement:
 
     Attributes:
         motion: (F,).
-        volume: the Gaussians whose contours met the images.
+        volume: the Gaussians whose contours met the images, with their colours (stage III).
         before: share of the contour on edges under the motion given, (F,), -1 to 1.
         after: under the refined one.
         least: share below which a frame is not believed.
@@ -121,6 +122,10 @@ def refine_contours(
         if progress is not None:
             progress(window.stop, motion.frames)
     found = blender.finish(problem.actor.skeleton)
+    (colors,) = checkpoint.kept("volume_colors").once(
+        tensors(motion.angles), lambda: (_colors(volume, points, found, images),)
+    )
+    volume = replace(volume, colors=colors)
     return ContourRefinement(found, volume, shares[0], shares[1], config.support)
 
 
@@ -233,6 +238,12 @@ def _cut(
     columns = slice(left - first[1], right - first[1])
     edges = np.ascontiguousarray(found.edges[:, rows, columns])
     return EdgeField(edges, np.ascontiguousarray(found.flat[rows, columns]), (top, left))
+
+
+def _colors(volume: Volume, points: GaussianCentres, motion: Motion, images: Images) -> Tensor:
+    colors = color_volume(volume, points, motion, images).colors
+    assert colors is not None
+    return colors
 
 
 def _volume(problem: ClipProblem, config: ContoursConfig, checkpoint: Checkpoint) -> Volume:

@@ -17,8 +17,9 @@ from perfcap.io.atomic import writing
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
 from perfcap.io.mask_files import save_masks
-from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE
+from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE, VOLUME
 from perfcap.io.surface_file import save_surface
+from perfcap.io.volume_file import save_volume
 from perfcap.pipeline.surface import surface_blocks
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def write_result(
 ) -> None:
     """Write motion.npz, motion.bvh, capture.glb, config.yaml and, last, run.json into a folder.
 
-    With a captured surface also surface.npz, masks/ and the surface in capture.glb. Files that are
-    read back carry the same identity.
+    With a captured surface also surface.npz, masks/ and the surface in capture.glb; with a volume
+    volume.npz. Files that are read back carry the same identity.
 
     Args:
         performance: what was captured.
@@ -58,6 +59,9 @@ def write_result(
         rate = performance.rate
         blocks = surface_blocks(surface)
         save_surface(folder / SURFACE, blocks, template.faces, numbers, rate, known)
+    if performance.contours is not None:
+        joints = performance.actor.skeleton.rig.joints
+        save_volume(folder / VOLUME, performance.contours.volume, joints)
     _write_masks(performance, folder / MASKS, first_frame, view_names)
     moving = None if surface is None else surface_blocks(surface)
     path = folder / "capture.glb"

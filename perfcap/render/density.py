@@ -13,7 +13,7 @@ everything.
 In an image, ``d_q^2 / sigma_q^2`` is a quadratic form of the distance from where the centre
 projects to, up to the third order in the angle that a Gaussian spans: its inverse is
 ``sigma_q^2 J J'`` with the derivative J of the projection, so any camera will do, lens distortion
-included. A Gaussian of 10 cm at 3 m is wrong by a thousandth of its thickness.
+included. A Gaussian of 10 cm at 5 m is wrong by two thousandths of its thickness.
 
 Letters of the paper: B is ``background``, ``sqrt(2 pi) sigma_q c_q`` the ``thickness``.
 """
