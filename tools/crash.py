@@ -3,6 +3,7 @@
     python tools/crash.py kills --count 100   # at random moments and at changes of files
     python tools/crash.py disk                # a tmpfs: full, without inodes, read-only; needs root
     python tools/crash.py clock               # time that runs backwards
+    python tools/crash.py cost                # what keeping costs, and what a kill can cost at most
 
 Takes of one view and of four are filmed small, captured with images to the surface, and resumed
 after each kill. The result must have the bits of a capture that nobody disturbed. Each capture runs
@@ -49,7 +50,8 @@ from test_checkpoint import FRAMES, SIDE, film  # noqa: E402
 
 from perfcap.actor.actor import Actor  # noqa: E402
 from perfcap.cli import main as perfcap  # noqa: E402
-from perfcap.io.journal import Journal  # noqa: E402
+from perfcap.io import models_folder  # noqa: E402
+from perfcap.io.journal import Journal, Record  # noqa: E402
 from perfcap.io.video_writer import VideoWriter  # noqa: E402
 
 CHANGES = ("replace", "mkdir", "unlink", "rmdir", "fsync")
@@ -287,13 +289,39 @@ def clock(scene: Scene, work: Path) -> Iterator[str]:
     yield f"clock backwards: codes {codes}, {'the same bits' if equal else 'FOUND: other bits'}"
 
 
+def cost(frames: int, work: Path) -> Iterator[str]:
+    """Processor time spent on keeping, and between two keeps, in a capture of the demo's video."""
+    demo = models_folder() / "demo"
+    call = ["capture", str(demo / "video.mp4"), "--actor", "sam", "--out", str(work / "cost")]
+    call += ["--cameras", str(demo / "camera.json"), "--detections", str(demo / "detections.npz")]
+    genuine, kept, spent = Journal.append, [time.process_time()], []
+
+    def timed(journal: Journal, record: Record) -> None:
+        began = time.process_time()
+        genuine(journal, record)
+        kept.append(time.process_time())
+        spent.append(kept[-1] - began)
+
+    Journal.append = timed  # type: ignore[method-assign]
+    with contextlib.suppress(SystemExit), contextlib.redirect_stderr(io.StringIO()):
+        perfcap([*call, "--frames", f"0:{frames}"])
+    Journal.append = genuine  # type: ignore[method-assign]
+    kept.append(time.process_time())  # drawing and writing the result comes after the last one
+    total, longest = kept[-1] - kept[0], float(np.diff(kept).max())
+    yield (
+        f"{frames} frames: {len(spent)} keeps took {sum(spent):.2f} of {total:.1f} CPU s "
+        f"({100 * sum(spent) / total:.2f} %); {longest:.1f} CPU s at most between two"
+    )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("kills", "disk", "clock"))
+    parser.add_argument("what", choices=("kills", "disk", "clock", "cost"))
     parser.add_argument("--count", type=int, default=100, help="kills")
     parser.add_argument("--steps", type=int, default=12, help="sizes of disks, and of inodes")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--views", type=int, nargs="+", default=[1, 4])
+    parser.add_argument("--frames", type=int, default=120, help="of 'cost'")
     options = parser.parse_args()
     bad = 0
     with tempfile.TemporaryDirectory() as name:
@@ -306,6 +334,8 @@ def main() -> int:
             lines = kills(scenes, work, options.count, options.seed)
         elif options.what == "disk":
             lines = disk(scenes[0], work, options.steps)
+        elif options.what == "cost":
+            lines = cost(options.frames, work)
         else:
             lines = clock(scenes[0], work)
         for line in lines:

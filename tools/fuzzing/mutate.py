@@ -20,6 +20,7 @@ NUMBERS = (
     *(math.nan, math.inf, -math.inf, 255, 65536, 10**9, 4294967295),
 )
 OTHERS: tuple[Any, ...] = (None, True, "", "x", "\x1b[2J", "../../x", "\0", "é" * 40, [], {}, [[]])
+_LONG = 1 << 20  # letters: what is longer is not repeated, or writing it takes longer than reading
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _DTYPES = ("f2", "f4", "f8", "i1", "u1", "i4", "i8", "u8", "?", "c16", "U3", "S2", "M8[s]", ">f8")
 _LONGEST = 1 << 20  # elements that a mutation may make
@@ -94,7 +95,8 @@ def text(rng: Random, content: str) -> str:
         if kind == 3:
             del lines[line]
         elif kind == 4:
-            lines.insert(line, lines[rng.randrange(len(lines))] * rng.choice((1, 2, 500)))
+            often = rng.choice((1, 2, 500)) if len(content) < _LONG else 1
+            lines.insert(line, lines[rng.randrange(len(lines))] * often)
         elif kind == 5:
             lines[line] = lines[line][: rng.randrange(len(lines[line]) + 1)]
         else:
