@@ -45,11 +45,10 @@ SMALL: dict[str, tuple[str, ...]] = {
 LONG = (
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
     "deformation_speed", "detector_frames", "detector_noise", "detector_photographs",
-    "export_check",
-    "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip", "long_surface",
-    "mask_corruption", "orbit_frames", "paired_or_soft", "real_body", "real_silhouettes",
-    "report_speed", "segmentation_ablation", "shape_over_time", "silhouette_speed",
-    "stage_ablation", "surface_speed", "video_alone", "views_sweep",
+    "export_check", "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip",
+    "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "pose_fusion",
+    "real_body", "real_silhouettes", "report_speed", "segmentation_ablation", "shape_over_time",
+    "silhouette_speed", "stage_ablation", "surface_speed", "video_alone", "views_sweep",
 )  # fmt: skip
 
 

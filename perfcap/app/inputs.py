@@ -24,6 +24,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.lifter import OnnxLifter
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.detect.pose_fusion import fuse_poses
 from perfcap.errors import InputError
 from perfcap.io.calibration import (
     CameraRig,
@@ -138,10 +139,16 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
     detectors = tuple(OnnxDetector(find_model(name, DETECTORS)) for name in request.detectors)
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
-        detecting = Detecting(detectors, boxes, request.person or 1, tell, checkpoint)
+        detecting = Detecting(
+            detectors, boxes, request.person or 1, tell, checkpoint, poses=lifter is not None
+        )
         if request.everybody:
             detecting = replace(detecting, people=request.count or 1)
-        return _lifted(_read(request, detecting), lifter)
+        seen = _read(request, detecting)
+        if lifter is None:
+            return seen
+        lifted = _lifted(replace(seen, detections=seen.detections.without_poses()), lifter)
+        return replace(lifted, detections=fuse_poses(lifted.detections, seen.detections))
 
 
 def _check_detections(request: InputRequest) -> None:

@@ -39,6 +39,7 @@ class Detecting:
             search.
         person: which one of a search, 1 for the surest.
         people: how many of a search are followed, each on their own; None for that one.
+        poses: whether 3D joints of the others are of use where the first one has none.
         tell: told how far it is.
         checkpoint: keeps what the network answered.
     """
@@ -49,6 +50,7 @@ class Detecting:
     tell: Tell = lambda stage, done, total: None
     checkpoint: Checkpoint = NO_CHECKPOINT
     people: int | None = None
+    poses: bool = False
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -120,7 +122,7 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
         )
         frames = _frames(clip, view, detecting.tell)
         start, camera = Start(box, detecting.person), _view(cameras, view, len(clip))
-        found.append(follow_person(first, frames, start, camera, others))
+        found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
         raise InputError(

@@ -77,6 +77,11 @@ class Detections(Record):
             trusted3d=self.trusted3d[..., index, :],
         )
 
+    def without_poses(self) -> Self:
+        """The 2D joints alone."""
+        nothing = torch.zeros_like(self.trusted3d)
+        return replace(self, joints3d=None, trusted3d=nothing)
+
     def select(self, views: list[int]) -> Self:
         """The detections of some views, in the order given."""
         return replace(

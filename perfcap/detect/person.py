@@ -12,8 +12,8 @@ from torch import Tensor
 from perfcap.detect.candidates import join_candidates
 from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.detections import Detections
-from perfcap.detect.fusion import Landmarks, fuse
-from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.detect.fusion import Landmarks, exchanged, fuse
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
 from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
 from perfcap.detect.search import centre, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
@@ -54,6 +54,7 @@ def follow_person(
     start: Start,
     camera: Camera | None = None,
     others: Sequence[CropNetwork] = (),
+    poses: bool = False,
 ) -> Detections:
     """Joints of one person in every frame of a view, (F, 1).
 
@@ -70,10 +71,11 @@ def follow_person(
         camera: the view, in pixels of the frames; turns 3D joints from the axes of each crop
             into the camera's where the manifest says they are (Mehta et al. 2017).
         others: further detectors of 2D joints.
+        poses: whether 3D joints of another network are of use where the first one has none.
 
     Returns:
         The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found. 3D
-        joints are those of the first network, if it has any.
+        joints are those of the first network, if it has any; another's are in the axes of its crop.
     """
     seen = list(_with_others(network, frames, start, others))
     looks = [None if one is None else one.look for one in seen]
@@ -82,7 +84,7 @@ def follow_person(
         return found
     size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
     further = [_helped(other, place, seen) for place, other in enumerate(others)]
-    return _fused(found, further, size.clamp(min=1.0))
+    return _fused(found, further, size.clamp(min=1.0), poses)
 
 
 def _finished(
@@ -100,15 +102,26 @@ def _helped(network: CropNetwork, place: int, seen: list[_Seen | None]) -> Detec
     return _to_detections(looks, network.joint_set)
 
 
-def _fused(first: Detections, others: Sequence[Detections], size: Tensor) -> Detections:
+def _fused(
+    first: Detections, others: Sequence[Detections], size: Tensor, poses: bool
+) -> Detections:
     """One person's detections by several networks, each (F, 1), as one."""
     marks = [Landmarks(d.joints2d[:, 0], d.confidence2d[:, 0]) for d in (first, *others)]
     whole_body = fuse(marks[0], marks[1:], size)
-    return replace(
+    found = replace(
         first,
         joints2d=whole_body.joints2d[:, None],
         confidence2d=whole_body.confidence[:, None],
     )
+    if not poses or found.joints3d is not None:
+        return found
+    for other, seen in zip(others, marks[1:], strict=True):
+        if other.joints3d is not None:
+            swapped = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
+            wrong = exchanged(seen, marks[0], size)[:, None, None, None]
+            right = torch.where(wrong, swapped, other.joints3d)
+            return replace(found, joints3d=right, trusted3d=other.trusted3d)
+    return found
 
 
 def _with_others(

@@ -131,3 +131,29 @@ def test_others_add_what_the_first_network_does_not_see() -> None:
     assert other.crops == 2  # one a frame: it does not search
     torch.testing.assert_close(both.confidence2d[..., toes], torch.full((2, 1, 2), TRUST * 0.5))
     assert errors(both.joints2d[1, 0], 150, 120, 150, 0).max() < 2
+
+
+@dataclass
+class DeepEyes(Eyes):
+    """Sees in 3D as well: joints in the plane of the image, with left and right as told."""
+
+    swaps: bool = False
+
+    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
+        flat = super().estimate(crops)
+        order = list(LANDMARKS16.mirrored()) if self.swaps else list(range(16))
+        points = flat.joints2d[:, order]
+        deep = torch.cat((points / SIDE, 0.1 * torch.arange(16.0)[order][None, :, None]), -1)
+        return Estimate(points, flat.confidence[:, order], deep)
+
+
+@pytest.mark.parametrize("swaps", [False, True])
+def test_another_networks_poses_are_taken_where_they_are_of_use(swaps: bool) -> None:
+    frames = [draw((150, 120, 150, 0)) for _ in range(2)]
+    first, other = Eyes("none", surest=0.9), DeepEyes("none", surest=0.5, swaps=swaps)
+    assert follow_person(first, iter(frames), Start(), None, [other]).joints3d is None
+    found = follow_person(first, iter(frames), Start(), None, [other], poses=True)
+    assert found.joints3d is not None and found.trusted3d.all()
+    depth = 0.1 * torch.arange(16.0)
+    expected = depth - depth[[8, 12]].mean()  # each joint its own, left and right as the first has
+    torch.testing.assert_close(found.joints3d[..., 2], expected.expand(2, 1, 16))
