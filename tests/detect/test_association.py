@@ -61,8 +61,33 @@ def test_people_are_what_their_slots_hold() -> None:
     for person, slots in zip(found.people, found.slots, strict=True):
         for frame, view in np.argwhere(slots.numpy() >= 0):
             taken = crowd.candidates.joints2d[slots[frame, view], frame, view]
-            assert torch.equal(person.joints2d[frame, view], taken)
+            assert (person.joints2d[frame, view] == taken).all(-1).sum() >= 9  # one limb may not be
         assert (person.confidence2d[slots < 0] == 0).all()
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_limbs_come_back(views: int) -> None:
+    """Arms and legs that are exchanged, or listed of both, for a few frames in one view."""
+    crowd = make_crowd(11, frames=30, views=views)
+    joints, owner = crowd.candidates.joints2d.clone(), crowd.owner
+    planted = torch.zeros(2, 30, views, 16, dtype=torch.bool)
+    for frame, view in ((5, 0), (6, 0), (15, 1), (16, 1), (25, 0)):
+        limb = slice(5, 8) if view else slice(8, 12)
+        joints[:, frame, view, limb] = joints[:, frame, view, limb].flip(0)
+        planted[:, frame, view, limb] = True
+    merged = (10, 0)
+    one = int(np.flatnonzero(owner[:, *merged] == 0)[0])
+    joints[1 - one, *merged, 12:16] = joints[one, *merged, 12:16]
+    found = associate(crowd.cameras, replace(crowd.candidates, joints2d=joints), RATE)
+    people, _ = crowd.matched(found.slots)
+    pixels = crowd.cameras.project(crowd.joints)
+    for k, person in enumerate(people):
+        seen = found.people[k]
+        off = (seen.joints2d - pixels[person]).norm(dim=-1)
+        assert (off[planted[0]] < 25).all()
+        assert (off[seen.confidence2d > 0] < 25).all()
+        dropped = (seen.confidence2d == 0).sum()
+        assert dropped == (4 if person == 1 else 0)
 
 
 def test_a_stranger_in_one_view_is_left_out() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -11,6 +11,7 @@ from torch.nn.functional import one_hot
 
 from perfcap.detect.association.config import AssociationConfig
 from perfcap.detect.association.grouping import group_views
+from perfcap.detect.association.limbs import own_limbs
 from perfcap.detect.association.settle import Settled, settle
 from perfcap.detect.association.sightings import Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
@@ -29,6 +30,7 @@ class Association:
     Attributes:
         people: of K people, the best seen one first, (F, C, 16) each.
         slots: of the candidates that are theirs, -1 where a view does not show them, (K, F, C).
+        joint_slots: the same of each joint, (K, F, C, 16): limbs may be listed as somebody else's.
         points: joints where two views see them, (K, F, 16, 3) m, else NaN.
         margin: how much farther from a person the next candidate of a view is than their own, m,
             (K, F, C); infinite where there is no other.
@@ -37,6 +39,7 @@ class Association:
 
     people: tuple[Detections, ...]
     slots: Tensor
+    joint_slots: Tensor
     points: Tensor
     margin: Tensor
     notes: tuple[str, ...]
@@ -86,10 +89,12 @@ def associate(
         settled.slots[order], settled.points[order], settled.misfit[order], settled.margin[order]
     )
     kept = [chosen[k] for k in order.tolist()]
+    joints = own_limbs(sightings, settled, rate)
     notes = (*_away(kept, joins), *_left_out(tracks, chosen), *_strangers(sightings, settled))
     return Association(
-        tuple(_of(candidates, slots) for slots in settled.slots),
+        tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
         settled.slots,
+        joints,
         settled.points,
         settled.margin,
         notes,
@@ -118,18 +123,26 @@ def _choose(
     return longest[:people]
 
 
-def _of(candidates: Detections, slots: Tensor) -> Detections:
-    """The candidates of one person, (F, C, 16), from slots (F, C)."""
-    there = slots >= 0
-    index = slots.clamp(min=0).to(candidates.joints2d.device)
+def _of(candidates: Detections, slots: Tensor, joint_slots: Tensor) -> Detections:
+    """The candidates of one person, (F, C, 16), from slots (F, C) and of joints (F, C, 16).
+
+    A 3D pose of which limbs are somebody else's is not trusted.
+    """
+    device = candidates.joints2d.device
+    own, each = slots.to(device), joint_slots.to(device)
 
     def pick(values: Tensor) -> Tensor:
-        spread = index.reshape(1, *index.shape, *[1] * (values.dim() - 3))
+        index = own if values.dim() == own.dim() + 1 else each
+        spread = index.clamp(min=0).reshape(
+            1, *index.shape, *[1] * (values.dim() - 1 - index.dim())
+        )
         chosen = values.gather(0, spread.expand(1, *values.shape[1:]))[0]
-        kept = there.to(values.device).reshape(*there.shape, *[1] * (chosen.dim() - 2))
+        kept = (index >= 0).reshape(*index.shape, *[1] * (chosen.dim() - index.dim()))
         return torch.where(kept, chosen, torch.zeros_like(chosen))
 
-    return candidates.map(pick)
+    found = candidates.map(pick)
+    whole = (each == own[..., None]).all(-1)
+    return replace(found, trusted3d=found.trusted3d & whole)
 
 
 def _away(chosen: list[Track], joins: list[tuple[int, int, float]]) -> Iterator[str]:

@@ -29,6 +29,7 @@ class AssociationConfig:
             person who was away.
         confident: detections below are not looked at.
         mirrored: what it costs to take left for right, m, where a detector does so.
+        clearer: how much nearer a limb must be to somebody else, m, to be theirs.
         twice: mean distance, as a share of the person's size in the image, of a detection that is
             listed twice.
     """
@@ -50,4 +51,5 @@ class AssociationConfig:
     bones: float = 0.06
     confident: float = 0.1
     mirrored: float = 0.02
+    clearer: float = 0.1
     twice: float = 0.02

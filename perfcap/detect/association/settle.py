@@ -63,7 +63,8 @@ def settle(sightings: Sightings, points: Tensor, rate: float) -> Settled:
 def expected(points: Tensor, rate: float, sightings: Sightings) -> Tensor:
     """Joints (K, F, J, 3) as the frames around have them; short gaps are bridged.
 
-    A mean in time with robust weights, so that one frame's mistake does not count.
+    A mean in time with robust weights that starts at the median: mistakes of a few frames do not
+    count.
     """
     config = sightings.config
     known = points.isfinite().all(-1)
@@ -73,13 +74,12 @@ def expected(points: Tensor, rate: float, sightings: Sightings) -> Tensor:
     around = torch.stack([_shifted(filled, step) for step in steps])
     time = torch.tensor([math.exp(-0.5 * (s / (config.smooth * rate)) ** 2) for s in steps])
     weights = time.to(points).reshape(-1, 1, 1, 1) * around.isfinite().all(-1)
+    mean = around.nanmedian(0).values.nan_to_num(nan=0)
     around = around.nan_to_num(nan=0)
-    robust = weights
-    for _ in range(_WEIGHING + 1):
-        total = robust.sum(0)
-        mean = (robust[..., None] * around).sum(0) / total.clamp(min=1e-9)[..., None]
+    for _ in range(_WEIGHING):
         off = (around - mean).norm(dim=-1) / (2 * config.robust)
         robust = weights / (1 + off.square())
+        mean = (robust[..., None] * around).sum(0) / robust.sum(0).clamp(min=1e-9)[..., None]
     return torch.where((weights.sum(0) > 0)[..., None], mean, torch.nan)
 
 
