@@ -44,6 +44,7 @@ SMALL: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 LONG = (
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
+    "contour_cues", "contours",
     "deformation_speed", "detector_frames", "detector_noise", "detector_photographs",
     "export_check", "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip",
     "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "pose_fusion",

@@ -124,11 +124,16 @@ class DensityContour(Majorized[Any]):
 
     def lower_bound(self, points: Tensor) -> float:
         """What no frame's energy is below about points (F, Q, 3), unless contours grow by half."""
-        return -1.5 * self._strongest() * float(self.lengths(points).amax())
+        best = self._most(lambda each: _strength(each) - np.asarray(each.flat))
+        return -1.5 * best * float(self.lengths(points).amax())
 
     def _strongest(self) -> float:
-        parts = (each for row in self.fields for each in row if each.flat.shape[0])
-        return max((float(abs(each.edges).max()) for each in parts), default=0.0)
+        return self._most(_strength)
+
+    def _most(self, of: Callable[[Field], NDArray[Any]]) -> float:
+        """Largest value of a function of the fields' pixels; 0 where there are none."""
+        whole = (each for row in self.fields for each in row if 0 not in each.flat.shape)
+        return max((float(of(each).max()) for each in whole), default=0.0)
 
     def _priced(self, kind: Callable[[Field], Field]) -> DensityContour:
         """The same contours in other fields, of weight one."""
@@ -227,6 +232,12 @@ class DensityContour(Majorized[Any]):
                 bent = torch.where(depth[0] > 0, bent, 0.0)[None]
                 found[frame, view] = _density_torch.gather(centre, form, thickness, bent, LEAST)[0]
         return found
+
+
+def _strength(field: Field) -> NDArray[Any]:
+    """Of the edges of a field, (h, w)."""
+    strength: NDArray[Any] = np.hypot(*np.asarray(field.edges))
+    return strength
 
 
 class _Flat:

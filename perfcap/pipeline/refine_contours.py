@@ -106,7 +106,7 @@ def refine_contours(
         checkpoint: keeps the volume and finished windows.
     """
     volume = _volume(problem, config, checkpoint)
-    sight = _Sight.of(images, heights.to(motion.angles), config, motion.angles)
+    sight = ContourSight.of(images, heights.to(motion.angles), config, motion.angles)
     points = GaussianCentres(problem.actor.skeleton, volume)
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
 
@@ -131,7 +131,7 @@ def refine_contours(
 
 def _solve(
     problem: ClipProblem,
-    sight: _Sight,
+    sight: ContourSight,
     points: GaussianCentres,
     volume: Volume,
     motion: Motion,
@@ -154,7 +154,7 @@ def _solve(
 
 
 @dataclass(frozen=True)
-class _Sight:
+class ContourSight:
     """Images in which the person is no taller than needed.
 
     Attributes:
@@ -170,7 +170,9 @@ class _Sight:
     config: ContoursConfig
 
     @classmethod
-    def of(cls, images: Images, heights: Tensor, config: ContoursConfig, like: Tensor) -> _Sight:
+    def of(
+        cls, images: Images, heights: Tensor, config: ContoursConfig, like: Tensor
+    ) -> ContourSight:
         """Shrink every view in which the person is taller than ``config.height``."""
         cameras = images.cameras.to(like)
         shrink = (config.height / heights).clamp(max=1.0).tolist()

@@ -20,7 +20,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import RHODIN
-from perfcap.pipeline.refine_contours import ContoursConfig
+from perfcap.pipeline.refine_contours import ContoursConfig, ContourSight
 from perfcap.pipeline.stage import Stage
 from perfcap.render import ProjectedMesh, Texture, render
 
@@ -144,11 +144,9 @@ def test_without_images_only_the_motion(take: Take) -> None:
 
 
 def test_taller_people_are_shrunk(take: Take) -> None:
-    from perfcap.pipeline.refine_contours import _Sight
-
     images = Images(film(take), take.cameras)
     heights = torch.tensor([320.0, 160.0, 80.0]).double()
-    sight = _Sight.of(images, heights, QUICK.contours, heights)
+    sight = ContourSight.of(images, heights, QUICK.contours, heights)
     assert sight.cameras.size == ((130, 130), (260, 260), (260, 260))
     point = torch.tensor([[[0.1, 1.2, 0.3]]]).double()
     corner = 0.5
