@@ -33,6 +33,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.track_twice import track_twice
@@ -200,7 +201,9 @@ def tracked(take: Take, config: PoseConfig) -> Tensor:
     config = relaxed(config, take.detections, unit)
     prepared = prepare(actor, cameras, take.detections, config.position.gate)
     initial, _ = initialize(actor, cameras, prepared, config, unit)
-    problem = ClipProblem(actor, cameras, prepared.detections, config, unit, _RATE)
+    seen = prepared.detections
+    poses = known_poses(actor, config, seen)
+    problem = ClipProblem(actor, cameras, seen, config, unit, _RATE, poses=poses)
     motion, _, _ = track_twice(problem, initial)
     return actor.joints(motion)
 

@@ -4,7 +4,7 @@
 
 LIBRARY is a folder with ``clips.npz`` and ``clips.csv`` of recorded motion (mocap.cs.cmu.edu).
 Every clip is retargeted to its subject's own bones within the limits of the joints; clips of people
-named by ``--without`` and of ``--apart`` are left out and scored instead.
+named by ``--without`` are left out and scored instead; those of ``--apart`` are not looked at.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "experiments"))
 import cmu
+from fast_motion import HELD_OUT
 from rig_fit import fit_rig
 from window_problem import bare_actor
 
@@ -46,7 +47,7 @@ class Fit:
     """Gaussians."""
     without: tuple[str, ...] = ("06", "07")
     """People left out."""
-    apart: tuple[str, ...] = _RENDERED
+    apart: tuple[str, ...] = tuple(sorted({*_RENDERED, *HELD_OUT}))
     """Clips left out."""
     step: int = 6
     """Frames of the library (60 Hz) from one pose to the next."""
@@ -77,7 +78,7 @@ def angles_of(config: Fit) -> tuple[tuple[str, ...], dict[str, Floats]]:
     found = {}
     names: tuple[str, ...] = ()
     for clip in cmu.clip_names(config.library):
-        if clip in config.apart:
+        if clip in config.apart and clip[:2] not in config.without:
             continue
         actor = bare_actor(cmu.skeleton(config.library, clip))
         names = tuple(actor.skeleton.angle_names)

@@ -35,7 +35,7 @@ def test_clocks_are_found_between_frames() -> None:
     found = solve_views(actor(), take.cameras, detections, 30.0)
     assert found.clock is not None and found.clock_deviation is not None
     assert float((found.clock - LATE).abs().max()) < 0.05
-    assert float(found.clock_deviation.max()) < 0.1 and float(found.clock_deviation[0]) == 0
+    assert float(found.clock_deviation.max()) < 0.15 and float(found.clock_deviation[0]) == 0
     assert "are later than a by b +2." in next(found.sentences(["a", "b", "c"]))
     assert set(found.report(["a", "b", "c"])) == {"clock_frames"}
 
