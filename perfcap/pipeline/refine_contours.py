@@ -48,7 +48,7 @@ class ContoursConfig:
     edges: EdgeSettings = field(default_factory=EdgeSettings)
     max_steps: int = 20
     tolerance: float = 1e-4
-    support: float = 0.2  # share of the contour on edges below which a frame is not believed
+    support: float = 0.15  # share of the contour on edges below which a frame is not believed
 
 
 @dataclass(frozen=True)
