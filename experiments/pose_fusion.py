@@ -1,4 +1,4 @@
-"""3D poses of a lifter and of BlazePose, and of both together, on videos of rendered people.
+"""Poses in 3D of a lifter, of BlazePose, and of both together, on videos of rendered people.
 
 Chooses the two numbers of ``perfcap.detect.pose_fusion``. The lifter has learned from the motion
 of these people, BlazePose from nobody like them, so the lifter is better here than on others: the
