@@ -9,9 +9,11 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
+from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
-from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
+from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, seen_columns
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.second_order import SecondOrder
 from perfcap.temporal.subspace import dct_basis
 
 TRAJECTORY = "trajectory"
@@ -81,8 +83,22 @@ class JointTrajectory(Energy[Motion]):
         columns = torch.cat([parts[name] for name in sizes if name in parts], -1)
         return Linearization(residual, self.scale * frame, columns)
 
-    def second_order(self, motion: Motion, pull: Tensor) -> None:
-        """None: Gauss-Newton takes the points as straight."""
+    def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
+        """Closed form: that of the points; the paths are linear in what is shared."""
+        linearized = self.points.linearize(motion)
+        bent = point_curvature(self.points, motion, linearized, self.scale * pull)
+        if bent.border is None or bent.shared is None:
+            return bent
+        sizes = {name: size for name, size in motion.shared_sizes.items() if name in self.sees}
+        place = seen_columns(sizes, self.points.sees)
+        total = sum(sizes.values())
+        border = bent.border.new_zeros(*bent.border.shape[:-1], total)
+        border[..., place] = bent.border
+        shared = bent.shared.new_zeros(*bent.shared.shape[:-2], total, total)
+        part = shared[..., place].clone()
+        part[..., place, :] = bent.shared
+        shared[..., place] = part
+        return SecondOrder(bent.frame, border, shared)
 
     def _paths(self, motion: Motion) -> Tensor:
         """(*b, F, N, 3)."""

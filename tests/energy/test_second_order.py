@@ -11,6 +11,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
+from perfcap.energy.joint_trajectory import JointTrajectory
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.trajectory import Trajectory
@@ -81,3 +82,21 @@ def residuals(energy: Energy):
         return energy.residual(state).value
 
     return rows
+
+
+@pytest.mark.parametrize("shape", [False, True])
+def test_joint_trajectory_bends_with_its_points(shape: bool) -> None:
+    energy = JointTrajectory(ACTOR.landmarks, FRAMES, 2, unit=0.05)
+    state = energy.started(random_motion(ACTOR.skeleton, FRAMES, (2,), bones=shape))
+    state = replace(state, rotation=state.rotation.flip(-2))  # off the paths it was started on
+    pull = normal(*energy.residual(state).value.shape)
+    closed = second_order(energy, state, pull)
+    automatic = twice_differentiated(residuals(energy), state, pull)
+    assert closed is not None
+    assert automatic.frame.any()
+    scale = automatic.frame.abs().max()
+    torch.testing.assert_close(closed.frame, automatic.frame, rtol=1e-9, atol=1e-10 * scale)
+    for part in ("border", "shared") if shape else ():
+        torch.testing.assert_close(
+            getattr(closed, part), getattr(automatic, part), rtol=1e-9, atol=1e-10 * scale
+        )
