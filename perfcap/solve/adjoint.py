@@ -32,6 +32,7 @@ from perfcap.solve.implicit_step import (
 )
 from perfcap.solve.layout import Layout
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
+from perfcap.solve.majorized import Majorized
 from perfcap.solve.method import Method
 from perfcap.solve.solution import Sensitivity, Solution, Status
 from perfcap.solve.stationarity import gradient, hessian
@@ -100,6 +101,7 @@ class Implicit(Adjoint):
             rows = gradient(objective, state, layout)
         if not rows.requires_grad:
             return solution
+        _require_exact(objective)
         with torch.no_grad():
             inverse = self._inverse(objective, state, bounds, good)
         step = attach(torch.where(good.unsqueeze(-1), rows, 0), inverse)
@@ -146,6 +148,7 @@ class Unrolled(Adjoint):
             )
         if not torch.is_grad_enabled():
             return method.minimize(objective, initial, bounds)
+        _require_exact(objective)
         with torch.no_grad():
             whole = record(objective, initial, method, bounds)
         solution = whole.solution
@@ -157,6 +160,17 @@ class Unrolled(Adjoint):
             state = replay(objective, whole.steps, bounds, good, self.steps)
         kind = torch.where(good, Sensitivity.UNROLLED, Sensitivity.ZERO)
         return replace(solution, state=state, sensitivity=kind.reshape(layout.batch))
+
+
+def _require_exact(objective: Objective) -> None:
+    """Energies whose own second derivatives the solver does not know have no exact gradient."""
+    unknown = [name for name, energy in objective.items() if isinstance(energy, Majorized)]
+    if unknown:
+        raise InputError(
+            f"gradients through the solve of {', '.join(unknown)}: the solver sees only a bound on "
+            "the curvature of such energies, which would make gradients wrong without a word; "
+            "solve with Detached(), or leave them out of this solve"
+        )
 
 
 def _solved(solution: Solution[StateType], layout: Layout) -> Tensor:

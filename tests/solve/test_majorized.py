@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 
+import pytest
 import torch
 from synthetic import actor, random_motion
 from torch import Tensor
@@ -9,7 +10,16 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Landmarks
 from perfcap.energy.prior import PosePrior
-from perfcap.solve import LevenbergMarquardt, Objective, solve
+from perfcap.errors import InputError
+from perfcap.solve import (
+    Adjoint,
+    Detached,
+    Implicit,
+    LevenbergMarquardt,
+    Objective,
+    Unrolled,
+    solve,
+)
 from perfcap.solve.majorized import Expansion, Majorized
 
 F64 = torch.float64
@@ -92,3 +102,14 @@ def test_points_without_slope_do_no_harm() -> None:
     solution = solve(Objective(wells=far, prior=prior), start, LevenbergMarquardt(max_steps=3))
     assert bool(torch.isfinite(solution.state.angles).all())
     assert float(solution.terms["wells"]) == 20.0 * 3
+
+
+@pytest.mark.parametrize("adjoint", [Implicit(), Implicit("gauss_newton"), Unrolled()])
+def test_gradients_through_it_are_refused(adjoint: Adjoint) -> None:
+    energy, _, start = problem()
+    rest = torch.zeros(27, dtype=F64, requires_grad=True)
+    objective = Objective(wells=energy, prior=PosePrior(rest, 100.0, 1e-3))
+    method = LevenbergMarquardt(max_steps=2)
+    with pytest.raises(InputError, match="wells"):
+        solve(objective, start, method, adjoint=adjoint)
+    assert not solve(objective, start, method, adjoint=Detached()).state.angles.requires_grad

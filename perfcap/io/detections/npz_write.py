@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,25 +38,14 @@ def save_detections(
     Raises:
         InputError: the place cannot be written.
     """
-    seen = detections.confidence2d[..., None] > 0
-    joints2d = (detections.joints2d - pixel_offset).where(seen, 0)
-    arrays = {
-        "joints2d": _padded(joints2d, start),
-        "confidence2d": _padded(detections.confidence2d, start),
-        "joint_names": np.array(LANDMARKS),
-    }
+    arrays = _seen(detections, pixel_offset)
     if detections.joints3d is not None:
         trusted = detections.trusted3d[..., None, None]
         pose = (1000 * detections.joints3d).where(trusted, float("nan"))
-        arrays["joints3d_mm"] = _padded(pose, start, fill=np.nan)
+        arrays["joints3d_mm"] = pose
     if detections.views == 1:
-        arrays = {k: v[:, 0] if k != "joint_names" else v for k, v in arrays.items()}
-    elif views:
-        arrays["view_names"] = np.array(list(views))
-    if video_frames is not None:
-        arrays["video_frames"] = np.array(video_frames)
-    with writing(path) as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        arrays, views = {name: array[:, 0] for name, array in arrays.items()}, ()
+    _write(path, arrays, views, start, video_frames)
 
 
 def save_candidates(
@@ -80,22 +70,40 @@ def save_candidates(
     Raises:
         InputError: the place cannot be written.
     """
-    seen = candidates.confidence2d[..., None] > 0
-    joints2d = (candidates.joints2d - pixel_offset).where(seen, 0)
-    arrays = {
-        "joints2d": _padded(joints2d.movedim(0, 2), start),
-        "confidence2d": _padded(candidates.confidence2d.movedim(0, 2), start),
-        "joint_names": np.array(LANDMARKS),
+    arrays = _seen(candidates, pixel_offset)
+    arrays = {name: array.movedim(0, 2) for name, array in arrays.items()}
+    _write(path, arrays, views, start, video_frames)
+
+
+def _seen(detections: Detections, pixel_offset: float) -> dict[str, Tensor]:
+    """Joints in pixels and their confidence; zero where there are none."""
+    seen = detections.confidence2d[..., None] > 0
+    joints2d = (detections.joints2d - pixel_offset).where(seen, 0)
+    return {"joints2d": joints2d, "confidence2d": detections.confidence2d}
+
+
+def _write(
+    path: Path,
+    arrays: Mapping[str, Tensor],
+    views: Sequence[str],
+    start: int,
+    video_frames: int | None,
+) -> None:
+    """Arrays (F, ...) after frames of which nothing is known, and what readers must know."""
+    stored: dict[str, NDArray[Any]] = {
+        name: _padded(array, start, np.nan if name == "joints3d_mm" else 0.0)
+        for name, array in arrays.items()
     }
+    stored["joint_names"] = np.array(LANDMARKS)
     if views:
-        arrays["view_names"] = np.array(list(views))
+        stored["view_names"] = np.array(list(views))
     if video_frames is not None:
-        arrays["video_frames"] = np.array(video_frames)
+        stored["video_frames"] = np.array(video_frames)
     with writing(path) as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, **stored)  # type: ignore[arg-type]
 
 
-def _padded(values: Tensor, start: int, fill: float = 0.0) -> NDArray[np.float32]:
+def _padded(values: Tensor, start: int, fill: float) -> NDArray[np.float32]:
     array = values.detach().cpu().numpy().astype(np.float32)
     before = np.full((start, *array.shape[1:]), fill, np.float32)
     return np.concatenate((before, array))
