@@ -149,7 +149,7 @@ def _run(request: CaptureRequest, folder: Path, generic: Sequence[bool], work: C
     more = (*performance.warnings, *told, *check_result(performance))
     performance = replace(performance, lost=inputs.lost, warnings=more)
     with replacing(folder, last=True) as scratch:
-        _draw(request, scratch, performance, inputs)
+        _draw(request, scratch, performance, inputs, work)
         chosen.save(scratch)
         if any(networks_of(request)):
             _save_detections(scratch, given)
@@ -203,7 +203,13 @@ def _perform(
     return performance.to(like.cpu())
 
 
-def _draw(request: CaptureRequest, folder: Path, performance: Performance, inputs: Inputs) -> None:
+def _draw(
+    request: CaptureRequest,
+    folder: Path,
+    performance: Performance,
+    inputs: Inputs,
+    work: Checkpoint,
+) -> None:
     """The videos that a request asks for."""
     with progress_bars() as tell:
         for name, save in _videos(request).items():
@@ -213,6 +219,7 @@ def _draw(request: CaptureRequest, folder: Path, performance: Performance, input
                 inputs.clip,
                 inputs.pixel_map,
                 partial(tell, name.removesuffix(".mp4")),
+                work.kept(name.removesuffix(".mp4")),
             )
 
 

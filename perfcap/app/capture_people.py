@@ -145,7 +145,7 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
     cast_of = tuple(chosen)
     scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, tuple(notes))
     with replacing(folder, last=True) as scratch:
-        write_scene(request, scratch, scene, started)
+        write_scene(request, scratch, scene, started, work)
     _tell(done, crowd.inputs.clip.start)
     return all(each.complete and each.trusted for each in done)
 

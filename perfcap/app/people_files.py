@@ -26,6 +26,7 @@ from perfcap.io.detections import save_candidates, save_detections
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.people_folder import person_folder, write_people
 from perfcap.io.result_folder import DETECTIONS, OVERLAY, REPORT, SCENE
+from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.people_overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import plain, write_result
@@ -53,7 +54,7 @@ class CapturedScene:
 
 
 def write_scene(
-    request: CaptureRequest, folder: Path, scene: CapturedScene, started: float
+    request: CaptureRequest, folder: Path, scene: CapturedScene, started: float, work: Checkpoint
 ) -> None:
     """Write everybody's result and what they share into an empty folder; run.json comes last.
 
@@ -62,6 +63,7 @@ def write_scene(
         folder: exists.
         scene: what was captured.
         started: ``time.perf_counter`` when it began.
+        work: what is drawn already.
 
     Raises:
         InputError: the folder cannot be written.
@@ -76,7 +78,7 @@ def write_scene(
         save_candidates(folder / DETECTIONS, inputs.detections, **_kept(inputs))
     if request.overlay:
         with progress_bars() as tell:
-            shown = inputs.clip, inputs.pixel_map, partial(tell, "overlay")
+            shown = inputs.clip, inputs.pixel_map, partial(tell, "overlay"), work.kept("overlay")
             save_people_overlay(folder / OVERLAY, scene.people, *shown)
     write_people(folder, _who(request, scene))
     with writing(folder / "config.yaml") as file:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.io.atomic import claim, partial_path, unwritable
+from perfcap.io.video_segment import Encoder, Encoding, Packet, Segment
+
+_AHEAD = 2  # frames that x264 decodes before the one that is shown
 
 
 class VideoWriter:
@@ -43,18 +45,15 @@ class VideoWriter:
             crf: quality, 0 (lossless) to 51; 17 is visually lossless.
             preset: x264's speed, ``ultrafast`` to ``veryslow``.
         """
-        if not 0 < fps < 1e5:
-            raise ValueError(f"fps is {fps}, expected a positive number")
         self.path = Path(path)
+        self.encoding = Encoding.at(fps, crf, preset)
         self._partial = partial_path(self.path)
-        self._rate = Fraction(fps).limit_denominator(1001)
-        # with its tree of macroblocks x264 reads memory that nobody set: the same frames would
-        # not always make the same file
-        self._options = {"crf": str(crf), "preset": preset, "x264-params": "mbtree=0"}
         self._container: Any = None
         self._stream: Any = None
         self._claim: int | None = None  # descriptor of the temporary file, locked
         self._size: tuple[int, int] | None = None
+        self._encoder = Encoder(self.encoding)
+        self._first, self._decoded = 0, 0  # frame where the current part begins, packets so far
 
     def __enter__(self) -> Self:
         return self
@@ -71,22 +70,32 @@ class VideoWriter:
             self.discard()
 
     def write(self, frame: NDArray[np.uint8]) -> None:
-        """Append an RGB frame (H, W, 3); all frames have the size of the first."""
-        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
-            raise ValueError(
-                f"frame is {frame.dtype} {frame.shape}, expected uint8 (height, width, 3)"
-            )
-        size = (frame.shape[0], frame.shape[1])
-        if self._size is None:
-            with self._reporting():
-                self._begin(size)
-        elif size != self._size:
-            raise ValueError(f"frame has size {size}, the first had {self._size}")
-        # yuv420p has half the chroma pixels: odd sides get one more row or column
-        even = np.pad(frame, ((0, size[0] % 2), (0, size[1] % 2), (0, 0)), mode="edge")
-        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+        """Append an RGB frame (H, W, 3); all frames have the size of the first.
+
+        Raises:
+            ValueError: it is something else, or of another size.
+            InputError: the place cannot be written.
+        """
+        packets = self._encoder.feed(frame)
+        assert self._encoder.size is not None
         with self._reporting():
-            self._container.mux(self._stream.encode(picture))
+            self._begin(self._encoder.size)
+            self._mux(packets)
+
+    def append(self, segment: Segment) -> None:
+        """Append frames that ``self.encoding`` has encoded already.
+
+        Raises:
+            ValueError: they have another size.
+            InputError: the place cannot be written.
+        """
+        if self._size not in (None, segment.size):
+            raise ValueError(f"a segment has frames of {segment.size}, those before {self._size}")
+        with self._reporting():
+            self._begin(segment.size)
+            self._flush()
+            self._mux(segment.packets)
+            self._first = self._decoded
 
     def close(self) -> None:
         """Finish the file and give it its name.
@@ -98,7 +107,7 @@ class VideoWriter:
         if self._container is None:
             raise ValueError(f"{self.path}: no frames were written")
         with self._reporting():
-            self._container.mux(self._stream.encode())
+            self._flush()
             self._container.close()
             self._container = None
             assert self._claim is not None
@@ -132,12 +141,29 @@ class VideoWriter:
             self._claim = None
 
     def _begin(self, size: tuple[int, int]) -> None:
+        if self._container is not None:
+            return
         self._size = size
         self._claim = claim(self.path)
         self._container = av.open(
             str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
         )
-        self._stream = self._container.add_stream("libx264", self._rate, options=self._options)
-        self._stream.height = size[0] + size[0] % 2
-        self._stream.width = size[1] + size[1] % 2
-        self._stream.pix_fmt = "yuv420p"
+        options = dict(self.encoding.options)
+        self._stream = self._container.add_stream("libx264", self.encoding.rate, options=options)
+        self.encoding.shape(self._stream, size)
+        self._container.start_encoding()
+
+    def _flush(self) -> None:
+        """End the part that is being encoded."""
+        self._mux(self._encoder.finish())
+        self._first, self._encoder = self._decoded, Encoder(self.encoding)
+
+    def _mux(self, packets: Sequence[Packet]) -> None:
+        for data, place, key in packets:
+            packet = av.Packet(data)
+            packet.stream, packet.is_keyframe = self._stream, key
+            packet.time_base = 1 / self.encoding.rate
+            packet.pts, packet.dts = self._first + place, self._decoded - _AHEAD
+            packet.duration = 1
+            self._decoded += 1
+            self._container.mux(packet)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.io.clip import Clip
+from perfcap.io.video_segment import Packet, Segment
 from perfcap.io.video_writer import VideoWriter
+from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept
 from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
@@ -18,6 +21,7 @@ Image = NDArray[np.uint8]
 Painter = Callable[[int, int, Image], Image]
 
 _BATCH = 16  # frames in memory at once
+_SEGMENT = 64  # pictures that a kill may cost, and frames between two key frames at most
 _TALLEST, _WIDEST = 1080, 1920  # of the written video, pixels
 
 
@@ -27,6 +31,7 @@ def write_footage(
     frames: int,
     prepare: Callable[[slice], Painter],
     progress: Callable[[int, int], None] | None = None,
+    kept: Kept = NOTHING,
 ) -> None:
     """Paint on the frames of a clip and write them; several views side by side.
 
@@ -37,20 +42,49 @@ def write_footage(
         prepare: gives the painter of a span of frames, called span after span; painters are
             called from several threads.
         progress: called with (frames done, frames).
+        kept: segments that are drawn already.
     """
     total = min(len(clip), frames)
-    done = 0
+    length = max(_BATCH, _SEGMENT // clip.views // _BATCH * _BATCH)
+    starts = range(0, total, length)
     with VideoWriter(path, clip.fps, crf=21) as writer:
-        for views in clip.iter_views(_BATCH):
-            count = min(len(views[0]), total - done)
-            paint = prepare(slice(done, done + count))
-            for row in _painted(paint, [view[:count] for view in views]):
-                writer.write(_fit(_side_by_side(row)))
-            done += count
-            if progress is not None:
-                progress(done, total)
-            if done >= total:
-                break
+
+        def draw(start: int) -> Segment:
+            stop = min(start + length, total)
+            return writer.encoding.segment(pictures(start, stop))
+
+        def pictures(first: int, last: int) -> Iterator[Image]:
+            for start in range(first, last, _BATCH):
+                stop = min(start + _BATCH, last)
+                paint = prepare(slice(start, stop))
+                for row in _painted(paint, clip.read_views(start, stop)):
+                    yield _fit(_side_by_side(row))
+                if progress is not None:
+                    progress(stop, total)
+
+        for segment in kept.each(_SEGMENTS, draw, starts):
+            writer.append(segment)
+
+
+def _pack(segment: Segment) -> dict[str, Any]:
+    data, places, keys = zip(*segment.packets, strict=True)
+    return {
+        "data": np.frombuffer(b"".join(data), np.uint8),
+        "sizes": np.array([len(each) for each in data]),
+        "places": np.array(places),
+        "keys": np.array(keys),
+        "size": np.array(segment.size),
+    }
+
+
+def _unpack(record: dict[str, Any]) -> Segment:
+    parts = np.split(record["data"], np.cumsum(record["sizes"])[:-1])
+    packets = zip(parts, record["places"].tolist(), record["keys"].tolist(), strict=True)
+    height, width = record["size"].tolist()
+    return Segment(tuple(Packet(part.tobytes(), *more) for part, *more in packets), (height, width))
+
+
+_SEGMENTS: Codec[Segment] = Codec(_pack, _unpack)
 
 
 def _painted(paint: Painter, views: Sequence[Image]) -> Iterator[list[Image]]:

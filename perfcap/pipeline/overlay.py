@@ -13,6 +13,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.pixel_map import PixelMap
 from perfcap.io.clip import Clip
 from perfcap.pipeline.appearance import Appearance
+from perfcap.pipeline.checkpoint import NOTHING, Kept
 from perfcap.pipeline.footage import Image, Painter, write_footage
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surroundings import daylight, upright
@@ -30,6 +31,7 @@ def save_overlay(
     clip: Clip,
     pixel_map: PixelMap,
     progress: Progress | None = None,
+    kept: Kept = NOTHING,
 ) -> None:
     """Write the input with outline, skeleton and detections; several views side by side.
 
@@ -39,6 +41,7 @@ def save_overlay(
         clip: the frames.
         pixel_map: from the clip's pixels to the calibration's.
         progress: called with (frames done, frames).
+        kept: what is drawn already.
     """
     cameras = pixel_map.cameras(performance.cameras, clip.sizes)
     faces = torch.as_tensor(performance.actor.template.faces.copy())
@@ -61,7 +64,7 @@ def save_overlay(
         return paint
 
     with torch.no_grad():
-        write_footage(path, clip, performance.frames, prepare, progress)
+        write_footage(path, clip, performance.frames, prepare, progress, kept)
 
 
 def save_textured(
@@ -70,6 +73,7 @@ def save_textured(
     clip: Clip,
     pixel_map: PixelMap,
     progress: Progress | None = None,
+    kept: Kept = NOTHING,
 ) -> None:
     """Write the textured character over the dimmed input; arguments as of ``save_overlay``."""
     cameras = pixel_map.cameras(performance.cameras, clip.sizes)
@@ -95,7 +99,7 @@ def save_textured(
         return paint
 
     with torch.no_grad():
-        write_footage(path, clip, performance.frames, prepare, progress)
+        write_footage(path, clip, performance.frames, prepare, progress, kept)
 
 
 def projected(cameras: Camera, vertices: Tensor) -> tuple[Tensor, Tensor]:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from perfcap.io.calibration.pixel_map import PixelMap
 from perfcap.io.clip import Clip
+from perfcap.pipeline.checkpoint import NOTHING, Kept
 from perfcap.pipeline.footage import Image, Painter, write_footage
 from perfcap.pipeline.overlay import Progress, projected
 from perfcap.pipeline.performance import Performance
@@ -39,6 +40,7 @@ def save_people_overlay(
     clip: Clip,
     pixel_map: PixelMap,
     progress: Progress | None = None,
+    kept: Kept = NOTHING,
 ) -> None:
     """Write the input with everybody's outline, skeleton and detections; views side by side.
 
@@ -50,6 +52,7 @@ def save_people_overlay(
         clip: the frames.
         pixel_map: from the clip's pixels to the calibration's.
         progress: called with (frames done, frames).
+        kept: what is drawn already.
     """
     cameras = pixel_map.cameras(people[0].cameras, clip.sizes)
     faces, owner = _joined_faces(people)
@@ -79,7 +82,7 @@ def save_people_overlay(
 
     with torch.no_grad():
         frames = min(each.frames for each in people)
-        write_footage(path, clip, frames, prepare, progress)
+        write_footage(path, clip, frames, prepare, progress, kept)
 
 
 def _joined_faces(people: Sequence[Performance]) -> tuple[Tensor, Tensor]:

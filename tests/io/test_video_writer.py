@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from video_files import make_video, picture
+from video_files import make_video, number, picture
 
 from perfcap.errors import InputError
 from perfcap.io.video import VideoFile
@@ -45,17 +45,39 @@ def test_writer_refuses_what_is_no_frame(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_segments_are_the_frames(tmp_path: Path) -> None:
+    """Of one frame, of two and of many, between frames that are written one by one."""
+    frames = [picture(place) for place in range(40)]
+    with VideoWriter(tmp_path / "a.mp4", 30, crf=5) as writer:
+        for part in (slice(0, 1), slice(1, 3), slice(3, 20)):
+            writer.append(writer.encoding.segment(frames[part]))
+        for frame in frames[20:25]:
+            writer.write(frame)
+        writer.append(writer.encoding.segment(frames[25:]))
+    video = VideoFile(tmp_path / "a.mp4")
+    assert (len(video), video.fps) == (40, 30)
+    assert [number(frame) for frame in video.read(0, 40)] == list(range(40))
+    with (
+        pytest.raises(ValueError, match="a segment has frames"),
+        VideoWriter(tmp_path / "b.mp4", 30) as writer,
+    ):
+        writer.write(picture(0))
+        writer.append(writer.encoding.segment([picture(0, 32)]))
+    with pytest.raises(ValueError, match="no frames to encode"):
+        writer.encoding.segment([])
+
+
 def test_equal_frames_make_equal_files(tmp_path: Path) -> None:
     """Also where memory was used by others before."""
     rng = np.random.default_rng(0)
     smooth = rng.random((5, 20, 20, 3)).repeat(8, 1).repeat(8, 2)
     frames = (255 * smooth).astype(np.uint8)
     made, used = set(), []
-    for number in range(12):
+    for turn in range(12):
         with VideoWriter(tmp_path / "a.mp4", 30) as writer:
             for frame in frames:
                 writer.write(frame)
         made.add((tmp_path / "a.mp4").read_bytes())
-        used.append(np.full(40_000 * (number % 5 + 1), number, np.uint8))
-        used = used[number % 3 :]
+        used.append(np.full(40_000 * (turn % 5 + 1), turn, np.uint8))
+        used = used[turn % 3 :]
     assert len(made) == 1
