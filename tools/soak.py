@@ -92,6 +92,8 @@ def stream(frames: int, until: str) -> bool:
         step = max(1, total // 100)
         if done % step == 0:
             seen.setdefault(stage, []).append(memory())
+        if done % (10 * step) == 0:
+            _say(f"{stage}: {done} of {total}, {memory():.0f} MiB, {time.monotonic() - began:.0f} s")
 
     capture(
         *(take.actor, cameras, take.detections.frames(index), take.rate, CONFIG),

@@ -15,6 +15,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor import ActorFile, find_actor, load_actor, models_folder
 from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.io.result_folder import BODY_PICTURE
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.rigging import Person, ViewFitSettings
 
 AUTO = "auto"
@@ -85,11 +86,16 @@ class Cast:
             self.body.save(folder, BODY_PICTURE)
 
 
-def cast(casting: Casting, inputs: Inputs, tell: Callable[[str, int, int], None]) -> Cast:
+def cast(
+    casting: Casting,
+    inputs: Inputs,
+    tell: Callable[[str, int, int], None],
+    checkpoint: Checkpoint = NO_CHECKPOINT,
+) -> Cast:
     """Load an actor by name, or fit the body model to the person.
 
     One view fits it to joints alone: clothes hide how thick somebody is. Several views whose
-    images may be looked at, or masks, show that too.
+    images may be looked at, or masks, show that too; the checkpoint keeps what was found there.
 
     Raises:
         InputError: the actor cannot be read, or nobody is detected.
@@ -97,7 +103,7 @@ def cast(casting: Casting, inputs: Inputs, tell: Callable[[str, int, int], None]
     if casting.actor != AUTO:
         return Cast(load_actor(casting.actor))
     tell("body", 0, 1)
-    body = find_body(inputs, casting.body(inputs.clip.views))
+    body = find_body(inputs, casting.body(inputs.clip.views), checkpoint.of("body"))
     tell("body", 1, 1)
     template = replace(body.template, name=_NAME).rounded()
     found = body.fit.measurements

@@ -141,7 +141,7 @@ def _run(request: CaptureRequest, folder: Path, generic: Sequence[bool], work: C
     inputs, views = settled(given, wrong)
     inputs = examined(inputs, needs_images=images, detected=detected)
     with progress_bars() as tell:
-        chosen = cast(casting_of(request, request.actor[0]), inputs, tell)
+        chosen = cast(casting_of(request, request.actor[0]), inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
     told = check_actor(inputs, chosen.actor, solve_bones)

@@ -119,7 +119,7 @@ def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
 def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
     """Capture everybody and write the folder; whether all went well."""
     started = time.perf_counter()
-    matching, chosen = _cast(request, crowd)
+    matching, chosen = _cast(request, crowd, work)
     everybody = [crowd.of(track) for track in matching.tracks]
     for each in everybody:
         refuse_wrong(each)
@@ -150,7 +150,7 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
     return all(each.complete and each.trusted for each in done)
 
 
-def _cast(request: CaptureRequest, crowd: Crowd) -> tuple[Matching, list[Cast]]:
+def _cast(request: CaptureRequest, crowd: Crowd, work: Checkpoint) -> tuple[Matching, list[Cast]]:
     """Who is whom, and the actor of each person."""
     count = len(crowd.found.people)
     if len(request.actor) > 1:
@@ -159,7 +159,8 @@ def _cast(request: CaptureRequest, crowd: Crowd) -> tuple[Matching, list[Cast]]:
     found = []
     with progress_bars() as tell:
         for track in range(count):
-            chosen = cast(casting_of(request, request.actor[0]), crowd.of(track), tell)
+            casting, kept = casting_of(request, request.actor[0]), work.of(f"track{track + 1}")
+            chosen = cast(casting, crowd.of(track), tell, kept)
             for line in chosen.warnings:
                 _LOG.warning("person %d: %s", track + 1, line)
             found.append(chosen)

@@ -20,6 +20,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.clip import Clip, open_source
 from perfcap.io.late_source import LateSource
 from perfcap.pipeline.bone_lengths import spread_frames
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.images import Frames
@@ -109,12 +110,16 @@ def read_masks(chosen: ChosenFrames, folders: Sequence[Path]) -> PersonMasks:
     return PersonMasks.padded(chosen.cameras, views)
 
 
-def find_masks(chosen: ChosenFrames, actor: Actor, motion: Motion) -> PersonMasks:
-    """Masks of the chosen frames, segmented around a posed actor."""
+def find_masks(
+    chosen: ChosenFrames, actor: Actor, motion: Motion, checkpoint: Checkpoint = NO_CHECKPOINT
+) -> PersonMasks:
+    """Masks of the chosen frames, segmented around a posed actor; those that are kept are read."""
     template = actor.template
     sight = Sight(chosen.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
     heights = person_height(chosen.detections)
-    evidence = extract_silhouettes(actor, sight, chosen, motion, heights, _APART)
+    evidence = extract_silhouettes(
+        actor, sight, chosen, motion, heights, _APART, checkpoint=checkpoint
+    )
     views = [_stacked(evidence.silhouettes, view) for view in range(chosen.clip.views)]
     return PersonMasks.padded(chosen.cameras, views)
 
@@ -132,6 +137,7 @@ def fit_person(
     masks: PersonMasks | None = None,
     segment: bool = True,
     settings: ViewFitSettings | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> tuple[BodyFit, PersonMasks | None]:
     """The body of the person in some frames, and the masks it was fitted to.
 
@@ -143,6 +149,7 @@ def fit_person(
         segment: whether to find masks where there are none: joints are fitted first, and what the
             posed body covers is segmented.
         settings: of the fit.
+        checkpoint: keeps masks that were found.
     """
     detections, cameras = chosen.detections, chosen.cameras
     actor = model.actor(torch.zeros(0)).to(detections.joints2d)
@@ -153,6 +160,7 @@ def fit_person(
     if masks is None and segment:
         first = fit_body(model, cameras, detections, initial, None, height, settings=settings)
         posed = replace(first.motion, shared={})
-        masks = find_masks(chosen, Actor(first.template).to(detections.joints2d), posed)
+        person = Actor(first.template).to(detections.joints2d)
+        masks = find_masks(chosen, person, posed, checkpoint)
     found = fit_body(model, cameras, detections, initial, masks, height, settings=settings)
     return found, masks

@@ -19,6 +19,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
 from perfcap.io.result_folder import BODY
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
 
 _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
@@ -109,8 +110,10 @@ class PersonalBody:
             yield from mask_doubts(self.model, fit, self.chosen, self.masks)
 
 
-def find_body(inputs: Inputs, request: BodyRequest) -> PersonalBody:
-    """Fit a body model to the person.
+def find_body(
+    inputs: Inputs, request: BodyRequest, checkpoint: Checkpoint = NO_CHECKPOINT
+) -> PersonalBody:
+    """Fit a body model to the person; the checkpoint keeps silhouettes that were found.
 
     Raises:
         InputError: nobody is detected, or masks or the model cannot be used.
@@ -119,7 +122,7 @@ def find_body(inputs: Inputs, request: BodyRequest) -> PersonalBody:
     chosen = choose_frames(inputs, request.count)
     masks = read_masks(chosen, request.masks) if request.masks else None
     given = request.height, masks, request.silhouettes, request.settings
-    fit, masks = fit_person(model, chosen, *given)
+    fit, masks = fit_person(model, chosen, *given, checkpoint)
     return PersonalBody(model, fit, chosen, masks, request.height)
 
 

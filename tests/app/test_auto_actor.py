@@ -18,12 +18,19 @@ from takes import camera_entry, write_json, write_video
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app import fit_views
+from perfcap.cli import main
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
 from perfcap.io.fitted_body import load_fitted_body
+from perfcap.pipeline.extract_silhouettes import SilhouetteSource
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, ViewFitSettings, fit_body
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
 
 QUICK = ViewFitSettings(heights=(60.0,), steps=(10, 4))
 FRAMES, SIZE = 6, 160
@@ -125,6 +132,34 @@ def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfca
     # the character in capture.glb is this body
     again = perfcap(views.command(tmp_path, *masks_of(views, "masks"), "--resume"))
     assert again.code == 0 and not [n for n in again.notes if "--actor auto" in n]
+
+
+def test_silhouettes_found_for_the_body_are_kept(
+    views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed once they are found, a capture does not look for them again."""
+    fits: list[bool] = []
+
+    def counted(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyFit:
+        fits.append(arguments[4] is not None)
+        if fits[-1] and len(fits) < 3:
+            raise Killed
+        return quick_fit(*arguments, settings=settings)
+
+    def unwanted(*_: object) -> None:
+        raise Killed
+
+    monkeypatch.setattr(fit_views, "fit_body", counted)
+    call = [str(each) for each in views.command(tmp_path, "--until", "refine_pose")]
+    call.remove("track_motion")
+    call.remove("--until")
+    with pytest.raises(Killed):
+        main(call)
+    assert fits == [False, True]
+    monkeypatch.setattr(SilhouetteSource, "segment", unwanted)
+    with pytest.raises(Killed):  # from the stage behind
+        main([*call, "--resume"])
+    assert fits == [False, True, False, True]
 
 
 def test_an_actor_leaves_no_body_of_an_older_result(
