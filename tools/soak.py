@@ -93,7 +93,8 @@ def stream(frames: int, until: str) -> bool:
         if done % step == 0:
             seen.setdefault(stage, []).append(memory())
         if done % (10 * step) == 0:
-            _say(f"{stage}: {done} of {total}, {memory():.0f} MiB, {time.monotonic() - began:.0f} s")
+            took = time.monotonic() - began
+            _say(f"{stage}: {done} of {total}, {memory():.0f} MiB, {took:.0f} s")
 
     capture(
         *(take.actor, cameras, take.detections.frames(index), take.rate, CONFIG),
