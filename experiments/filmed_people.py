@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.io.body_model import load_body_model
 from perfcap.io.video_writer import VideoWriter
 from perfcap.render import ProjectedMesh, Texture, look_at, render
@@ -28,6 +30,8 @@ from perfcap.train.wardrobe import Wardrobe, random_outfit
 _TEXTURE = 256  # pixels
 _STEPS = (2, 2, 3)  # recorded frames between those of a video of 30 Hz: as it was, or faster
 _SEEN = 0.8  # of the image, that the motion fills
+_LEVEL, _STEEP = (-5, 25), (-15, 45)  # degrees by which cameras look down
+_FARTHEST = 2.4  # rad, that a joint turns
 
 
 @dataclass(frozen=True)
@@ -41,9 +45,19 @@ class Film:
 
 
 def films(
-    folder: Path, library: MotionLibrary, count: int, frames: int, size: int, seed: int = 0
+    folder: Path,
+    library: MotionLibrary,
+    count: int,
+    frames: int,
+    size: int,
+    seed: int = 0,
+    hard: bool = False,
 ) -> Iterator[Film]:
-    """Make so many videos; those of a seed are always the same."""
+    """Make so many videos; those of a seed are always the same.
+
+    Hard ones show what no lifter has learned: limbs turned up to 1.9 times as far as recorded,
+    seen from below and from high above.
+    """
     body = load_body_model()
     wardrobe = Wardrobe.of(actor_figure(body.actor(torch.zeros(0, dtype=torch.float64)), _TEXTURE))
     for number in range(count):
@@ -53,10 +67,11 @@ def films(
         step = int(rng.choice(_STEPS))
         fitting = [r for r in library.recordings if len(r.turns) > step * frames]
         recording = fitting[int(rng.integers(len(fitting)))]
+        recording = exaggerated(recording, rng) if hard else recording
         start = int(rng.integers(len(recording.turns) - step * frames))
         part = slice(start, start + step * frames, step)
         path = folder / f"film{number}.mp4"
-        truth = _film(path, figure, recording, part, size, rng)
+        truth = _film(path, figure, recording, part, size, rng, _STEEP if hard else _LEVEL)
         yield Film(f"{number}: {recording.name}", path, truth)
 
 
@@ -67,9 +82,10 @@ def _film(
     part: slice,
     size: int,
     rng: np.random.Generator,
+    tilt: tuple[float, float],
 ) -> Tensor:
     surfaces, joints = _moved(figure, recording, part)
-    camera = _camera(joints, size, rng)
+    camera = _camera(joints, size, rng, tilt)
     texture = Texture.from_image(torch.from_numpy(figure.texture), figure.uv, figure.faces_uv)
     behind = torch.from_numpy(Backgrounds().draw(size, rng))
     grain = rng.uniform(0, 6)
@@ -80,6 +96,23 @@ def _film(
             noisy = image + rng.normal(0, grain, (size, size, 1))
             writer.write(np.ascontiguousarray(noisy.clip(0, 255).astype(np.uint8)))
     return joints.double()
+
+
+def exaggerated(recording: Recording, rng: np.random.Generator) -> Recording:
+    """The same with the turns of joints against their parents grown by random factors."""
+    turns: list[Tensor] = []
+    for joint, parent in enumerate(PARENTS.values()):
+        own = recording.turns[:, joint].double()
+        if parent is None:
+            turns.append(own)
+            continue
+        name, above = JOINTS[joint], JOINTS.index(parent)
+        growth = rng.uniform(0, 0.9) * (1.0 if name[2:] in ("hip", "shoulder") else 0.4)
+        turn = matrix_to_rotvec(recording.turns[:, above].double().mT @ own)
+        angle = turn.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+        grown = turn / angle * ((1 + growth) * angle).clamp(max=_FARTHEST)
+        turns.append(turns[above] @ rotvec_to_matrix(grown))
+    return replace(recording, turns=torch.stack(turns, 1).to(recording.turns))
 
 
 def _moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tensor], Tensor]:
@@ -94,13 +127,15 @@ def _moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tens
     return moved, marks + there[:, None]
 
 
-def _camera(joints: Tensor, size: int, rng: np.random.Generator) -> Camera:
+def _camera(
+    joints: Tensor, size: int, rng: np.random.Generator, tilts: tuple[float, float]
+) -> Camera:
     points = joints.flatten(0, 1)
     centre = 0.5 * (points.amin(0) + points.amax(0))
     focal = float(rng.uniform(0.8, 1.8)) * size
     reach = float((points - centre).norm(dim=-1).max()) + 0.15
     distance = max(1.5, 2 * reach * focal / (_SEEN * size))
-    heading, tilt = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(-5, 25))
+    heading, tilt = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(*tilts))
     ray = [math.cos(tilt) * math.sin(heading), math.sin(tilt), math.cos(tilt) * math.cos(heading)]
     eye = centre + distance * centre.new_tensor(ray)
     rotation, translation = look_at(eye[None], centre[None], centre.new_tensor([[0.0, 1.0, 0.0]]))

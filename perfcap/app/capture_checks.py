@@ -28,7 +28,8 @@ from perfcap.pipeline.performance import Performance
 _LOG = logging.getLogger(__name__)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 _HEIGHT = (0.5, 2.6)  # m, of people
-_RATIO = (0.7, 1.45)  # of the actor's legs to those that the views show
+_RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
@@ -86,6 +87,7 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
     for finding in findings:
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+    findings += examine_cameras(inputs.rig)
     findings += examine_detections(inputs.rig, inputs.detections, coverage=False)
     clip, pixel_map = (None, None) if detected else (inputs.clip, inputs.pixel_map)
     findings += examine_take(inputs.rig, inputs.detections, clip, pixel_map)
@@ -108,7 +110,24 @@ def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, .
 
 
 def check_result(performance: Performance) -> tuple[str, ...]:
-    """Warnings about where the person is: not where anybody is filmed from."""
+    """Warnings about where the person is and how tall: as nobody is filmed, and nobody is."""
+    return (*_stature(performance), *_distance(performance))
+
+
+def _stature(performance: Performance) -> Iterator[str]:
+    """Bones are solved in several views alone, whose calibration says how long they are."""
+    if performance.bone_scales is None:
+        return
+    rest = performance.actor.skeleton.rest_landmarks
+    height = float(rest[:, 1].max() - rest[:, 1].min())
+    if not _SOLVED[0] < height < _SOLVED[1]:
+        yield (
+            f"the person is {height:.3g} m tall by the cameras; expected {_SOLVED[0]} to "
+            f"{_SOLVED[1]}, check the units and focal lengths of the calibration"
+        )
+
+
+def _distance(performance: Performance) -> tuple[str, ...]:
     local = performance.cameras.to_camera(performance.motion.translation.unsqueeze(-2))
     distance = float(local[..., 0, 2].abs().median())
     if not distance > _FAR:
@@ -156,8 +175,8 @@ def _size(inputs: Inputs, actor: Actor, solve_bones: bool) -> Iterator[str]:
     ratio = own / float(seen.nanmedian()) if bool(seen.isfinite().any()) else 1.0
     if math.isfinite(ratio) and not _RATIO[0] < ratio < _RATIO[1]:
         yield (
-            f"the actor's legs are {ratio:.2g} times as long as those that the views show; add "
-            "--bones solve, or give the actor of this person"
+            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
+            "the scale of the calibration, add --bones solve, or give the actor of this person"
         )
 
 

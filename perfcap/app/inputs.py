@@ -147,8 +147,8 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
         seen = _read(request, detecting)
         if lifter is None:
             return seen
-        lifted = _lifted(replace(seen, detections=seen.detections.without_poses()), lifter)
-        return replace(lifted, detections=fuse_poses(lifted.detections, seen.detections))
+        alone = replace(seen, detections=seen.detections.without_poses())
+        return _lifted(alone, lifter, seen.detections)
 
 
 def _check_detections(request: InputRequest) -> None:
@@ -233,12 +233,13 @@ def _require_possible(path: Path | None, rig: CameraRig) -> None:
         raise InputError(f"{path}: {finding}")
 
 
-def _lifted(inputs: Inputs, lifter: OnnxLifter | None) -> Inputs:
-    """The same with 3D poses in views that have none, where there is a lifter."""
+def _lifted(inputs: Inputs, lifter: OnnxLifter | None, seen: Detections | None = None) -> Inputs:
+    """The same with 3D poses in views that have none, where there is a lifter; others help it."""
     if lifter is None:
         return inputs
     lifted = lifter(inputs.detections, inputs.rig.cameras, inputs.clip.fps)
-    return replace(inputs, detections=lifted, warnings=(*inputs.warnings, *lifter.session.warnings))
+    more = (*inputs.warnings, *lifter.session.warnings)
+    return replace(inputs, detections=fuse_poses(lifted, seen), warnings=more)
 
 
 def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detecting) -> Detections:
@@ -278,12 +279,7 @@ def parse_frames(text: str | None) -> slice:
 
 
 def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:
-    return Detections(
-        pixel_map.to_calibration(detections.joints2d),
-        detections.confidence2d,
-        detections.joints3d,
-        detections.trusted3d,
-    )
+    return replace(detections, joints2d=pixel_map.to_calibration(detections.joints2d))
 
 
 def _camera_rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, canonical_name
+from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
@@ -164,7 +165,8 @@ def _of_file(true: FoundJoints) -> DatasetSequence:
 
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
-    values = read_archive(path, ("joints3d", "frames", "fps"), "an npz with joints3d")
+    names = ("joints3d", "frames", "fps", "joint_names")
+    values = read_archive(path, names, "an npz with joints3d")
     joints = values.get("joints3d")
     if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3) or not len(joints):
         found = "missing" if joints is None else f"of shape {joints.shape}"
@@ -178,4 +180,22 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(f"{path}: fps is {fps}, expected a positive number")
     if joints.dtype.kind not in "fiu" or not np.isfinite(joints).all():
         raise InputError(f"{path}: joints3d holds {joints.dtype} that are not all finite numbers")
+    named = values.get("joint_names")
+    if named is not None:
+        joints = values["joints3d"] = joints[:, _order(path, named)]
+    unit = unit_of(float(np.median(np.ptp(joints, axis=1).max(-1))))
+    if unit != "metres":
+        raise InputError(f"{path}: joints3d look like {unit}, expected metres; convert them")
     return values
+
+
+def _order(path: Path, named: NDArray[Any]) -> list[int]:
+    """Where each landmark is among joints with these names."""
+    names = [canonical_name(str(name)) for name in named.reshape(-1)]
+    lacking = [name for name in LANDMARKS if name not in names]
+    if lacking or len(names) != len(LANDMARKS):
+        raise InputError(
+            f"{path}: joint_names are {len(names)} names without {', '.join(lacking) or 'any more'}"
+            f"; expected the {len(LANDMARKS)} landmarks, in any order: {', '.join(LANDMARKS)}"
+        )
+    return [names.index(name) for name in LANDMARKS]

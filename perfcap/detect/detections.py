@@ -25,12 +25,15 @@ class Detections(Record):
         joints3d: (*b, F, C, J, 3), metres in the axes of the view's camera, relative to the
             middle of the hips; None when the detector has none.
         trusted3d: (*b, F, C), bool: whether a view's 3D pose may be used in a frame.
+        deviation3d: (*b, F, C), metres: how far the joints of a 3D pose are expected to be off, in
+            the mean, by what gave it; NaN where it does not say, None where nothing does.
     """
 
     joints2d: Tensor
     confidence2d: Tensor
     joints3d: Tensor | None
     trusted3d: Tensor
+    deviation3d: Tensor | None = None
 
     def __post_init__(self) -> None:
         batch = self.joints2d.shape[:-2]
@@ -44,6 +47,8 @@ class Detections(Record):
         if self.joints3d is not None:
             _require("joints3d", self.joints3d, (*batch, joints, 3))
         _require("trusted3d", self.trusted3d, tuple(batch))
+        if self.deviation3d is not None:
+            _require("deviation3d", self.deviation3d, tuple(batch))
         if self.trusted3d.dtype != torch.bool:
             raise ValueError(f"trusted3d is {self.trusted3d.dtype}, expected torch.bool")
 
@@ -75,12 +80,13 @@ class Detections(Record):
             confidence2d=self.confidence2d[..., index, :, :],
             joints3d=None if self.joints3d is None else self.joints3d[..., index, :, :, :],
             trusted3d=self.trusted3d[..., index, :],
+            deviation3d=None if self.deviation3d is None else self.deviation3d[..., index, :],
         )
 
     def without_poses(self) -> Self:
         """The 2D joints alone."""
         nothing = torch.zeros_like(self.trusted3d)
-        return replace(self, joints3d=None, trusted3d=nothing)
+        return replace(self, joints3d=None, trusted3d=nothing, deviation3d=None)
 
     def select(self, views: list[int]) -> Self:
         """The detections of some views, in the order given."""
@@ -90,6 +96,7 @@ class Detections(Record):
             confidence2d=self.confidence2d[..., views, :],
             joints3d=None if self.joints3d is None else self.joints3d[..., views, :, :],
             trusted3d=self.trusted3d[..., views],
+            deviation3d=None if self.deviation3d is None else self.deviation3d[..., views],
         )
 
     def to(self, like: Tensor) -> Self:

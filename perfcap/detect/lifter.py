@@ -106,16 +106,22 @@ class OnnxLifter:
             rate: frames a second.
 
         Returns:
-            The same with ``joints3d``; a frame is trusted where at least six joints are seen.
-            Trusted 3D poses are kept.
+            The same with ``joints3d`` and ``deviation3d``; a frame is trusted where at least six
+            joints are seen. Trusted 3D poses are kept.
         """
-        joints, _ = self.lift(detections, cameras, rate)
+        joints, spread = self.lift(detections, cameras, rate)
         seen = (detections.confidence2d > 0).sum(-1) >= _MIN_JOINTS
         if detections.joints3d is None:
-            return replace(detections, joints3d=joints, trusted3d=seen)
+            deviation = spread.mean(-1)
+            return replace(detections, joints3d=joints, trusted3d=seen, deviation3d=deviation)
         lacks = seen & ~detections.trusted3d
         joints = torch.where(lacks[..., None, None], joints, detections.joints3d)
-        return replace(detections, joints3d=joints, trusted3d=detections.trusted3d | lacks)
+        return replace(
+            detections,
+            joints3d=joints,
+            trusted3d=detections.trusted3d | lacks,
+            deviation3d=_deviation(detections, lacks, spread),
+        )
 
     def lift(self, detections: Detections, cameras: Camera, rate: float) -> tuple[Tensor, Tensor]:
         """Poses and how far they are expected to be off.
@@ -223,6 +229,13 @@ class OnnxLifter:
                     f"{manifest.path}: output {name!r} has shape {array.shape}, expected {shape} "
                     f"for {frames} frames; give a lifter that perfcap exported"
                 )
+
+
+def _deviation(detections: Detections, lacks: Tensor, spread: Tensor) -> Tensor:
+    """Expected errors (F, C) where poses are lifted, and those known before elsewhere."""
+    known = detections.deviation3d
+    others = torch.full_like(spread[..., 0], torch.nan) if known is None else known
+    return torch.where(lacks, spread.mean(-1), others)
 
 
 def _between(values: Tensor, phase: int, step: int, frames: int) -> Tensor:

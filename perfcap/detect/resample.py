@@ -32,11 +32,12 @@ def at_clock(detections: Detections, clock: Tensor) -> Detections:
     both = torch.minimum(sure, after)
     confidence = torch.where(share == 0, sure, torch.where(share == 1, after, both))
     nearest = place.round().clamp(0, frames - 1).long()
-    joints3d = detections.joints3d
+    joints3d, deviation = detections.joints3d, detections.deviation3d
     return replace(
         detections,
         joints2d=low + share[..., None] * (high - low),
         confidence2d=confidence * inside[..., None],
         joints3d=None if joints3d is None else joints3d[nearest, views],
         trusted3d=detections.trusted3d[nearest, views] & inside,
+        deviation3d=None if deviation is None else deviation[nearest, views],
     )

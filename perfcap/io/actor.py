@@ -16,6 +16,7 @@ from perfcap.io.actor_folder import (
     MESH,
     UNKNOWN,
     Manifest,
+    limited,
     load_actor_folder,
     read_manifest,
 )
@@ -112,7 +113,7 @@ def examine(name: str | Path, mapping: str | Path | None = None) -> Examination:
     unit = unit_name(correction.scale)
     return Examination(
         path,
-        imported.actor,
+        limited(imported.actor, manifest, path.parent),
         manifest,
         imported.bones.convention or "not known: joints were found by their places",
         f"in {unit}, {correction.up} up, facing {correction.ahead}",
@@ -153,14 +154,15 @@ def load_actor(name: str | Path, mapping: str | Path | None = None) -> Actor:
             that would spoil a capture.
     """
     path = find_actor(name).path
-    if mapping is None and _manifest(path).joints:
+    manifest = _manifest(path)
+    if mapping is None and manifest.joints:
         return load_actor_folder(path.parent)
     imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
     require_sound(path, imported.findings)
     for finding in imported.about_file:
         if finding.severity is Severity.WARNING:
             _LOG.warning("%s: %s", path, finding)
-    return imported.actor
+    return limited(imported.actor, manifest, path.parent)
 
 
 def _manifest(path: Path) -> Manifest:

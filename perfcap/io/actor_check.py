@@ -29,6 +29,7 @@ def examine_actor(template: Template) -> tuple[Finding, ...]:
     topology = surface_topology(template.vertices, template.faces)
     return (
         *_size(template),
+        *_chains(template),
         *_pose(template),
         *_people(template),
         *_skin(template),
@@ -44,6 +45,30 @@ def _size(template: Template) -> Iterator[Finding]:
         what = f"is {height:.2f} m tall, a grown person {SHORTEST} to {TALLEST} m"
         remedy = "state metres_per_unit in a mapping file if that is wrong"
         yield Finding(Severity.WARNING, "scale", what, remedy)
+
+
+def _chains(template: Template) -> Iterator[Finding]:
+    """Limbs whose bones hang the other way round, or on the other side."""
+    bones, parents = template.joint_bones, template.bone_parents
+
+    def below(bone: int, above: int) -> bool:
+        while bone >= 0 and bone != above:
+            bone = int(parents[bone])
+        return bone == above
+
+    limbs = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+    for side, other in ("lr", "rl"):
+        for upper, lower in limbs:
+            own, end = bones[f"{side}_{upper}"], bones[f"{side}_{lower}"]
+            crossed = below(own, end) or below(end, bones[f"{other}_{upper}"])
+            if crossed and not below(end, own):
+                names = template.bone_names
+                what = (
+                    f"{side}_{lower} is the bone {names[end]}, which does not hang on {names[own]}"
+                    f", the bone of {side}_{upper}"
+                )
+                remedy = "name the right bones in a mapping file"
+                yield Finding(Severity.ERROR, "limbs", what, remedy)
 
 
 def _pose(template: Template) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS, human_rig
-from perfcap.actor.rig import Rig, with_limits
+from perfcap.actor.rig import with_limits
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
@@ -192,17 +192,21 @@ def load_actor_folder(folder: Path) -> Actor:
         joint_bones={joint: bones[bone] for joint, bone in manifest.joints.items()},
         landmarks={n: (bones[b], np.array(p)) for n, (b, p) in manifest.landmarks.items()},
     )
-    actor = Actor(template)
-    if manifest.limits:
-        actor = Actor(template, _limited(actor.skeleton.rig, manifest, folder / MANIFEST))
-    return actor.to(torch.float64)
+    return limited(Actor(template), manifest, folder).to(torch.float64)
 
 
-def _limited(rig: Rig, manifest: Manifest, path: Path) -> Rig:
+def limited(actor: Actor, manifest: Manifest, folder: Path) -> Actor:
+    """The actor with the joint limits of its manifest.
+
+    Raises:
+        InputError: they are no limits of its angles.
+    """
+    if not manifest.limits:
+        return actor
     try:
-        return with_limits(rig, manifest.limits)
+        return Actor(actor.template, with_limits(actor.skeleton.rig, manifest.limits))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{folder / MANIFEST}: {error}") from None
 
 
 def read_manifest(path: Path) -> Manifest:

@@ -11,6 +11,8 @@ from perfcap.io.clip import END_SLACK
 from perfcap.pipeline.images import Images
 
 _FASTEST = 1e5  # frames a second, as for videos that are written
+_NORMALISED = 2.0  # pixels: nobody is so small
+_SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
 
 
 def require_matching(
@@ -37,10 +39,8 @@ def require_matching(
     kind = detections.joints2d.dtype
     if kind not in (torch.float32, torch.float64):
         raise InputError(f"detections have joints2d of {kind}, expected float32 or float64")
-    if not 0 < rate < _FASTEST:
-        raise InputError(
-            f"rate is {rate:g}, expected frames a second, above 0 and below {_FASTEST:g}"
-        )
+    require_rate(rate)
+    _require_pixels(detections)
     _require_cameras("cameras", cameras, detections)
     if images is None:
         return
@@ -53,11 +53,33 @@ def require_matching(
         )
 
 
+def require_rate(rate: float) -> None:
+    """Refuse what is no number of frames a second.
+
+    Raises:
+        InputError: it is such.
+    """
+    if not 0 < rate < _FASTEST:
+        raise InputError(
+            f"rate is {rate:g}, expected frames a second, above 0 and below {_FASTEST:g}"
+        )
+
+
+def _require_pixels(detections: Detections) -> None:
+    seen = detections.joints2d[detections.confidence2d > 0]
+    if len(seen) and bool((seen.abs() <= _NORMALISED).all()):
+        raise InputError(
+            f"detections have joints2d of {float(seen.abs().max()):.3g} at most, expected pixels; "
+            "multiply normalised joints by the size of the image"
+        )
+
+
 def require_usable(what: str, cameras: Camera, frames: int) -> None:
     """Refuse cameras without a lens, or moving (F, C) but not one a frame; ``what`` names them.
 
     Raises:
-        InputError: a focal length is zero or no number, or there are more or fewer poses.
+        InputError: a focal length is zero or no number, a rotation is none, or there are more or
+            fewer poses.
     """
     parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
     if not all(part.is_floating_point() for part in parts):
@@ -71,6 +93,13 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
         raise InputError(
             f"{what} have focal lengths of {focal.flatten().tolist()[:8]} px, expected numbers "
             "other than zero in intrinsics[..., 0, 0] and [..., 1, 1]"
+        )
+    turns = cameras.rotation.detach().double()
+    skewed = (turns @ turns.mT - torch.eye(3).to(turns)).abs().amax()
+    if not bool((skewed < _SKEWED) & (torch.linalg.det(turns) > 0).all()):
+        raise InputError(
+            f"{what} have a rotation that is none (rows off a right angle or unit length by up to "
+            f"{float(skewed):.2g}, or a mirror image); expected world to camera, OpenCV axes"
         )
     if cameras.moving and len(cameras.intrinsics) != frames:
         raise InputError(

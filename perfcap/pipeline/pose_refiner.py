@@ -16,6 +16,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.input_checks import require_rate
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
 from perfcap.pipeline.start_clip import start_clip
@@ -93,6 +94,7 @@ class PoseRefiner(nn.Module):
         super().__init__()
         self.actor = actor
         self.joint_set = _known(joint_set)
+        require_rate(rate)
         self.rate = rate
         self.config = _without(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
@@ -131,9 +133,11 @@ class PoseRefiner(nn.Module):
             rate: frames a second, of all these clips; the module's if not given.
 
         Raises:
-            InputError: shapes that do not fit, a clip without anybody in it, or 3D joints that are
-                not in metres.
+            InputError: shapes that do not fit, a clip without anybody in it, 3D joints that are
+                not in metres, or a rate that is none.
         """
+        rate = self.rate if rate is None else rate
+        require_rate(rate)
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):
             raise InputError(
@@ -143,9 +147,7 @@ class PoseRefiner(nn.Module):
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
-            started = [
-                start_clip(self.actor, each, self.config, rate or self.rate) for each in estimates
-            ]
+            started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])

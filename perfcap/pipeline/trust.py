@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.objective import pose_objective
@@ -18,13 +19,19 @@ from perfcap.solve.energy import Energy
 
 FEATURES = (
     "pixels", "worst_pixels", "support", "least_support", "space", "worst_space", "no_space",
-    "spread", "views",
+    "spread", "views", "deviation",
 )  # fmt: skip
 # Logistic regression of bad frames and linear regression of the log error (mm) on the evidence, the
 # last number the constant: 6760 frames of captures of 14 clips of the CMU library, in one, two and
 # six simulated views, with usual and with 2.2 times the errors, parts hidden, without 3D poses.
-_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.953)
-_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 5.169)
+# Nothing said there how far 3D poses may be off.
+_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.0, 0.953)
+_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0, 5.169)
+# The same where one view sees the person and something says how far its 3D poses may be off: 2788
+# frames of 75 videos of rendered people, captured from the video alone; a tenth of the good frames
+# is named (experiments/trust_video.py).
+_BAD_LIFTED = (0.345, 0.288, -1.11, -0.088, -1.188, 0.54, 0.807, 0.56, -0.535, 0.883, 0.2)
+_ERROR_LIFTED = (0.151, 0.085, -0.518, -0.001, -0.791, 0.293, 0.07, 0.155, 1.138, 0.473, 3.779)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
@@ -32,6 +39,7 @@ _FEW = math.log(0.15)  # log of detections that agree
 _FAR_OFF = math.log(4.0)  # log percent of the person's height
 _ELSEWHERE = math.log(0.14)  # log m
 _ONE_VIEW = math.log(2.5)
+_UNSURE = math.log(0.1)  # m
 _STRETCH = 200  # frames whose covariances are held at once
 _AROUND = 0.1  # s, of frames that a frame is judged with
 _OUTLIER, _LOST = 4.0, 20.0  # percent of the person's height: a detection that does not agree
@@ -43,7 +51,7 @@ _DAMPING = 1e-6  # relative to the largest curvature
 
 @torch.no_grad()
 def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
-    """What tells good frames from bad ones, (F, 9), in the order of ``FEATURES``.
+    """What tells good frames from bad ones, (F, 10), in the order of ``FEATURES``.
 
     Means over a tenth of a second to either side of:
 
@@ -55,7 +63,9 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
       no_space: 1 where no 3D pose is trusted;
     - spread: log of the largest deviation (m) of a joint about the mean of all, from the
       covariance of the solve (the inverse curvature of its data and its pose prior);
-    - views: log of one plus the number of views that see the person.
+    - views: log of one plus the number of views that see the person;
+    - deviation: log of the error (m) that 3D poses are expected to have, the least of all views;
+      NaN where nothing says.
 
     What detectors call confidence is not used: they mean different things by it.
 
@@ -97,8 +107,18 @@ def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> 
         _around(none, reach),
         (_spread(list(energies.values()), problem, motion, reach) + 1e-3).log(),
         _around(known.any(-1).sum(-1).to(unit).log1p(), reach),
+        _around(_deviation(seen), reach).log(),
     )
     return torch.stack(features, -1)
+
+
+def _deviation(seen: Detections) -> Tensor:
+    """Expected error of the best 3D pose of each frame, (F,) metres; NaN where unknown."""
+    if seen.deviation3d is None:
+        return torch.full_like(seen.confidence2d[:, 0, 0], torch.nan)
+    known = seen.trusted3d & seen.deviation3d.isfinite()
+    least = torch.where(known, seen.deviation3d, torch.inf).amin(-1)
+    return torch.where(least.isfinite(), least, torch.nan)
 
 
 def _around(values: Tensor, reach: int) -> Tensor:
@@ -201,11 +221,15 @@ class Trust:
 
 
 def judge_frames(evidence: Tensor) -> Trust:
-    """Trust from the evidence of each frame, (F, 9)."""
-    weights = evidence.new_tensor(_BAD)
-    value = torch.sigmoid(-(evidence @ weights[:-1] + weights[-1]))
-    weights = evidence.new_tensor(_ERROR)
-    error = (evidence @ weights[:-1] + weights[-1]).exp()
+    """Trust from the evidence of each frame, (F, 10)."""
+    deviation, views = evidence[:, -1:], evidence[:, FEATURES.index("views")]
+    alone = deviation[:, 0].isfinite() & (views < _ONE_VIEW)
+    given = torch.cat((evidence[:, :-1], deviation.nan_to_num(), torch.ones_like(deviation)), -1)
+    bad, error = (
+        torch.where(alone, given @ given.new_tensor(lifted), given @ given.new_tensor(others))
+        for lifted, others in ((_BAD_LIFTED, _BAD), (_ERROR_LIFTED, _ERROR))
+    )
+    value, error = torch.sigmoid(-bad), error.exp()
     spans = ranges(value < THRESHOLD)
     doubtful = tuple((a, b, _reason(evidence[a:b].mean(0))) for a, b in spans)
     return Trust(value, error, doubtful)
@@ -220,6 +244,8 @@ def _reason(evidence: Tensor) -> str:
         return "the motion does not project onto the detected joints"
     if found["no_space"] > 0.5 and found["views"] < _ONE_VIEW:
         return "one view without 3D poses that can be trusted, where depth is a guess"
+    if found["deviation"] > _UNSURE and found["views"] < _ONE_VIEW:
+        return "what gave the 3D poses of the one view is not sure of them"
     if found["space"] > _ELSEWHERE:
         return "the 3D poses disagree with the motion"
     return "detections contradict each other or leave the pose open"

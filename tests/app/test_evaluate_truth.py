@@ -15,6 +15,7 @@ import torch
 from runs import Command
 from synthetic import cameras as circle
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.surface_file import save_surface
 from perfcap.render import rasterize
 
@@ -122,6 +123,28 @@ def test_a_data_set_by_name(tmp_path: Path, perfcap: Command) -> None:
     assert not (tmp_path / "r" / "metrics.json").exists()
     line = perfcap(arguments).refused()
     assert "--sequence" in line and "pose2sim_balancing" in line
+
+
+def test_joints_of_a_truth_have_their_names(tmp_path: Path, perfcap: Command) -> None:
+    joints = np.random.default_rng(0).normal(size=(3, 16, 3))
+    save_motion(tmp_path / "r", joints)
+    order = np.random.default_rng(1).permutation(16)
+    names = np.array([name.title() for name in LANDMARKS])[order]
+    np.savez(tmp_path / "truth.npz", joints3d=joints[:, order], joint_names=names)
+    assert perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).code == 0
+    assert metrics_of(tmp_path / "r")["mpjpe_mm"] < 1e-6
+    np.savez(tmp_path / "truth.npz", joints3d=joints, joint_names=np.array(["a"] * 16))
+    line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).refused()
+    assert "joint_names are 16 names without head_top" in line
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "millimetres"), (1e-3, "another unit")])
+def test_truths_in_metres(tmp_path: Path, perfcap: Command, factor: float, unit: str) -> None:
+    joints = np.random.default_rng(0).normal(size=(3, 16, 3))
+    save_motion(tmp_path / "r", joints)
+    np.savez(tmp_path / "truth.npz", joints3d=factor * joints)
+    line = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).refused()
+    assert f"joints3d look like {unit}, expected metres" in line
 
 
 @pytest.mark.parametrize(

@@ -67,3 +67,23 @@ def test_without_other_poses_nothing_changes() -> None:
     assert fuse_poses(detections(None), first).joints3d is None
     nobody = replace(first, trusted3d=torch.zeros_like(first.trusted3d))
     assert torch.equal(fuse_poses(first, nobody).joints3d, first.joints3d)  # type: ignore[arg-type]
+
+
+def test_poses_that_contradict_are_expected_to_be_far_off() -> None:
+    first, other = poses(1), poses(2, 0.002)
+    other[3] = poses(3, 0.8)[3]
+    said = torch.full((5, 2), 0.05, dtype=F64)
+    said[4] = 0.1
+    given = replace(detections(first), deviation3d=said)
+    found = fuse_poses(given, detections(other)).deviation3d
+    alone = fuse_poses(given, None).deviation3d
+    assert found is not None and alone is not None
+    assert found[3].min() > 3 * found[:3].max()
+    assert found[4].min() > 1.5 * found[:3].max()
+    assert (found[:3] < alone[:3]).all() and alone[4].min() > 2 * alone[0].max()
+    blind = detections(other)
+    blind.trusted3d[2] = False
+    partly = fuse_poses(given, blind).deviation3d
+    assert partly is not None
+    torch.testing.assert_close(partly[2], alone[2])
+    assert fuse_poses(detections(first), detections(other)).deviation3d is None

@@ -111,6 +111,18 @@ def test_rest_poses_far_from_a_and_t_are_told(
     assert any(what in finding.what and finding.severity is severity for finding in found)
 
 
+@pytest.mark.parametrize(
+    ("one", "other"), [("l_elbow", "l_wrist"), ("l_elbow", "r_elbow"), ("r_knee", "r_hip")]
+)
+def test_limbs_put_together_wrongly_are_told(one: str, other: str) -> None:
+    template = joined()
+    assert "limbs" not in told(template)
+    bones = dict(template.joint_bones)
+    bones[one], bones[other] = bones[other], bones[one]
+    severity, what = told(replace(template, joint_bones=bones))["limbs"]
+    assert severity is Severity.ERROR and "does not hang on" in what
+
+
 def test_two_people_are_told() -> None:
     one, shift = joined(), np.array([1.0, 0, 0])
     rest = one.bone_rest.copy()

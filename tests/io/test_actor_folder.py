@@ -1,5 +1,7 @@
 """Actors written as folders and read back."""
 
+import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.rig import with_limits
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
-from perfcap.io.actor import find_actor, load_actor
+from perfcap.io.actor import examine, find_actor, load_actor, models_folder
 from perfcap.io.actor_folder import read_manifest, save_actor
 
 ARRAYS = ("vertices", "faces", "uv", "weights", "weight_bones", "bone_parents")
@@ -69,6 +71,20 @@ def test_limits_of_an_actor_are_kept(tmp_path: Path) -> None:
     manifest = read_manifest(tmp_path / "stiff/manifest.toml")
     assert set(manifest.limits) == set(limits)
     assert manifest.shape_space == "shape.npz" and find_actor(tmp_path / "stiff").generic
+
+
+def test_limits_beside_a_mesh_whose_joints_are_found(tmp_path: Path) -> None:
+    """A manifest may say nothing of joints, as that of the shipped actor."""
+    shutil.copytree(models_folder() / "actors" / "sam", tmp_path / "sam")
+    usual = load_actor(tmp_path / "sam")
+    with (tmp_path / "sam" / "manifest.toml").open("a") as file:
+        file.write("\n[limits]\nl_knee_flexion = [5, 60]\n")
+    stiff = load_actor(tmp_path / "sam")
+    place = [hinge.name for hinge in stiff.skeleton.rig.hinges].index("l_knee_flexion")
+    found = stiff.skeleton.lower[place], stiff.skeleton.upper[place]
+    assert [math.degrees(float(f)) for f in found] == pytest.approx([5, 60])
+    assert int((stiff.skeleton.upper != usual.skeleton.upper).sum()) == 1
+    assert torch.equal(examine(tmp_path / "sam").actor.skeleton.upper, stiff.skeleton.upper)
 
 
 def test_bad_limits_are_refused() -> None:

@@ -53,6 +53,13 @@ def test_camera_json(tmp_path: Path) -> None:
     check_views(rig)
 
 
+@pytest.mark.parametrize("name", ["dist", "distCoeffs", "distortions"])
+def test_lenses_under_other_names(tmp_path: Path, name: str) -> None:
+    data = entry()
+    data[name] = data.pop("distortion")
+    check_views(read_cameras(write(tmp_path / "camera.json", {**data, "unit": "metres"})))
+
+
 def test_corner_origin_shifts_pixels_and_asks_detections_to_follow(tmp_path: Path) -> None:
     rig = read_cameras(write(tmp_path / "camera.json", {**entry(), "pixel_centre": 0.5}))
     assert rig.pixel_offset == -0.5
@@ -182,6 +189,9 @@ BAD_ENTRIES: dict[str, tuple[dict[str, Any], str]] = {
     "focal": ({"K": [[-900, 0, 320], [0, 900, 240], [0, 0, 1]]}, "focal length -900"),
     "transposed": ({"K": K.T.tolist()}, "transposed"),
     "lens": ({"distortion": [0.1] * 8}, "8 coefficients"),
+    "two lenses": ({"dist": [0.1] * 5}, "has distortion and dist"),
+    "unit": ({"units": "mm"}, "units is 'mm'; expected t in metres"),
+    "scale": ({"scale": 0.001}, "scale is 0.001"),
     "lens nan": ({"distortion": [float("inf")] * 5}, "distortion holds NaN"),
     "no size": ({"width": None}, "image size of camera"),
     "size": ({"width": 0}, "image size 0x480"),

@@ -5,7 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from doctored_views import FRAMES, NAMES, VIEWS, change_view, detections, one, rig, with_joints
+from doctored_views import (
+    FRAMES,
+    NAMES,
+    VIEWS,
+    change_view,
+    detections,
+    one,
+    person,
+    rig,
+    with_joints,
+)
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
@@ -87,6 +97,47 @@ def test_swapped_sides_are_named() -> None:
 
     finding = one(examine_agreement(rig(), with_joints(detections(), swap)))
     assert finding.subject == "cam3" and "left and right" in finding.what
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ("", "the feet point backwards"),
+        ("hip knee ankle toe", "left and right of the legs"),
+        ("shoulder elbow wrist", "left and right of the arms"),
+    ],
+)
+@pytest.mark.parametrize("space", [False, True])
+def test_sides_exchanged_in_every_view(joints: str, words: str, space: bool) -> None:
+    """Rays cross as well as before."""
+    names = joints.split() or [name[2:] for name in LANDMARKS if name[1] == "_"]
+    order = [
+        LANDMARKS.index(f"{'rl'['lr'.index(name[0])]}{name[1:]}") if name[2:] in names else place
+        for place, name in enumerate(LANDMARKS)
+    ]
+    seen = detections()
+    if space:  # one view with 3D poses
+        local = rig().cameras.to_camera(person())[:, :1]
+        hips = [LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip")]
+        seen = replace(
+            seen.select([0]),
+            joints3d=local - local[..., hips, :].mean(-2, keepdim=True),
+            trusted3d=torch.ones(FRAMES, 1, dtype=torch.bool),
+        )
+        views = CameraRig(NAMES[:1], rig().cameras.select([0]))
+        assert examine_detections(views, seen) == []
+        assert seen.joints3d is not None
+        seen = replace(seen, joints2d=seen.joints2d[..., order, :])
+        seen = replace(
+            seen, joints3d=None if seen.joints3d is None else seen.joints3d[..., order, :]
+        )
+        finding = one(examine_detections(views, seen))
+    else:
+        finding = one(
+            examine_agreement(rig(), replace(seen, joints2d=seen.joints2d[..., order, :]))
+        )
+        assert finding.subject == "detections"
+    assert finding.severity is Severity.ERROR and words in finding.what
 
 
 def test_exchanged_views_are_named() -> None:

@@ -105,6 +105,20 @@ def test_some_joints_outside() -> None:
     assert finding.severity is Severity.WARNING and "25% of the joints" in finding.what
 
 
+@pytest.mark.parametrize("every", [2, 5])
+def test_frames_that_are_repeated(every: int) -> None:
+    def hold(joints: Tensor) -> None:
+        joints[:, 0] = joints[torch.arange(FRAMES) // every * every, 0]
+
+    finding = one(examine_detections(rig(), with_joints(detections(), hold)))
+    repeated = FRAMES - len(range(0, FRAMES, every))
+    assert finding.subject == "cam1" and f"{repeated} of 23 frames repeat" in finding.what
+    unseen = replace(detections(), confidence2d=detections().confidence2d.clone())
+    unseen.confidence2d[4:9] = 0
+    unseen.joints2d[4:9] = 0  # nothing is seen in these frames: nothing is repeated
+    assert not [f for f in examine_detections(rig(), unseen) if "repeat" in f.what]
+
+
 def pose3d() -> Tensor:
     """The person in camera axes about the mid-hip, (F, C, 16, 3)."""
     local = rig().cameras.to_camera(person())

@@ -55,6 +55,31 @@ def test_frames_that_are_close_in_time_are_judged_together() -> None:
     assert float(trust.value.max() - trust.value.min()) < 0.1
 
 
+def doubted(deviation: float, views: int = 1) -> Trust:
+    """Of frames 20 to 29, whose 3D poses are said to be so far off; others are good to 3 cm."""
+    take = make_take(60, views=views)
+    said = torch.full(take.detections.trusted3d.shape, 0.03, dtype=F64)
+    said[20:30] = deviation
+    detections = replace(take.detections, deviation3d=said)
+    trust = capture(take.actor, take.cameras, detections, take.rate).trust
+    assert trust is not None
+    return trust
+
+
+def test_poses_that_are_said_to_be_far_off() -> None:
+    sure, unsure = doubted(0.03), doubted(0.4)
+    assert not sure.doubtful
+    assert unsure.value[22:28].max() < sure.value[22:28].min() - 0.1
+    assert unsure.error[22:28].min() > 2 * sure.error[22:28].max()
+    torch.testing.assert_close(unsure.value[:12], sure.value[:12])
+    ((start, stop, reason),) = doubted(1e3).doubtful
+    assert 15 <= start <= 22 and 28 <= stop <= 34 and "not sure of them" in reason
+
+
+def test_several_views_need_nobody_to_say_so() -> None:
+    torch.testing.assert_close(doubted(0.03, views=2).value, doubted(0.4, views=2).value)
+
+
 def test_noise_lowers_trust() -> None:
     clean, noisy = captured().trust, captured(noise=40.0).trust
     assert clean is not None and noisy is not None
@@ -70,8 +95,8 @@ def test_a_short_doubt_is_not_considerable() -> None:
 
 
 def test_evidence_is_in_the_stated_order() -> None:
-    assert len(FEATURES) == 9
-    evidence = torch.zeros(4, 9, dtype=F64)
+    assert len(FEATURES) == 10
+    evidence = torch.zeros(4, 10, dtype=F64)
     worse = evidence.clone()
     worse[:, FEATURES.index("worst_pixels")] = 3.0
     assert (judge_frames(worse).value < judge_frames(evidence).value).all()

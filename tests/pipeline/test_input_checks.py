@@ -62,6 +62,20 @@ def test_cameras_without_a_lens(take: Take, focal: float) -> None:
         capture(take.actor, replace(take.cameras, intrinsics=intrinsics), take.detections, 30.0)
 
 
+@pytest.mark.parametrize("change", [1.5, 0.0, -1.0])
+def test_rotations_that_are_none(take: Take, change: float) -> None:
+    rotation = take.cameras.rotation.clone()
+    rotation[1] *= change
+    with pytest.raises(InputError, match="cameras have a rotation that is none"):
+        capture(take.actor, replace(take.cameras, rotation=rotation), take.detections, 30.0)
+
+
+def test_normalised_joints(take: Take) -> None:
+    shrunk = replace(take.detections, joints2d=take.detections.joints2d / 2000)
+    with pytest.raises(InputError, match=r"expected pixels; multiply normalised joints"):
+        capture(take.actor, take.cameras, shrunk, 30.0)
+
+
 @pytest.mark.parametrize("views", [[0], [0, 1, 0]])
 def test_cameras_of_other_views(take: Take, views: list[int]) -> None:
     with pytest.raises(InputError, match=f"cameras are of {len(views)} views, detections of 2"):

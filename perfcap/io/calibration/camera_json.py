@@ -12,6 +12,9 @@ from perfcap.io.calibration.view import View, make_view
 from perfcap.io.files import TEXT_LIMIT, read_json
 
 PIXEL_CENTRES = (0.0, 0.5)
+LENS = ("distortion", "distortions", "dist", "distCoeffs", "dist_coeffs", "distortion_coefficients")
+UNITS = ("unit", "units")
+METRES = ("m", "metre", "metres", "meter", "meters")
 
 
 def read_camera_json(
@@ -47,6 +50,7 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
     where = f"{path}: view {name}"
     if not isinstance(entry, dict):
         raise InputError(f"{where}: is a {type(entry).__name__}, expected an object with K, R, t")
+    _require_metres(where, {**shared, **entry})
     if entry.get("pixel_centre", centre) != centre:
         raise InputError(f"{where}: has its own pixel_centre; state one for the whole file")
     view = make_view(
@@ -55,7 +59,7 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
         intrinsics=entry.get("K"),
         rotation=entry.get("R"),
         translation=entry.get("t"),
-        distortion=entry.get("distortion", shared.get("distortion")),
+        distortion=_lens(where, {**_given(shared, LENS), **_given(entry, LENS)}),
         size=(
             entry.get("height", shared.get("height")),
             entry.get("width", shared.get("width")),
@@ -68,6 +72,27 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
             f"{where}: has {len(view.rotation)} camera poses but says frames = {frames}"
         )
     return view
+
+
+def _given(entry: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: entry[name] for name in names if name in entry}
+
+
+def _lens(where: str, given: Mapping[str, Any]) -> Any:
+    """Coefficients under one of the names that OpenCV's users give them."""
+    if len(given) > 1:
+        raise InputError(f"{where}: has {' and '.join(given)}; expected one of them, distortion")
+    return next(iter(given.values()), None)
+
+
+def _require_metres(where: str, entry: Mapping[str, Any]) -> None:
+    """Refuse what would make every place wrong by a factor, were it overlooked."""
+    for name, value in _given(entry, UNITS).items():
+        if not (isinstance(value, str) and value.lower() in METRES):
+            raise InputError(f"{where}: {name} is {value!r}; expected t in metres: convert it")
+    scale = entry.get("scale", 1)
+    if isinstance(scale, bool) or scale != 1:
+        raise InputError(f"{where}: scale is {scale!r}; expected t and R as they are: apply it")
 
 
 def _pixel_centre(path: Path, data: Mapping[str, Any]) -> float:

@@ -7,6 +7,8 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
@@ -18,6 +20,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses
+from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.doctor.timing import late_view
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
@@ -64,7 +67,8 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
         findings.append(finding)
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
-        return findings + _scale(sampled)
+        points, _ = sampled.triangulated(rounds=6)
+        return findings + _scale(points) + examine_sides("detections", points)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = "check that calibration, videos and detections belong together; calibrate again"
@@ -165,9 +169,8 @@ def _behind(scene: Scene, names: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def _scale(scene: Scene) -> list[Finding]:
+def _scale(points: Tensor) -> list[Finding]:
     """Length of the legs: calibrations can agree perfectly in the wrong unit."""
-    points, _ = scene.triangulated(rounds=6)
     legs = points[:, _LEGS]  # F 2 3 3
     length = legs.diff(dim=2).norm(dim=-1).sum(-1)
     length = length[~length.isnan()]

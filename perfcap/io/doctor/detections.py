@@ -10,12 +10,15 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.lifted import examine_lifted
+from perfcap.io.doctor.sides import examine_sides
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
+_SOME = 4  # joints that tell a repeated frame
+_FEWEST_REPEATED, _REPEATED = 3, 0.05  # frames, and share of them
 _NECK = LANDMARKS.index("neck")
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
@@ -41,6 +44,7 @@ def examine_detections(
     for view, name in enumerate(rig.names):
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
+        findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _image_size(name, pixels, rig.cameras.size[view])
@@ -50,13 +54,14 @@ def examine_detections(
             findings += _pose3d(name, pose)
             image = detections.joints2d[:, view][trusted]
             wrong = _axes3d(name, pose, image, confident[trusted])
-            findings += wrong or examine_lifted(
+            wrong = wrong or examine_lifted(
                 name,
                 detections.joints3d[:, view],
                 plane[:, view],
                 detections.confidence2d[:, view],
                 trusted,
             )
+            findings += wrong or examine_sides(name, pose)
         elif len(rig.names) == 1:
             findings += _upright(name, detections.joints2d[:, view], confident)
     return findings
@@ -99,6 +104,22 @@ def _coverage(name: str, confidence: Tensor) -> list[Finding]:
     what = f"nothing is detected in {share}: {ranges(frames)}"
     severity = Severity.WARNING if len(frames) > len(confidence) / 10 else Severity.INFO
     return [Finding(severity, name, what, "such frames are bridged from their neighbours")]
+
+
+def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+    """Frames (F, 16) whose joints are those of the frame before, to the last digit."""
+    seen = confidence > 0
+    both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
+    same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
+    repeated, pairs = int(same.sum()), int(both.sum())
+    if repeated < _FEWEST_REPEATED or repeated < _REPEATED * pairs:
+        return []
+    what = f"{repeated} of {pairs} frames repeat the joints of the frame before to the last digit"
+    remedy = (
+        "no detector does; if it ran on some frames alone, leave the others out, and give video "
+        "and detections the same frame rate"
+    )
+    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _image_size(name: str, pixels: Tensor, size: tuple[int, int]) -> list[Finding]:
