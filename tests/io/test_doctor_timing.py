@@ -168,10 +168,48 @@ def test_nothing_is_said_of_a_video_in_which_nothing_moves() -> None:
     assert examine_timing(Clip([source], 30.0), seen, seen.joints2d) == []
 
 
-def test_the_demo_is_in_time_and_a_shift_of_it_is_not() -> None:
+def demonstrated() -> tuple[Clip, Detections]:
     clip = Clip.open(DEMO / "video.mp4")
     cameras = read_cameras(DEMO / "camera.json", clip.sizes)
-    seen = read_detections([DEMO / "detections.npz"], views=cameras.names)[0]
+    return clip, read_detections([DEMO / "detections.npz"], views=cameras.names)[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "scale", "shift"),
+    [
+        ("mirrored", (-1.0, 1.0), (1.0, 0.0)),
+        ("upside down", (-1.0, -1.0), (1.0, 1.0)),
+        ("of a video half as large", (0.5, 0.5), (0.0, 0.0)),
+        ("of a video twice as large", (2.0, 2.0), (0.0, 0.0)),
+    ],
+)
+def test_joints_of_another_picture(
+    words: str, scale: tuple[float, float], shift: tuple[float, float]
+) -> None:
+    clip, seen = demonstrated()
+    height, width = clip.sizes[0]
+    last = torch.tensor([width - 1.0, height - 1.0])
+    moved = torch.tensor(scale) * seen.joints2d + torch.tensor(shift) * last
+    finding = one(examine_timing(clip, seen, moved))
+    assert f"joints look {words} against the video" in finding.what
+    assert finding.severity is Severity.ERROR
+
+
+@pytest.mark.parametrize(("name", "turns"), [("a quarter", 1), ("three quarters", 3)])
+def test_joints_of_a_video_that_was_turned(name: str, turns: int) -> None:
+    """Turned by cv2.rotate after its joints were found."""
+    clip, seen = demonstrated()
+    side = clip.sizes[0][0] - 1.0
+    assert clip.sizes[0] == (side + 1, side + 1)
+    there = seen.joints2d
+    for _ in range(turns):  # where the turned picture has what is at these joints
+        there = torch.stack((there[..., 1], side - there[..., 0]), -1)
+    finding = one(examine_timing(clip, seen, there))
+    assert f"joints look {name} turned" in finding.what
+
+
+def test_the_demo_is_in_time_and_a_shift_of_it_is_not() -> None:
+    clip, seen = demonstrated()
     assert examine_timing(clip, seen, seen.joints2d) == []
     shifted = late(seen, 10)
     assert "late" in one(examine_timing(clip, shifted, shifted.joints2d)).what

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -25,6 +25,16 @@ _FEW = 5  # frames in which something must be seen
 _VIEWS = 2  # most that are looked at for shifts
 _CLEAR, _GAIN, _PEAK = 0.6, 0.08, 0.05  # shares of joints on what moves
 _CONFIDENT = 0.3
+_MUCH = 0.12  # of the joints, that another image of them has more on what moves
+# joints (..., 2) in images with this last pixel, as another picture of the scene has them
+_TURNS: dict[str, Callable[[NDArray[np.float64], NDArray[np.int64]], NDArray[np.float64]]] = {
+    "mirrored": lambda at, corner: np.stack((corner[0] - at[..., 0], at[..., 1]), -1),
+    "upside down": lambda at, corner: corner - at,
+    "a quarter turned": lambda at, corner: np.stack((corner[0] - at[..., 1], at[..., 0]), -1),
+    "three quarters turned": lambda at, corner: np.stack((at[..., 1], corner[1] - at[..., 0]), -1),
+    "of a video half as large": lambda at, corner: 2 * at,
+    "of a video twice as large": lambda at, corner: 0.5 * at,
+}
 _LIMBS = [
     *(("head_top", "neck"), ("neck", "r_hip"), ("neck", "l_hip")),
     *((f"{side}_shoulder", f"{side}_elbow") for side in "lr"),
@@ -58,7 +68,7 @@ def examine_blank(clip: Clip, names: Sequence[str]) -> list[Finding]:
 
 
 def examine_timing(clip: Clip, detections: Detections, joints2d: Tensor) -> list[Finding]:
-    """Whether joints lie on what moves in their frame, or do in frames before or after it.
+    """Whether joints lie on what moves in their frame, in others, or in another picture of it.
 
     Cameras are at rest. What differs from the median image of a stretch of video moves; a person
     who stays in one place for all of it says nothing.
@@ -73,7 +83,7 @@ def examine_timing(clip: Clip, detections: Detections, joints2d: Tensor) -> list
     step = max(1, min(_STEP, count // _ENOUGH))
     index = list(range(start, min(count, start + _STRETCH), step))
     most = min(SHIFTS, count // 2)
-    scores = np.zeros(2 * most + 1)
+    scores, turned = np.zeros(2 * most + 1), dict.fromkeys(_TURNS, 0.0)
     views = range(min(clip.views, _VIEWS))
     for view in views:
         height, width = clip.sizes[view]
@@ -82,7 +92,24 @@ def examine_timing(clip: Clip, detections: Detections, joints2d: Tensor) -> list
         seen = detections.confidence2d[:count, view].numpy() > _CONFIDENT
         for shift in range(-most, most + 1):
             scores[shift + most] += _hits(moving, places, seen, index, shift) / len(views)
-    return _late(scores, most)
+        corner = np.array([moving.shape[2] - 1, moving.shape[1] - 1])
+        for name, turn in _TURNS.items():
+            hits = _hits(moving, turn(places, corner), seen, index, 0)
+            turned[name] += hits / len(views)
+    return _late(scores, most) or _turned(turned, scores[most])
+
+
+def _turned(scores: Mapping[str, float], now: float) -> list[Finding]:
+    """A finding where the image of the joints clearly fits better than they do."""
+    best = max(scores, key=scores.__getitem__)
+    if scores[best] < _CLEAR or scores[best] - now < _MUCH:
+        return []
+    what = (
+        f"joints look {best} against the video: {scores[best]:.0%} of them would lie on what moves "
+        f"in it, {now:.0%} as they are"
+    )
+    remedy = "detect in this very video, in its pixels"
+    return [Finding(Severity.ERROR, "detections", what, remedy)]
 
 
 def _late(scores: NDArray[np.float64], most: int) -> list[Finding]:
