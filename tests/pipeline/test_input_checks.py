@@ -12,6 +12,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.stage import Stage
 
 
@@ -52,6 +53,8 @@ def batched(found: Detections) -> Detections:
 def test_rates(take: Take, rate: float) -> None:
     with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
         capture(take.actor, take.cameras, take.detections, rate)
+    with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
+        PoseRefiner(take.actor, rate=rate)
 
 
 @pytest.mark.parametrize("focal", [0.0, float("nan"), float("inf")])
