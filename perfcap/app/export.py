@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,12 +14,13 @@ from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
 from perfcap.errors import InputError
-from perfcap.io.export import FORMATS, Options, Recording, publishing, upright_from
+from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline.surroundings import axis, upright
 
 FOLDER = "export"  # in the folder of the capture
 _UNNAMED = "capture"
+_MARKED = ("trc", "c3d")  # formats of markers
 _LONGEST = 100  # bytes of a name: files get endings, and file systems refuse 255
 
 
@@ -60,6 +62,7 @@ def _export(request: ExportRequest) -> int:
         raise InputError(f"--to: expected one or several of {', '.join(FORMATS)}")
     for name, chosen in formats.items():
         chosen.require(name)
+    _require_use(request, formats)
     name = _name(request)
     recording = _recording(request, name, read_result(request.folder))
     out = request.out or request.folder / FOLDER
@@ -82,6 +85,20 @@ def _export(request: ExportRequest) -> int:
     for entry in written:
         console.print(out / entry)
     return 0
+
+
+def _require_use(request: ExportRequest, formats: Mapping[str, Format]) -> None:
+    """Refuse options that none of the formats follows: whoever gives one counts on it."""
+    free = any(not each.fixed for each in formats.values())
+    given = {
+        "--up": (request.up is not None, free),
+        "--unit": (request.unit is not None, free),
+        "--order": (request.order != "auto", "bvh" in formats),
+        "--markers": (request.markers != "landmarks", not formats.keys().isdisjoint(_MARKED)),
+    }
+    for option, (asked, followed) in given.items():
+        if asked and not followed:
+            raise InputError(f"{option}: means nothing to {', '.join(formats)}; leave it out")
 
 
 def _name(request: ExportRequest) -> str:
@@ -119,6 +136,8 @@ def _recording(request: ExportRequest, name: str, result: Result) -> Recording:
             f"--frames {request.frames}: {request.folder} holds frames {numbers[0]} to "
             f"{numbers[-1]}; expected a part of them"
         )
+    if part.stop is not None and part.stop > numbers[-1] + 1:
+        PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
     up = upright(torch.from_numpy(result.joints)) if request.world_up == "auto" else None
     up = axis(request.world_up) if up is None else up
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)

@@ -109,6 +109,10 @@ def test_folders_of_a_dot_have_names(
         (("--name", "ö" * 99), "too long"),
         (("--out", "file"), "file: cannot be written"),
         (("--out", "file/inside"), "cannot be written"),
+        (("--to", "glb", "--up", "z"), "--up: means nothing to glb"),
+        (("--to", "glb", "--unit", "cm"), "--unit: means nothing to glb"),
+        (("--to", "glb", "csv", "--order", "ZXY"), "--order: means nothing to glb, csv"),
+        (("--to", "bvh", "--markers", "bones"), "--markers: means nothing to bvh"),
     ],
 )
 def test_wrong_calls_are_one_line_and_write_nothing(
