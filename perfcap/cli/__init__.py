@@ -15,7 +15,7 @@ from perfcap import __version__
 from perfcap.cli.actor import ActorTools
 from perfcap.cli.capture import Capture, Demo, Doctor
 from perfcap.cli.models import Models
-from perfcap.cli.results import Evaluate, Export, Render, Report, View
+from perfcap.cli.results import Evaluate, Export, Render, Report, Retarget, View
 from perfcap.cli.train import Train
 from perfcap.errors import InputError, one_line, sentence
 
@@ -27,6 +27,7 @@ Command = (
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Retarget, tyro.conf.subcommand("retarget")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Models, tyro.conf.subcommand("models")]
@@ -34,7 +35,7 @@ Command = (
 )
 COMMANDS = (
     *("demo", "capture", "evaluate", "render", "report", "view"),
-    *("export", "actor", "doctor", "models", "train"),
+    *("export", "retarget", "actor", "doctor", "models", "train"),
 )
 
 _LONGEST_OPTION = 100  # letters
