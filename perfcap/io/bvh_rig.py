@@ -5,15 +5,20 @@ character's.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from perfcap.actor.bone_names import match_names
 from perfcap.actor.template import Template
 from perfcap.io.bvh_motion import BvhMotion, Floats
 
 _THICK = 0.03  # of a stick, in its own lengths
 _SHORTEST = 1e-6  # of the figure's size: bones below it get no stick
 _ROUND = 3  # corners of a stick
+_TELLING = ("hip", "knee", "ankle", "shoulder")
+_STRAIGHT = 0.8  # cosine to the shank from which what follows is no foot
+_FOOT_AHEAD, _FOOT_DOWN = 0.4, 0.12  # of the shank, where there is no foot
 
 
 def stick_figure(motion: BvhMotion, places: Floats, name: str) -> Template:
@@ -49,6 +54,45 @@ def stick_figure(motion: BvhMotion, places: Floats, name: str) -> Template:
         weights=np.ones((len(bones), 1)),
         name=name,
     )
+
+
+def with_feet(motion: BvhMotion, places: Floats) -> BvhMotion:
+    """The motion with feet that point ahead, where its own end at the ankles.
+
+    A skeleton without feet does not tell where it faces, but its names tell left from right. What
+    continues the shank is no foot: programs write it where the format asks for an end.
+
+    Args:
+        motion: whose joints.
+        places: of the joints at rest, (J, 3).
+    """
+    joints = match_names(motion.names, np.ones(len(motion.names))).joints
+    if not {f"{s}_{n}" for s in "lr" for n in _TELLING} | {"neck"} <= joints.keys():
+        return motion
+    at = {name: places[bone] for name, bone in joints.items()}
+    up = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
+    left = at["l_hip"] - at["r_hip"] + at["l_shoulder"] - at["r_shoulder"]
+    ahead = np.cross(left, up)
+    size = float(np.linalg.norm(ahead))
+    if not size > 0:
+        return motion
+    ends = np.full(places.shape, np.nan) if motion.ends is None else motion.ends.copy()
+    for side in "lr":
+        ankle = joints[f"{side}_ankle"]
+        shank = places[ankle] - at[f"{side}_knee"]
+        if np.any(motion.parents == ankle) or not _continues(shank, ends[ankle]):
+            continue
+        length = float(np.linalg.norm(shank))
+        ends[ankle] = length * (_FOOT_AHEAD * ahead / size + _FOOT_DOWN * shank / length)
+    return replace(motion, ends=ends)
+
+
+def _continues(bone: Floats, end: Floats) -> bool:
+    """Whether what ends a bone goes straight on, or is not there."""
+    if not np.isfinite(end).all():
+        return True
+    sizes = float(np.linalg.norm(bone) * np.linalg.norm(end))
+    return not sizes > 0 or float(bone @ end) > _STRAIGHT * sizes
 
 
 def _sticks(motion: BvhMotion, places: Floats) -> Iterator[tuple[int, Floats, Floats]]:

@@ -18,7 +18,7 @@ from perfcap.io.actor_import import ImportedActor, require_sound, rig_character
 from perfcap.io.actor_mapping import ActorMapping
 from perfcap.io.bvh_motion import BvhMotion, joint_positions
 from perfcap.io.bvh_read import load_bvh
-from perfcap.io.bvh_rig import stick_figure
+from perfcap.io.bvh_rig import stick_figure, with_feet
 from perfcap.io.doctor.finding import Severity
 from perfcap.io.gltf_clip import sample_clip
 from perfcap.io.gltf_document import open_document
@@ -170,6 +170,7 @@ def _stick_actor(
     Raises:
         InputError: its joints are not found, or it rests far from upright.
     """
+    motion = with_feet(motion, rest)
     character = Character(stick_figure(motion, rest, path.stem), (), ())
     notes: tuple[str, ...] = ()
     try:
