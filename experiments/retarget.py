@@ -13,9 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 from makehuman_rigs import build, rigs
+from numpy.typing import NDArray
 from report import DATA, Report, Table, data_folder, main
 
 from perfcap.actor.actor import Actor
@@ -25,9 +27,13 @@ from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import import_actor
 from perfcap.io.gltf import save_animation
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
+from perfcap.pipeline.camera_path import orbit
+from perfcap.pipeline.free_view import draw_free_view
 from perfcap.pipeline.joint_motion import JointMotion
-from perfcap.pipeline.retarget import retarget
 from perfcap.pipeline.retarget_scores import retarget_scores
+from perfcap.pipeline.retargeting import retarget
+from perfcap.pipeline.surface import SkinnedSurface
+from perfcap.pipeline.surroundings import Surroundings
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from foreign_rigs import MIXAMO, UNREAL, VRM, sided
@@ -46,6 +52,7 @@ BUILDS = {
                   trunk=-0.1),
     "long forearms": dict(forearm=0.1, shank=-0.05),
 }  # fmt: skip
+SHOWN, AZIMUTH = 70, 60.0  # frame of the demo, degrees around from ahead
 CMU = ("02_01", "02_04", "07_04", "05_02")
 OTHERS = ("kick", "dance-short", "walk-back", "bow")
 
@@ -58,14 +65,19 @@ class Experiment:
     """Folder of the recordings and of the MakeHuman assets."""
     frames: int = 240
     """At most, of each clip."""
+    picture: Path | None = None
+    """Draw one frame of the demo on every rig into this file."""
 
 
 def run(config: Experiment) -> Report:
     """Put every clip on every rig."""
     clips = list(_clips(config))
+    panels: list[NDArray[np.uint8]] = []
     rows, all_limbs, worst = [], [], []
     with tempfile.TemporaryDirectory() as scratch:
         for name, target in _targets(config.data, Path(scratch)):
+            if config.picture is not None:
+                panels.append(_panel(name, target, clips[0][1]))
             limbs, reach, slides, seconds, frames = [], [], [], 0.0, 0
             for clip, rig in clips:
                 joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
@@ -77,14 +89,23 @@ def run(config: Experiment) -> Report:
                 limbs.append(scores.limbs.flatten())
                 reach.append(scores.reach.flatten())
                 slides.append((scores.slide, scores.source_slide))
-                worst.append((f"{clip} on {name}", float(scores.limbs.median()),
-                              float(scores.reach.median()), scores.slide, scores.source_slide))
+                worst.append(
+                    (
+                        f"{clip} on {name}",
+                        float(scores.limbs.median()),
+                        float(scores.reach.median()),
+                        scores.slide,
+                        scores.source_slide,
+                    )
+                )
             limb, hand = torch.cat(limbs), torch.cat(reach)
             own, theirs = np.nanmean(np.array(slides), 0)
             all_limbs.append(limb)
             rows.append((name, float(limb.median()), float(limb.mean()), float(limb.quantile(0.95)),
                          float(hand.median()), float(hand.quantile(0.95)), own, theirs,
                          own / theirs, 1000 * seconds / frames))  # fmt: skip
+    if config.picture is not None:
+        cv2.imwrite(str(config.picture), np.concatenate(panels, 1)[..., ::-1])
     columns = ("rig", "limbs °", "mean", "95 %", "wrists mm", "95 %", "slide mm", "source's",
                "ratio", "ms a frame")  # fmt: skip
     each = ("clip", "limbs °", "wrists mm", "slide mm", "source's")
@@ -93,6 +114,20 @@ def run(config: Experiment) -> Report:
         Table("each", each, tuple(worst), 2),
     )
     return Report(tables)
+
+
+def _panel(name: str, target: Actor, rig: MovingRig) -> NDArray[np.uint8]:
+    """A frame of a clip on a target, as perfcap render draws it."""
+    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    motion = retarget(rig.actor, joints, target, rig.rate).motion
+    places, surface = target.joints(motion).detach(), SkinnedSurface(target, motion)
+    around = Surroundings.around(places, surface, shown=slice(SHOWN, SHOWN + 1))
+    # of two pictures of an orbit, the first is from ahead and the second half the way around
+    path = orbit(places, around, [SHOWN, SHOWN], (300, 240), rig.rate, 2 * AZIMUTH)
+    picture = np.ascontiguousarray(list(draw_free_view(target.template, surface, around, path))[1])
+    place, font = (8, 288), cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(picture, name, place, font, 0.45, (30, 30, 30), 1, cv2.LINE_AA)
+    return picture
 
 
 def _clips(config: Experiment) -> Iterator[tuple[str, MovingRig]]:

@@ -43,8 +43,8 @@ from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
 from perfcap.pipeline.performance import Performance, make_folder
 from perfcap.pipeline.result_files import plain, write_result
-from perfcap.pipeline.retarget import Retargeted, retarget
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
+from perfcap.pipeline.retargeting import Retargeted, retarget
 from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)

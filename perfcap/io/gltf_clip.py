@@ -91,14 +91,16 @@ def _tracks(document: Document, wanted: set[int]) -> Iterator[_Track]:
         for channel in _list(document, animation.get("channels")):
             target = channel.get("target")
             path = target.get("path") if isinstance(target, dict) else None
-            if not isinstance(target, dict) or path not in _WIDTHS or "node" not in target:
+            if not isinstance(target, dict) or not isinstance(path, str) or path not in _WIDTHS:
                 continue
+            if "node" not in target:
+                continue  # an extension's
             node = document.integer(target["node"], "target.node", 0, nodes - 1)
             if node not in wanted or (node, path) in known:
                 continue
             known.add((node, path))
             number = document.integer(channel.get("sampler"), "sampler", 0, len(samplers) - 1)
-            yield _track(document, samplers[number], node, str(path))
+            yield _track(document, samplers[number], node, path)
 
 
 def _track(document: Document, sampler: Object, node: int, path: str) -> _Track:

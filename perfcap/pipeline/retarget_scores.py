@@ -19,7 +19,7 @@ from perfcap.pipeline.joint_motion import (
     carried_landmarks,
     unit_vectors,
 )
-from perfcap.pipeline.retarget import Retargeted
+from perfcap.pipeline.retargeting import Retargeted
 
 _FEET = ("r_ankle", "r_toe", "l_ankle", "l_toe")
 _UP = (0.0, 1.0, 0.0)

@@ -44,9 +44,7 @@ def test_curvature_is_that_of_the_points() -> None:
     points = PointDifferences(ACTOR.landmarks, ENDS, STARTS)
     pull = torch.randn(2, 4, 3, generator=torch.Generator().manual_seed(1), dtype=F64)
     closed = points.curvature(motion, points.linearize(motion), pull)
-    assert torch.allclose(
-        closed.frame, twice_differentiated(points, motion, pull).frame, atol=1e-9
-    )
+    assert torch.allclose(closed.frame, twice_differentiated(points, motion, pull).frame, atol=1e-9)
 
 
 def test_axes_of_a_joint_are_the_columns_of_its_rotation() -> None:

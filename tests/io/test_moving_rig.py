@@ -66,7 +66,9 @@ def test_bvh_of_a_unit_that_nobody_knows(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.rotation, stated.rotation)
 
 
-def test_bvh_whose_offsets_are_no_person(truth: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_bvh_whose_offsets_are_no_person(
+    truth: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
     """Every bone along +x, as some programs write: a frame in which the person stands serves."""
     motion = bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0)
     length = np.linalg.norm(motion.offsets, axis=1)
@@ -166,6 +168,10 @@ WRONG = {
         lambda tree: tree["animations"][0]["samplers"][0].update(interpolation="CUBICSPLINE"),
         "keys have",
     ),
+    "a path that is none": (
+        lambda tree: [c["target"].update(path=[]) for c in tree["animations"][0]["channels"]],
+        "holds no animation",
+    ),
     "no such node": (
         lambda tree: tree["animations"][0]["channels"][0]["target"].update(node=10**6),
         "target.node is 1000000",
@@ -197,4 +203,6 @@ def test_frames_that_are_not_there(moving: Path) -> None:
 
 def test_joints_are_in_order() -> None:
     assert PERSON.skeleton.rig.joints == JOINTS
-    assert torch.equal(PERSON.skeleton.rest_motion().translation[0], PERSON.skeleton.rest_positions[0])
+    assert torch.equal(
+        PERSON.skeleton.rest_motion().translation[0], PERSON.skeleton.rest_positions[0]
+    )

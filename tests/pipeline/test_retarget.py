@@ -13,8 +13,8 @@ from perfcap.actor.sole_points import sole_skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length, wanted_turns
-from perfcap.pipeline.retarget import Retargeted, retarget
 from perfcap.pipeline.retarget_scores import retarget_scores
+from perfcap.pipeline.retargeting import Retargeted, retarget
 
 F64 = torch.float64
 PERSON = actor()

@@ -32,6 +32,7 @@ from perfcap.io.datasets.silhouettes import read_silhouette
 from perfcap.io.datasets.trc import read_trc
 from perfcap.io.detections import read_detections
 from perfcap.io.mesh import read_mesh
+from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline import PoseRefiner, Stage, capture
 
@@ -118,6 +119,8 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (stls / "text.stl").write_text(box.export(file_type="stl_ascii"))
     _write_gltf(gltf / "a.gltf")
     (bvh / "a.bvh").write_bytes((root / "result" / "motion.bvh").read_bytes())
+    moving = _new(root, "moving")
+    (moving / "a.glb").write_bytes((root / "result" / "capture.glb").read_bytes())
     masks, pickles = _new(root, "masks"), _new(root, "pickles")
     picture = np.zeros((40, 30), np.uint8)
     picture[10:30, 5:20] = 1
@@ -133,6 +136,8 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
         Target("off", off, lambda f, _: read_off(f / "a.off")),
         Target("trc", trc, lambda f, _: read_trc(f / "a.trc").rate),
         Target("bvh", bvh, lambda f, _: _played(load_bvh(f / "a.bvh"))),
+        Target("moving", moving, lambda f, _: _joints(f / "a.glb")),
+        Target("moving_bvh", bvh, lambda f, _: _joints(f / "a.bvh")),
         Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
         Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
     ]
@@ -188,6 +193,8 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         ["actor", "inspect", str(take.actor)],
         ["actor", "build", str(take.actor), "--out", "OUT", "--height", "1.7"],
         *_results("RESULT", take),
+        ["retarget", "RESULT", "--actor", str(take.actor), "--out", "OUT", "--frames", "0:2"],
+        ["retarget", "RESULT/motion.bvh", "--actor", "sam", "--out", "OUT", "--frames", "0:2"],
         ["models", "list", "RESULT"],
         ["models", "manifest", "RESULT/vitpose/model.onnx"],
         ["train", "lifter", "--motion", "RESULT", "--out", "OUT", "--loop.steps", "1"],
@@ -270,6 +277,11 @@ def _arrays(root: Path) -> list[Target]:
 
 def _played(motion: BvhMotion) -> Any:
     return replace(motion, ends=np.nan_to_num(motion.ends))  # NaN where a bone has no end
+
+
+def _joints(path: Path) -> Any:
+    found = read_moving_rig(path)
+    return found.rotation, found.position, found.rate
 
 
 def _whole(result: Result) -> Any:
