@@ -13,7 +13,7 @@ import tyro
 
 from perfcap import __version__
 from perfcap.cli.actor import ActorTools
-from perfcap.cli.capture import Capture, Demo, Doctor
+from perfcap.cli.capture import Batch, Capture, Demo, Doctor
 from perfcap.cli.models import Models
 from perfcap.cli.results import Evaluate, Export, Render, Report, Retarget, View
 from perfcap.cli.train import Train
@@ -22,6 +22,7 @@ from perfcap.errors import InputError, one_line, sentence
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Capture, tyro.conf.subcommand("capture")]
+    | Annotated[Batch, tyro.conf.subcommand("batch")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[Report, tyro.conf.subcommand("report")]
@@ -34,7 +35,7 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
 )
 COMMANDS = (
-    *("demo", "capture", "evaluate", "render", "report", "view"),
+    *("demo", "capture", "batch", "evaluate", "render", "report", "view"),
     *("export", "retarget", "actor", "doctor", "models", "train"),
 )
 

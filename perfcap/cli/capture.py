@@ -1,4 +1,4 @@
-"""Captures, and what comes before: demo, capture, doctor."""
+"""Captures, and what comes before: demo, capture, batch, doctor."""
 
 from __future__ import annotations
 
@@ -104,6 +104,29 @@ class Capture:
         code = run_capture(CaptureRequest(**given))
         point_to(given["out"])
         return code
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Capture all clips of a list, a line each; go on where an earlier call stopped."""
+
+    clips: tyro.conf.Positional[Path]
+    """CSV whose first line names columns: videos, and any options of perfcap capture (cameras,
+    detections, actor, preset, ...), and name. Several values in a cell are apart by semicolons."""
+    out: Path
+    """Folder for the results, one each, and for index.html and summary.csv."""
+    processes: int | None = None
+    """Clips captured at once; as many as there are cores if not given."""
+    cluster: str | None = None
+    """Run on Ray: the address of a cluster whose machines see the same folders, or local."""
+    report: bool = True
+    """Write report.html of every clip."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.batch import BatchRequest, run_batch
+
+        return run_batch(BatchRequest(**vars(self)))
 
 
 @dataclass(frozen=True)
