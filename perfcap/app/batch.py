@@ -65,9 +65,9 @@ def run_batch(request: BatchRequest) -> int:
         raise InputError(f"--processes {request.processes}: expected 1 or more")
     columns = [f.name for f in dataclasses.fields(CaptureRequest) if f.name not in _OURS]
     reserved = (INDEX, SUMMARY, PICTURES, _KEPT)
-    clips = read_clip_list(request.clips, columns, _PATHS, _EITHER, reserved)
+    clips = read_clip_list(request.clips.absolute(), columns, _PATHS, _EITHER, reserved)
     folder = make_folder(request.out)
-    jobs = [_job(folder, clip, request.report) for clip in clips]
+    jobs = [_job(folder.absolute(), clip, request.report) for clip in clips]
     with locked(folder):
         (folder / _KEPT).mkdir(exist_ok=True)
         outcomes = {job.name: read_outcome(job) for job in jobs}

@@ -26,6 +26,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.io.bvh_motion import BvhMotion
 from perfcap.io.bvh_read import load_bvh
 from perfcap.io.calibration import read_cameras, read_pixel_map
+from perfcap.io.clip_list import read_clip_list
 from perfcap.io.datasets.off import read_off
 from perfcap.io.datasets.safe_pickle import read_pickle
 from perfcap.io.datasets.silhouettes import read_silhouette
@@ -119,6 +120,8 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (stls / "text.stl").write_text(box.export(file_type="stl_ascii"))
     _write_gltf(gltf / "a.gltf")
     (bvh / "a.bvh").write_bytes((root / "result" / "motion.bvh").read_bytes())
+    clips = _new(root, "clip_list")
+    (clips / "a.csv").write_text("name,videos,actor\nwalk,a.mp4;b.mp4,sam\n,c.mp4,\n")
     moving = _new(root, "moving")
     (moving / "a.glb").write_bytes((root / "result" / "capture.glb").read_bytes())
     masks, pickles = _new(root, "masks"), _new(root, "pickles")
@@ -138,6 +141,7 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
         Target("bvh", bvh, lambda f, _: _played(load_bvh(f / "a.bvh"))),
         Target("moving", moving, lambda f, _: _joints(f / "a.glb")),
         Target("moving_bvh", bvh, lambda f, _: _joints(f / "a.bvh")),
+        Target("clip_list", clips, lambda f, _: _listed(f / "a.csv")),
         Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
         Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
     ]
@@ -277,6 +281,10 @@ def _arrays(root: Path) -> list[Target]:
 
 def _played(motion: BvhMotion) -> Any:
     return replace(motion, ends=np.nan_to_num(motion.ends))  # NaN where a bone has no end
+
+
+def _listed(path: Path) -> Any:
+    return read_clip_list(path, ("videos", "actor", "height"), ("videos",), ("actor",))
 
 
 def _joints(path: Path) -> Any:
