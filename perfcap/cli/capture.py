@@ -53,8 +53,8 @@ class Capture:
     out: Path | None = None
     """Folder for the results; VIDEO_capture in the working directory if not given."""
     detections: tuple[Path, ...] = ()
-    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view. Found in the
-    videos if not given."""
+    """Joints: detections.npz, OpenPose folders, keypoint JSON or .npy; one for each view. Found in
+    the videos if not given."""
     detector: tuple[str, ...] = ()
     """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
     one follows the person, the others add to it. perfcap models lists them."""

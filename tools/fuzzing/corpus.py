@@ -92,11 +92,23 @@ def _detections(root: Path) -> list[Target]:
     ]
     detection_files.write_json(coco / "a.json", entries)
 
+    landmarks, plain = _new(root, "detections_landmarks"), _new(root, "detections_npy")
+    points = [[{"x": x, "y": y, "visibility": c} for x, y, c in row[0, :17].tolist()]
+              for row in people]  # fmt: skip
+    detection_files.write_json(landmarks / "a.json", [{"pose_landmarks": [p]} for p in points])
+    np.save(plain / "a.npy", people[:, :, :17] + 1)
+    sapiens = root / "detections_sapiens" / "a"
+    sapiens.mkdir(parents=True)
+    for number, row in enumerate(people[:, 0, :17]):
+        one = {"keypoints": row[:, :2].tolist(), "keypoint_scores": row[:, 2].tolist()}
+        detection_files.write_json(sapiens / f"{number}.json", {"instance_info": [one]})
+
     def read(folder: Path, _: Random) -> Any:
         (path,) = folder.iterdir()
-        return read_detections(path)[0]
+        return read_detections(path, sizes=SIZES[:1])[0]
 
-    return [Target(place.name, place, read) for place in (arrays, folder, coco)]
+    places = (arrays, folder, coco, landmarks, plain, sapiens.parent)
+    return [Target(place.name, place, read) for place in places]
 
 
 def _shapes(root: Path, take: TakeFiles) -> list[Target]:
