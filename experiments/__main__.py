@@ -64,13 +64,22 @@ def main(arguments: Sequence[str]) -> int:
 
 def listing(words: Sequence[str] = ()) -> Iterator[str]:
     """Groups, and a line for each of their scripts that has all of some words."""
-    for group, names in GROUPS.items():
+    for group, names in groups().items():
         lines = [f"  {name:<24}{first_line(name)}" for name in names]
         chosen = [
             line for line in lines if all(w.lower() in f"{group} {line}".lower() for w in words)
         ]
         if chosen:
             yield from (f"\n{group}", *chosen)
+
+
+def groups() -> dict[str, tuple[str, ...]]:
+    """The groups, and what is in none of them."""
+    found = {each for names in GROUPS.values() for each in names}
+    guard = "\nif __name__ == "
+    scripts = (p for p in sorted(FOLDER.glob("*.py")) if guard in p.read_text(encoding="utf-8"))
+    more = tuple(path.stem for path in scripts if path.stem not in found)
+    return {**GROUPS, **({"More": more} if more else {})}
 
 
 def first_line(name: str) -> str:
@@ -80,7 +89,7 @@ def first_line(name: str) -> str:
 
 
 def _run(name: str, options: Sequence[str]) -> int:
-    known = [each for names in GROUPS.values() for each in names]
+    known = [each for names in groups().values() for each in names]
     name = name.removesuffix(".py")
     if name not in known:
         near = get_close_matches(name, known, 1)
