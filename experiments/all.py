@@ -15,6 +15,7 @@ from report import Report, Table
 SMALL: dict[str, tuple[str, ...]] = {
     "adjoint_speed": ("--windows", "1", "--repeats", "1", "--directions", "1"),
     "auto_rig": ("--people", "4", "--every", "30", "--sequences", "dev_tight"),
+    "batch": ("--clips", "4"),
     "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
     "clocks": ("--views", "3", "--clips", "1", "--frames", "60"),
     "feet": (),
@@ -29,6 +30,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "people_association": ("--seeds", "2"),
     "people_joints": ("--sequences", "dev_duo", "--no-fewer"),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
+    "retarget": ("--frames", "20"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
     "solver_classics": (),
     "solver_speed": ("--windows", "2", "--slow", "0"),
@@ -56,7 +58,7 @@ LONG = (
 
 # make what they need themselves
 _NO_DATA = (
-    "adjoint_speed", "body_fit", "bundle_adjustment", "deformation_speed", "long_clip",
+    "adjoint_speed", "batch", "body_fit", "bundle_adjustment", "deformation_speed", "long_clip",
     "own_skeleton", "paired_or_soft", "shape_over_time", "silhouette_speed", "solver_classics",
     "solver_speed",
 )  # fmt: skip

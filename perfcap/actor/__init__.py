@@ -9,6 +9,7 @@ from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
+from perfcap.actor.point_differences import PointDifferences
 from perfcap.actor.points import Landmarks, Points
 from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.rig_reader import read_mjcf, read_urdf
@@ -31,6 +32,7 @@ __all__ = [
     "Hinge",
     "Landmarks",
     "Motion",
+    "PointDifferences",
     "Points",
     "Pose",
     "Rig",

@@ -203,7 +203,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
     reader = read_candidates if request.everybody else read_detections
-    read = partial(reader, list(request.detections), views=rig.names)
+    read = partial(reader, list(request.detections), views=rig.names, sizes=clip.sizes)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
     found, notes = read(pixel_offset=rig.pixel_offset, frames=whole, used=used)
     _require_possible(request.cameras, rig)

@@ -13,28 +13,30 @@ import tyro
 
 from perfcap import __version__
 from perfcap.cli.actor import ActorTools
-from perfcap.cli.capture import Capture, Demo, Doctor
+from perfcap.cli.capture import Batch, Capture, Demo, Doctor
 from perfcap.cli.models import Models
-from perfcap.cli.results import Evaluate, Export, Render, Report, View
+from perfcap.cli.results import Evaluate, Export, Render, Report, Retarget, View
 from perfcap.cli.train import Train
 from perfcap.errors import InputError, one_line, sentence
 
 Command = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Capture, tyro.conf.subcommand("capture")]
+    | Annotated[Batch, tyro.conf.subcommand("batch")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Render, tyro.conf.subcommand("render")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Retarget, tyro.conf.subcommand("retarget")]
     | Annotated[ActorTools, tyro.conf.subcommand("actor")]
     | Annotated[Doctor, tyro.conf.subcommand("doctor")]
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Train, tyro.conf.subcommand("train")]
 )
 COMMANDS = (
-    *("demo", "capture", "evaluate", "render", "report", "view"),
-    *("export", "actor", "doctor", "models", "train"),
+    *("demo", "capture", "batch", "evaluate", "render", "report", "view"),
+    *("export", "retarget", "actor", "doctor", "models", "train"),
 )
 
 _LONGEST_OPTION = 100  # letters

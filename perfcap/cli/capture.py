@@ -1,4 +1,4 @@
-"""Captures, and what comes before: demo, capture, doctor."""
+"""Captures, and what comes before: demo, capture, batch, doctor."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Capture:
     out: Path | None = None
     """Folder for the results; VIDEO_capture in the working directory if not given."""
     detections: tuple[Path, ...] = ()
-    """Joints: detections.npz, OpenPose folders, or keypoint JSON; one for each view. Found in the
-    videos if not given."""
+    """Joints: detections.npz, OpenPose folders, keypoint JSON or .npy; one for each view. Found in
+    the videos if not given."""
     detector: tuple[str, ...] = ()
     """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
     one follows the person, the others add to it. perfcap models lists them."""
@@ -104,6 +104,29 @@ class Capture:
         code = run_capture(CaptureRequest(**given))
         point_to(given["out"])
         return code
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Capture all clips of a list, a line each; go on where an earlier call stopped."""
+
+    clips: tyro.conf.Positional[Path]
+    """CSV whose first line names columns: videos, and any options of perfcap capture (cameras,
+    detections, actor, preset, ...), and name. Several values in a cell are apart by semicolons."""
+    out: Path
+    """Folder for the results, one each, and for index.html and summary.csv."""
+    processes: int | None = None
+    """Clips captured at once; as many as there are cores if not given."""
+    cluster: str | None = None
+    """Run on Ray: the address of a cluster whose machines see the same folders, or local."""
+    report: bool = True
+    """Write report.html of every clip."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.batch import BatchRequest, run_batch
+
+        return run_batch(BatchRequest(**vars(self)))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What is done with a capture: evaluate, render, export, report, view."""
+"""What is done with a capture: evaluate, render, export, retarget, report, view."""
 
 from __future__ import annotations
 
@@ -99,6 +99,35 @@ class Export:
         from perfcap.app.export import ExportRequest, run_export
 
         return run_export(ExportRequest(**vars(self)))
+
+
+@dataclass(frozen=True)
+class Retarget:
+    """Put the motion of a capture, a BVH file or an animated character on another character."""
+
+    source: tyro.conf.Positional[Path]
+    """Folder of a capture, a .bvh, or a .glb, .gltf or .vrm with an animation."""
+    actor: tuple[str, ...]
+    """Who shall move so: a shipped actor, a skinned .glb/.gltf/.vrm with any bones, or a folder
+    with actor.glb. Of several people one for all, or one each."""
+    out: Path
+    """Folder for the result, which all commands take that take a capture."""
+    frames: str | None = None
+    """Part of the source, A:B (B exclusive)."""
+    mapping: Path | None = None
+    """Bones of the actor, where perfcap cannot tell (docs/actors.md)."""
+    source_mapping: Path | None = None
+    """Likewise of the source; metres_per_unit in it is the unit of a BVH file."""
+    floor: Literal["auto", "none"] = "auto"
+    """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
+    overwrite: bool = False
+    """Replace the result that lies in the folder."""
+
+    def run(self) -> int:
+        """Run the command; returns the exit code."""
+        from perfcap.app.retarget import RetargetRequest, run_retarget
+
+        return run_retarget(RetargetRequest(**vars(self)))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from perfcap.energy.shared_prior import SharedPrior
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory
+from perfcap.energy.trajectory_change import TrajectoryChange
 from perfcap.energy.uncertain_views import UncertainViews
 
 __all__ = [
@@ -32,5 +33,6 @@ __all__ = [
     "SilhouetteOverlap",
     "Tether",
     "Trajectory",
+    "TrajectoryChange",
     "UncertainViews",
 ]

@@ -36,12 +36,14 @@ class Character:
         parts: name and number of vertices of each part, in the order of the vertices.
         findings: what is odd about the file.
         copyright: what the file says about its rights.
+        nodes: of the file, for each bone.
     """
 
     template: Template
     parts: tuple[tuple[str, int], ...]
     findings: tuple[Finding, ...]
     copyright: str | None = None
+    nodes: tuple[int, ...] = ()
 
 
 def load_template(path: str | Path) -> Template:
@@ -80,7 +82,8 @@ def read_character(document: Document) -> Character:
         raise document.error(
             "has no skinned mesh; bind the mesh to a skeleton, or use `perfcap actor build`"
         )
-    template = _assemble(document, tree, skins, parts, notes)
+    bones = _bone_order(tree, skins)
+    template = _assemble(document, tree, skins, bones, parts, notes)
     asset = document.tree.get("asset")
     rights = asset.get("copyright") if isinstance(asset, dict) else None
     return Character(
@@ -88,18 +91,23 @@ def read_character(document: Document) -> Character:
         tuple((part.name, len(part.vertices)) for part in parts),
         tuple(notes),
         rights if isinstance(rights, str) else None,
+        tuple(bones),
     )
 
 
 def _assemble(
-    document: Document, tree: NodeTree, skins: list[Skin], parts: list[Part], notes: list[Finding]
+    document: Document,
+    tree: NodeTree,
+    skins: list[Skin],
+    bones: list[int],
+    parts: list[Part],
+    notes: list[Finding],
 ) -> Template:
     rest = {
         node: matrix
         for skin in skins[::-1]
         for node, matrix in zip(skin.joints, skin.rest, strict=True)
     }
-    bones = _bone_order(tree, skins)
     index = np.zeros(len(tree.world), dtype=np.int64)
     index[bones] = np.arange(len(bones))
     vertices, faces = joined(parts)

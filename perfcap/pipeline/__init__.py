@@ -8,17 +8,20 @@ from perfcap.pipeline.config import (
     PositionConfig,
     PriorConfig,
     ReprojectionConfig,
+    RetargetConfig,
     TrajectoryConfig,
 )
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.joint_motion import JointMotion
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance, StageReport
 from perfcap.pipeline.pose_refiner import PoseRefiner, RefinedPose
 from perfcap.pipeline.presets import MONOPERFCAP, PRESETS, CaptureConfig
+from perfcap.pipeline.retargeting import Retargeted, retarget
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames
 from perfcap.pipeline.surroundings import Surroundings
@@ -32,6 +35,7 @@ __all__ = [
     "CaptureConfig",
     "FrameNumbers",
     "Images",
+    "JointMotion",
     "Performance",
     "Person",
     "PoseConfig",
@@ -40,6 +44,8 @@ __all__ = [
     "PriorConfig",
     "RefinedPose",
     "ReprojectionConfig",
+    "RetargetConfig",
+    "Retargeted",
     "Scene",
     "SkinnedSurface",
     "Stage",
@@ -56,6 +62,7 @@ __all__ = [
     "draw_free_view",
     "orbit",
     "pose_objective",
+    "retarget",
     "save_free_view",
     "save_overlay",
     "save_textured",

@@ -7,6 +7,7 @@ set. The paper's weights were tuned in pixels and millimetres; ``MONOPERFCAP_POS
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 # Deviation of predicted 3D joints from the truth, relative to the root, in metres, in the order
@@ -172,3 +173,46 @@ MUVS_POSE = PoseConfig(
     contact=ContactConfig(enabled=False),
     clean=0.0,
 )
+
+
+_TURNS = {
+    "pelvis": 3.0, "spine": 4.0, "neck": 15.0, "head": 6.0,
+    "l_shoulder": 15.0, "r_shoulder": 15.0, "l_elbow": 40.0, "r_elbow": 40.0,
+    "l_hip": 15.0, "r_hip": 15.0, "l_ankle": 6.0, "r_ankle": 6.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RetargetConfig:
+    """Deviations of what a retargeted motion should keep of its source.
+
+    Attributes:
+        limbs: directions of upper arms, forearms, thighs and shanks, degrees.
+        turns: orientations of joints, degrees; what is not named is free.
+        reach: of the wrists from the shoulders, m.
+        together: of the wrists from each other, m, while they are near.
+        near: distance of the wrists of the source at which that counts a quarter, m.
+        root: of the hips from their scaled place, m.
+        contact: how feet that stand are found.
+        feet: of feet that stand from their places, m.
+        depth: of feet below the floor, m.
+        change: of what contacts change, whose high frequencies have these deviations: m, degrees
+            and degrees, of the place, the root's rotation and the angles.
+        edge: cosines of a change that are low frequencies.
+        frames: solved at once.
+        steps: of the solver.
+    """
+
+    limbs: float = 2.0
+    turns: Mapping[str, float] = field(default_factory=lambda: dict(_TURNS))
+    reach: float = 0.01
+    together: float = 0.03
+    near: float = 0.12
+    root: float = 0.03
+    contact: ContactConfig = field(default_factory=lambda: ContactConfig(scale=None, margin=0.0))
+    feet: float = 0.003
+    depth: float = 0.002
+    change: tuple[float, float, float] = (0.003, 0.5, 1.0)
+    edge: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    frames: int = 128
+    steps: int = 40

@@ -77,7 +77,11 @@ class Floor:
 
 
 def find_floor(
-    landmarks: Tensor, soles: Tensor, rate: float, cameras: Camera | None = None
+    landmarks: Tensor,
+    soles: Tensor,
+    rate: float,
+    cameras: Camera | None = None,
+    normal: Tensor | None = None,
 ) -> Floor:
     """A robust plane through points under the feet while they are slow.
 
@@ -92,13 +96,16 @@ def find_floor(
         rate: frames a second.
         cameras: calibrated ones, whose world may have an upright axis; a world that is a camera's
             own has none.
+        normal: of the floor, a unit vector (3,) that points up, where it is known.
     """
-    up = body_axis(landmarks, soles)
+    up = body_axis(landmarks, soles) if normal is None else normal
     speed = velocity(soles, rate).norm(dim=-1)
     noise = speed.amin(-1).median()
     slow = (1 + (speed / (_SPEED + noise)).square()).square().reciprocal().flatten()
     points = soles.flatten(0, 1)
     share = slow / (rate * _SHARE * soles.shape[1] * 2 * _TIGHT**2)
+    if normal is not None:
+        return _fit(points, slow, share, normal, _RIGID)
     free = _fit(points, slow, share, up, _TILT)
     axis = None if cameras is None else _upright_axis(cameras, up)
     if axis is None:

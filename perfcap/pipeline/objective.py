@@ -76,6 +76,20 @@ def trajectory_prior(
         rate: frames a second.
         stiffness: factors on the weights of translation, rotation and each angle, (N, 2 + A).
     """
+    keep = soft_edge(config, frames, rate)
+    factor = keep.new_ones(3) if stiffness is None else stiffness.sqrt().unsqueeze(-2)
+    return Trajectory(
+        frames,
+        weight=config.weight,
+        translation=config.translation * factor[..., :1],
+        rotation=config.rotation * factor[..., 1:2],
+        angles=config.angles * factor[..., 2:],
+        keep=keep.to(factor.device),
+    )
+
+
+def soft_edge(config: TrajectoryConfig, frames: int, rate: float) -> Tensor:
+    """How much of each cosine of a window is left unpenalised, (K,); see ``trajectory_prior``."""
     rank = config.rank
     if config.edge != float("inf"):
         rank = round(rank * (frames / _REFERENCE_FRAMES) * (_REFERENCE_RATE / rate))
@@ -87,15 +101,7 @@ def trajectory_prior(
         if config.edge != float("inf")
         else order * 0 + 1
     )
-    factor = keep.new_ones(3) if stiffness is None else stiffness.sqrt().unsqueeze(-2)
-    return Trajectory(
-        frames,
-        weight=config.weight,
-        translation=config.translation * factor[..., :1],
-        rotation=config.rotation * factor[..., 1:2],
-        angles=config.angles * factor[..., 2:],
-        keep=keep.to(factor.device),
-    )
+    return keep
 
 
 def angle_bounds(actor: Actor) -> Bounds:

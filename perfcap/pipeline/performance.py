@@ -19,6 +19,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.result_folder import finish, locked, replacing
+from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
@@ -52,7 +53,7 @@ class Performance:
         detections: as given, (F, C, 16).
         motion: (F,).
         rate: frames a second.
-        config: settings of the capture.
+        config: settings of the capture, or of what took it to another actor.
         gaps: half-open frame ranges in which nobody was detected; they are interpolated.
         windows: how the solve of each window went.
         stages: time of each stage.
@@ -72,7 +73,7 @@ class Performance:
     detections: Detections
     motion: Motion
     rate: float
-    config: CaptureConfig
+    config: CaptureConfig | RetargetConfig
     gaps: tuple[tuple[int, int], ...] = ()
     windows: tuple[WindowReport, ...] = ()
     stages: tuple[StageReport, ...] = ()

@@ -103,7 +103,32 @@ def find_standing(
     floor = find_floor(points[:, :-_POINTS], soles, rate, cameras)
     if floor.support < config.support:
         return None
-    stances = find_stances(contact_probability(soles, floor, rate), rate)
+    sure = contact_probability(soles, floor, rate)
+    return stand_where(skeleton, soles, floor, sure, rate, config, precision)
+
+
+@torch.no_grad()
+def stand_where(
+    skeleton: Skeleton,
+    soles: Tensor,
+    floor: Floor,
+    sure: Tensor,
+    rate: float,
+    config: ContactConfig,
+    precision: Tensor,
+) -> Standing:
+    """The places of feet whose contacts are known.
+
+    Args:
+        skeleton: poses the points under the feet, its last N landmarks.
+        soles: where they are, (F, N, 3), metres.
+        floor: that they stand on.
+        sure: probability that each point stands, (F, N).
+        rate: frames a second.
+        config: of the contact.
+        precision: how well each frame's place is known without contact, (F, 3, 3), 1 / m^2.
+    """
+    stances = find_stances(sure, rate)
     settled = settled_places(soles, stances, floor, precision, config.deviation)
     for _ in range(_SPLITS):
         stances = split_stances(stances, settled, rate)

@@ -155,6 +155,7 @@ class _Finder:
                 pixel_offset=rig.pixel_offset,
                 frames=None if clip is None else clip.total,
                 used=self.end,
+                sizes=None if clip is None else clip.sizes,
             )
             found = found.frames(self.frames)
             if found.frame_count != self.frames.stop - self.frames.start:

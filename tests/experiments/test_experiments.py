@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import all as everything
@@ -26,6 +28,25 @@ TINY = {
 def test_every_script_is_run_by_all_of_them() -> None:
     assert {*everything.SMALL, *everything.LONG, "all"} == set(SCRIPTS)
     assert not set(everything.SMALL) & set(everything.LONG)
+
+
+def test_every_script_is_listed_once_by_what_it_asks() -> None:
+    call = [sys.executable, "-m", "experiments"]
+    done = subprocess.run([*call, "list"], cwd=FOLDER.parent, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr
+    names = [line.split()[0] for line in done.stdout.splitlines() if line.startswith("  ")]
+    assert sorted(names) == SCRIPTS
+    few = subprocess.run([*call, "list", "retarget"], cwd=FOLDER.parent, capture_output=True)
+    assert few.stdout.count(b"\n  ") == 1
+    for wrong in (["run", "retarge"], ["show"]):
+        failed = subprocess.run([*call, *wrong], cwd=FOLDER.parent, capture_output=True, text=True)
+        assert failed.returncode == 2 and failed.stderr
+    assert (
+        "did you mean retarget"
+        in subprocess.run(
+            [*call, "run", "retarge"], cwd=FOLDER.parent, capture_output=True, text=True
+        ).stderr
+    )
 
 
 def test_every_script_is_in_the_list_of_tables() -> None:

@@ -26,12 +26,14 @@ from perfcap.io.body_model import load_body_model
 from perfcap.io.bvh_motion import BvhMotion
 from perfcap.io.bvh_read import load_bvh
 from perfcap.io.calibration import read_cameras, read_pixel_map
+from perfcap.io.clip_list import read_clip_list
 from perfcap.io.datasets.off import read_off
 from perfcap.io.datasets.safe_pickle import read_pickle
 from perfcap.io.datasets.silhouettes import read_silhouette
 from perfcap.io.datasets.trc import read_trc
 from perfcap.io.detections import read_detections
 from perfcap.io.mesh import read_mesh
+from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline import PoseRefiner, Stage, capture
 
@@ -90,11 +92,23 @@ def _detections(root: Path) -> list[Target]:
     ]
     detection_files.write_json(coco / "a.json", entries)
 
+    landmarks, plain = _new(root, "detections_landmarks"), _new(root, "detections_npy")
+    points = [[{"x": x, "y": y, "visibility": c} for x, y, c in row[0, :17].tolist()]
+              for row in people]  # fmt: skip
+    detection_files.write_json(landmarks / "a.json", [{"pose_landmarks": [p]} for p in points])
+    np.save(plain / "a.npy", people[:, :, :17] + 1)
+    sapiens = root / "detections_sapiens" / "a"
+    sapiens.mkdir(parents=True)
+    for number, row in enumerate(people[:, 0, :17]):
+        one = {"keypoints": row[:, :2].tolist(), "keypoint_scores": row[:, 2].tolist()}
+        detection_files.write_json(sapiens / f"{number}.json", {"instance_info": [one]})
+
     def read(folder: Path, _: Random) -> Any:
         (path,) = folder.iterdir()
-        return read_detections(path)[0]
+        return read_detections(path, sizes=SIZES[:1])[0]
 
-    return [Target(place.name, place, read) for place in (arrays, folder, coco)]
+    places = (arrays, folder, coco, landmarks, plain, sapiens.parent)
+    return [Target(place.name, place, read) for place in places]
 
 
 def _shapes(root: Path, take: TakeFiles) -> list[Target]:
@@ -118,6 +132,10 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (stls / "text.stl").write_text(box.export(file_type="stl_ascii"))
     _write_gltf(gltf / "a.gltf")
     (bvh / "a.bvh").write_bytes((root / "result" / "motion.bvh").read_bytes())
+    clips = _new(root, "clip_list")
+    (clips / "a.csv").write_text("name,videos,actor\nwalk,a.mp4;b.mp4,sam\n,c.mp4,\n")
+    moving = _new(root, "moving")
+    (moving / "a.glb").write_bytes((root / "result" / "capture.glb").read_bytes())
     masks, pickles = _new(root, "masks"), _new(root, "pickles")
     picture = np.zeros((40, 30), np.uint8)
     picture[10:30, 5:20] = 1
@@ -133,6 +151,9 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
         Target("off", off, lambda f, _: read_off(f / "a.off")),
         Target("trc", trc, lambda f, _: read_trc(f / "a.trc").rate),
         Target("bvh", bvh, lambda f, _: _played(load_bvh(f / "a.bvh"))),
+        Target("moving", moving, lambda f, _: _joints(f / "a.glb")),
+        Target("moving_bvh", bvh, lambda f, _: _joints(f / "a.bvh")),
+        Target("clip_list", clips, lambda f, _: _listed(f / "a.csv")),
         Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
         Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
     ]
@@ -188,6 +209,8 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
         ["actor", "inspect", str(take.actor)],
         ["actor", "build", str(take.actor), "--out", "OUT", "--height", "1.7"],
         *_results("RESULT", take),
+        ["retarget", "RESULT", "--actor", str(take.actor), "--out", "OUT", "--frames", "0:2"],
+        ["retarget", "RESULT/motion.bvh", "--actor", "sam", "--out", "OUT", "--frames", "0:2"],
         ["models", "list", "RESULT"],
         ["models", "manifest", "RESULT/vitpose/model.onnx"],
         ["train", "lifter", "--motion", "RESULT", "--out", "OUT", "--loop.steps", "1"],
@@ -270,6 +293,15 @@ def _arrays(root: Path) -> list[Target]:
 
 def _played(motion: BvhMotion) -> Any:
     return replace(motion, ends=np.nan_to_num(motion.ends))  # NaN where a bone has no end
+
+
+def _listed(path: Path) -> Any:
+    return read_clip_list(path, ("videos", "actor", "height"), ("videos",), ("actor",))
+
+
+def _joints(path: Path) -> Any:
+    found = read_moving_rig(path)
+    return found.rotation, found.position, found.rate
 
 
 def _whole(result: Result) -> Any:

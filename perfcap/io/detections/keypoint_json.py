@@ -1,4 +1,4 @@
-"""One JSON file a view with all frames: AlphaPose, COCO results, MMPose predictions."""
+"""One JSON file a view with all frames: AlphaPose, COCO results, MMPose predictions, landmarks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from perfcap.errors import InputError
+from perfcap.io.detections.instance import parse_instance
+from perfcap.io.detections.landmark_json import holds_landmarks, read_landmarks
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.openpose import choose_joint_set, first_frame, parse_triples
 from perfcap.io.detections.track import MAX_FRAMES, Array
@@ -23,13 +23,17 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Listing:
 
     Args:
         path: a list of ``{image_id, keypoints, score}``, or MMPose's list of
-            ``{frame_id, instances}``, bare or under ``instance_info`` or ``predictions``.
+            ``{frame_id, instances}``, bare or under ``instance_info`` or ``predictions``, or
+            frames of landmarks, see ``read_landmarks``.
         frames: frames of the video; tells a numbering from 0 and one from 1 apart.
 
     Raises:
         InputError: another structure, unknown joint counts, nobody detected.
     """
-    entries = _entries(path, read_json(path, "keypoint JSON"))
+    data = read_json(path, "keypoint JSON")
+    if holds_landmarks(data):
+        return read_landmarks(path, data)
+    entries = _entries(path, data)
     numbered = "instances" in entries[0]
     pairs = _mmpose(path, entries) if numbered else _results(path, entries)
     by_frame: dict[int, list[Array]] = {}
@@ -83,24 +87,7 @@ def _mmpose(path: Path, entries: Entries) -> Iterator[tuple[int, list[Array]]]:
         if not isinstance(instances, list):
             raise InputError(f"{path}: frame {position} has no list 'instances'")
         number = _frame_number(path, entry.get("frame_id", position))
-        yield number, [_instance(path, instance) for instance in instances]
-
-
-def _instance(path: Path, instance: Any) -> Array:
-    where = f"{path}: an instance"
-    if not isinstance(instance, dict) or "keypoints" not in instance:
-        raise InputError(f"{where} has no keypoints; expected keypoints and keypoint_scores")
-    try:
-        points = np.asarray(instance["keypoints"], np.float64)
-        scores = np.asarray(instance.get("keypoint_scores", ()), np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{where} has keypoints that are not numbers") from error
-    if points.ndim != 2 or points.shape[1] != 2 or scores.shape != points.shape[:1]:
-        raise InputError(
-            f"{where} has keypoints {points.shape} and keypoint_scores {scores.shape}, expected "
-            "(J, 2) and (J,)"
-        )
-    return np.concatenate((points, scores[:, None]), 1)
+        yield number, [parse_instance(path, instance) for instance in instances]
 
 
 def _frame_number(path: Path, image: Any) -> int:

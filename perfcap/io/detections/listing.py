@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from perfcap.detect.joint_set import JointSet
+from perfcap.errors import InputError
 from perfcap.io.detections.people import follow, prominence
 from perfcap.io.detections.track import Array, Track
 
+_SHARE = 3.0  # images; joints that are guessed lie somewhat outside
 MOST_CANDIDATES = 32  # in a frame and view; further ones are passers-by in the distance
 
 
@@ -24,6 +26,7 @@ class Listing:
         frames: the people of each frame, each (J, 3): x, y in pixels of the file, confidence.
         warnings: what a user should know about how the file was read.
         video_frames: of the video these were detected in, where the file says so.
+        shares: whether x and y are shares of the image's width and height.
     """
 
     where: str
@@ -31,11 +34,41 @@ class Listing:
     frames: Sequence[Sequence[Array]]
     warnings: tuple[str, ...] = ()
     video_frames: int | None = None
+    shares: bool = False
 
     @property
     def most(self) -> int:
         """Number of people in the fullest frame."""
         return max((len(people) for people in self.frames), default=0)
+
+
+def are_shares(frames: Sequence[Sequence[Array]]) -> bool:
+    """Whether coordinates are shares of the image: nobody is seen within three pixels."""
+    places = [person[person[:, 2] > 0, :2] for people in frames for person in people]
+    largest = [np.abs(place[np.isfinite(place)]).max(initial=0.0) for place in places if len(place)]
+    return bool(largest) and float(np.median(largest)) < _SHARE
+
+
+def in_pixels(view: Track | Listing, size: tuple[int, int] | None) -> Track | Listing:
+    """A view in pixels with centres at integers.
+
+    Args:
+        view: as read.
+        size: height and width of its images.
+
+    Raises:
+        InputError: shares of an image whose size is not known.
+    """
+    if isinstance(view, Track) or not view.shares:
+        return view
+    if size is None:
+        raise InputError(
+            f"{view.where}: holds shares of the image instead of pixels, and the size of the image "
+            "is not known; give the video as well, or write pixels"
+        )
+    scale, offset = np.array([size[1], size[0], 1.0]), np.array([0.5, 0.5, 0.0])
+    frames = [[person * scale - offset for person in people] for people in view.frames]
+    return replace(view, frames=frames, shares=False)
 
 
 def followed(view: Track | Listing) -> Track:

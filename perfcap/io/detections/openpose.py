@@ -1,4 +1,4 @@
-"""Folders of OpenPose JSON, one file a frame."""
+"""Folders of JSON of OpenPose, MMPose and Sapiens, one file a frame."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from perfcap.detect.joint_set import (
+    BLAZEPOSE33,
     BODY_25,
     BODY_25B,
     COCO17,
@@ -20,6 +21,7 @@ from perfcap.detect.joint_set import (
     JointSet,
 )
 from perfcap.errors import InputError
+from perfcap.io.detections.instance import parse_instance
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import MEBIBYTE, read_json
@@ -27,7 +29,8 @@ from perfcap.io.files import MEBIBYTE, read_json
 FRAME_LIMIT = 16 * MEBIBYTE
 MAX_PEOPLE = 1000
 KEYPOINTS = "pose_keypoints_2d"
-BY_COUNT = {len(s): s for s in (COCO17, COCO18, BODY_25, HALPE26, COCO_WHOLEBODY, HALPE136)}
+_SETS = (COCO17, COCO18, BODY_25, HALPE26, BLAZEPOSE33, COCO_WHOLEBODY, HALPE136)
+BY_COUNT = {len(s): s for s in _SETS}
 
 
 def read_openpose(folder: Path, video_frames: int | None = None) -> Listing:
@@ -95,8 +98,13 @@ def _by_frame(folder: Path) -> dict[int, Path]:
 
 
 def _people(path: Path) -> list[Array]:
-    """The people (J, 3) of one file; ``{}`` and an empty list are nobody."""
+    """The people (J, 3) of one file of OpenPose, or of MMPose's and Sapiens' ``instance_info``;
+    ``{}`` and an empty list are nobody.
+    """
     data = read_json(path, "OpenPose JSON", FRAME_LIMIT)
+    instances = data.get("instance_info") if isinstance(data, dict) else None
+    if isinstance(instances, list) and len(instances) <= MAX_PEOPLE:
+        return [parse_instance(path, each) for each in instances]
     people = data.get("people", []) if isinstance(data, dict) else None
     if not isinstance(people, list) or len(people) > MAX_PEOPLE:
         raise InputError(f"{path}: has no list 'people'; expected OpenPose JSON")

@@ -12,13 +12,17 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.clip import END_SLACK
 from perfcap.io.detections.keypoint_json import read_keypoint_json
-from perfcap.io.detections.listing import Listing, everybody, followed, slots_of
+from perfcap.io.detections.keypoint_npy import read_keypoint_npy
+from perfcap.io.detections.listing import Listing, everybody, followed, in_pixels, slots_of
 from perfcap.io.detections.npz import read_npz
 from perfcap.io.detections.openpose import read_openpose
 from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
 from perfcap.io.view_names import match_views
 
-EXPECTED = "detections.npz, a folder of OpenPose JSON, or keypoint JSON (AlphaPose, COCO, MMPose)"
+EXPECTED = (
+    "detections.npz, a folder of OpenPose JSON, keypoint JSON (AlphaPose, COCO, MMPose, "
+    "MediaPipe), or keypoints as .npy"
+)
 
 
 def read_detections(
@@ -28,6 +32,7 @@ def read_detections(
     pixel_offset: float = 0.0,
     frames: int | None = None,
     used: int | None = None,
+    sizes: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[Detections, list[str]]:
     """Read the joints of one person, seen in C views.
 
@@ -39,6 +44,7 @@ def read_detections(
         frames: frames of the video, where known.
         used: of these the first that matter, where those behind them do not: all of the video
             should then have been detected nevertheless, or just these, and nothing is cut.
+        sizes: height and width of each view's images, for files that hold shares of them.
 
     Returns:
         Detections in float64, F frames of the shortest view (of the video, if shorter and all of
@@ -47,7 +53,7 @@ def read_detections(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames)
+    names, found = _read_views(paths, views, frames, sizes)
     tracks = [followed(view) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in tracks]
     _require_somebody(names, mapped)
@@ -63,6 +69,7 @@ def read_candidates(
     pixel_offset: float = 0.0,
     frames: int | None = None,
     used: int | None = None,
+    sizes: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[Detections, list[str]]:
     """Read the joints of everybody who was detected in C views, before anybody says who is who.
 
@@ -72,6 +79,7 @@ def read_candidates(
         pixel_offset: added to pixel coordinates.
         frames: frames of the video, where known.
         used: of these the first that matter.
+        sizes: height and width of each view's images.
 
     Returns:
         Detections (P, F, C, 16), where P is the most people of a frame and view: those of one
@@ -81,7 +89,7 @@ def read_candidates(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames)
+    names, found = _read_views(paths, views, frames, sizes)
     slots = max(slots_of(view) for view in found)
     rows = [everybody(view, slots) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in rows]
@@ -94,7 +102,10 @@ def read_candidates(
 
 
 def _read_views(
-    paths: str | Path | Sequence[str | Path], views: Sequence[str] | int, frames: int | None
+    paths: str | Path | Sequence[str | Path],
+    views: Sequence[str] | int,
+    frames: int | None,
+    sizes: Sequence[tuple[int, int]] | None,
 ) -> tuple[str, list[Track | Listing]]:
     """One track or listing a view, in the order of the views, and the names of the files."""
     several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
@@ -108,7 +119,8 @@ def _read_views(
             f"--detections: {listed} hold {len(found)} views, the cameras are {count}; expected "
             "one file a view, or one npz of all"
         )
-    return listed, found
+    known = [None] * count if sizes is None or len(sizes) != count else list(sizes)
+    return listed, [in_pixels(view, size) for view, size in zip(found, known, strict=True)]
 
 
 def _require_somebody(names: str, tracks: Sequence[LandmarkTrack]) -> None:
@@ -135,6 +147,8 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
         return [read_openpose(path, frames)]
     if path.suffix.lower() == ".npz":
         return read_npz(path, views)
+    if path.suffix.lower() == ".npy":
+        return read_keypoint_npy(path)
     if path.suffix.lower() == ".json":
         return [read_keypoint_json(path, frames)]
     raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")

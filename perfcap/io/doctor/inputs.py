@@ -91,7 +91,10 @@ def _examine_detections(
     frames = None if clip is None else len(clip)
 
     def read() -> tuple[Detections, list[str]]:
-        return read_detections(paths, views=rig.names, pixel_offset=rig.pixel_offset, frames=frames)
+        sizes = None if clip is None else clip.sizes
+        return read_detections(
+            paths, views=rig.names, pixel_offset=rig.pixel_offset, frames=frames, sizes=sizes
+        )
 
     found = _try(findings, read)
     if found is None:

@@ -1,0 +1,164 @@
+"""One clip of a batch: a capture in a process of its own, and what came of it."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from perfcap.errors import InputError, one_line
+from perfcap.io.atomic import writing
+from perfcap.io.files import MEBIBYTE, read_json
+from perfcap.io.result_folder import own_file
+
+TRIES = 4  # of a clip whose process died
+DONE, INCOMPLETE = 0, 3
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+_TAIL = 4096  # bytes of a log in which the last message is
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run.
+
+    Attributes:
+        name: of the clip.
+        arguments: of ``perfcap``.
+        folder: of the result.
+        log: what the capture writes to its streams.
+        state: what is kept of the outcome.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    folder: Path
+    log: Path
+    state: Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a clip.
+
+    Attributes:
+        name: of the clip.
+        arguments: that it was captured with.
+        code: exit code of the capture, negative for the signal that ended it.
+        seconds: it took.
+        tries: how often it was begun.
+        message: the last line of what it said, where it failed.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    code: int
+    seconds: float
+    tries: int = 1
+    message: str = ""
+
+    @property
+    def captured(self) -> bool:
+        """Whether there is a result."""
+        return self.code in (DONE, INCOMPLETE)
+
+
+def run_clip(job: Job, cores: Collection[int] = ()) -> Outcome:
+    """Capture a clip and keep the outcome; where its process is killed, go on from its checkpoint.
+
+    Args:
+        job: what to run.
+        cores: that it may use; all if none are named.
+    """
+    started = time.perf_counter()
+    code, tries = -1, 0
+    while code < 0 and tries < TRIES:
+        tries += 1
+        code = _run(job, cores, overwrite=tries > 1 or job.state.exists())
+        if -code in (signal.SIGINT, signal.SIGTERM):
+            break
+    message = "" if code in (DONE, INCOMPLETE) else _last_line(job.log)
+    if code < 0:
+        message = f"its process was ended by signal {-code}, {tries} times"
+    found = Outcome(job.name, job.arguments, code, time.perf_counter() - started, tries, message)
+    with writing(job.state) as file:
+        file.write(json.dumps(asdict(found)).encode())
+    return found
+
+
+def read_outcome(job: Job) -> Outcome | None:
+    """What is kept of an earlier run of a clip; None where there is nothing."""
+    if not job.state.is_file():
+        return None
+    try:
+        values: Any = read_json(job.state, "the outcome of a clip", MEBIBYTE)
+        found = Outcome(**{**values, "arguments": tuple(values["arguments"])})
+        sound = isinstance(found.code, int) and isinstance(found.seconds, float | int)
+        return found if sound and isinstance(found.message, str) else None
+    except (InputError, TypeError, KeyError):
+        return None
+
+
+def is_done(job: Job, known: Outcome | None, inputs: Collection[Path]) -> bool:
+    """Whether a result is that of this very job, and newer than what it was made from."""
+    if known is None or not known.captured or known.arguments != job.arguments:
+        return False
+    report = own_file(job.folder, "run.json")
+    if report is None:
+        return False
+    made = report.stat().st_mtime
+    try:
+        return all(path.stat().st_mtime <= made for path in inputs)
+    except OSError:
+        return False
+
+
+def _run(job: Job, cores: Collection[int], overwrite: bool) -> int:
+    """The exit code of one capture; its streams go to the log."""
+    command = [sys.executable, "-m", "perfcap", *job.arguments, "--resume"]
+    if overwrite:  # of this batch, with other options or inputs
+        command.append("--overwrite")
+    environment = {**os.environ, "OMP_NUM_THREADS": str(len(cores) or _count())}
+    job.log.parent.mkdir(parents=True, exist_ok=True)
+    with job.log.open("wb") as log:
+        child = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            preexec_fn=_die_with_parent if sys.platform == "linux" else None,
+        )
+        if cores and hasattr(os, "sched_setaffinity"):
+            with suppress(OSError):  # it has ended already
+                os.sched_setaffinity(child.pid, cores)
+        try:
+            return child.wait()
+        except BaseException:
+            child.terminate()
+            child.wait()
+            raise
+
+
+def _count() -> int:
+    return os.cpu_count() or 1
+
+
+def _die_with_parent() -> None:
+    """A killed batch, or worker of a cluster, leaves no capture that holds its folder."""
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+
+
+def _last_line(log: Path) -> str:
+    with log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - _TAIL))
+        lines = [line for line in file.read().decode(errors="replace").splitlines() if line.strip()]
+    return one_line(lines[-1]).removeprefix("perfcap: ") if lines else "said nothing"

@@ -1,0 +1,224 @@
+"""``perfcap retarget``: motion of a capture, a BVH or an animated character on another actor."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+
+from perfcap import __version__
+from perfcap.actor.actor import Actor
+from perfcap.app.capture_folder import spare_inputs
+from perfcap.app.console import PlainConsole
+from perfcap.app.inputs import parse_frames
+from perfcap.app.people_loop import named_people
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.io.actor import find_actor, load_actor
+from perfcap.io.actor_mapping import ActorMapping, read_mapping
+from perfcap.io.atomic import writing
+from perfcap.io.export import upright_from
+from perfcap.io.gltf_merge import merge_characters
+from perfcap.io.moving_rig import MovingRig, read_moving_rig
+from perfcap.io.people_folder import person_folder, write_people
+from perfcap.io.result_folder import (
+    REPORT,
+    SCENE,
+    finish,
+    holds_result,
+    locked,
+    replacing,
+    require_places,
+)
+from perfcap.pipeline.config import RetargetConfig
+from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
+from perfcap.pipeline.performance import Performance, make_folder
+from perfcap.pipeline.result_files import plain, write_result
+from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
+from perfcap.pipeline.retargeting import Retargeted, retarget
+from perfcap.pipeline.surroundings import upright
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RetargetRequest:
+    """What the command line asks for; see ``perfcap retarget --help``."""
+
+    source: Path
+    actor: tuple[str, ...]
+    out: Path
+    frames: str | None = None
+    mapping: Path | None = None
+    source_mapping: Path | None = None
+    floor: str = "auto"
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One person: from where, onto whom, and what came of it."""
+
+    name: str
+    rig: MovingRig
+    joints: JointMotion
+    target: Actor
+    found: Retargeted
+    scores: RetargetScores
+
+
+def run_retarget(request: RetargetRequest) -> int:
+    """Solve and write a folder like that of a capture; returns the exit code.
+
+    Raises:
+        InputError: bad input, in one line; nothing has been written then.
+    """
+    folder = make_folder(request.out)
+    with locked(folder):
+        finish(folder)
+        spare_inputs(folder, _inputs(request), detected=False)
+        require_places(folder)
+        if holds_result(folder) and not request.overwrite:
+            raise InputError(
+                f"--out {folder}: holds a result already; add --overwrite to replace it, or choose "
+                "another folder"
+            )
+        parts = _retargeted(request)
+        with replacing(folder) as scratch:
+            _write(request, scratch, parts)
+    _tell(folder, parts)
+    return 0
+
+
+def _inputs(request: RetargetRequest) -> list[Path]:
+    given = [request.source, *(find_actor(name).path for name in request.actor)]
+    files = [path for path in (request.mapping, request.source_mapping) if path is not None]
+    inside = sorted(request.source.iterdir()) if request.source.is_dir() else []
+    return [*given, *files, *inside]
+
+
+def _retargeted(request: RetargetRequest) -> list[_Part]:
+    mapping = None if request.source_mapping is None else read_mapping(request.source_mapping)
+    people = list(named_people(request.source)) if request.source.is_dir() else []
+    people = people or [(request.source, "")]
+    actors = [load_actor(name, request.mapping) for name in request.actor]
+    if len(actors) not in (1, len(people)):
+        raise InputError(
+            f"--actor: {len(actors)} actors for {len(people)} people; expected one for all, or one "
+            "each"
+        )
+    targets = actors * len(people) if len(actors) == 1 else actors
+    rigs = [_level(_read(request, place, mapping)) for place, _ in people]
+    ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
+    scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
+    config = RetargetConfig()
+    if request.floor == "none":
+        config = replace(config, contact=replace(config.contact, enabled=False))
+    return [
+        _solved(name, rig, target, scale, config)
+        for (_, name), rig, target in zip(people, rigs, targets, strict=True)
+    ]
+
+
+def _read(request: RetargetRequest, place: Path, mapping: ActorMapping | None) -> MovingRig:
+    rig = read_moving_rig(place, parse_frames(request.frames), mapping)
+    for note in rig.notes:
+        _LOG.warning("%s", note)
+    return rig
+
+
+def _level(rig: MovingRig) -> MovingRig:
+    """The same with y up in its world."""
+    if rig.level:
+        return rig
+    matrix = rig.world_to_floor
+    if matrix is None:
+        matrix = np.eye(4)
+        joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+        landmarks = carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
+        matrix[:3, :3] = upright_from(upright(landmarks).numpy())
+    turn = matrix[:3, :3]
+    return replace(
+        rig,
+        rotation=turn @ rig.rotation,
+        position=rig.position @ turn.T + matrix[:3, 3],
+        level=True,
+    )
+
+
+def _solved(
+    name: str, rig: MovingRig, target: Actor, scale: float, config: RetargetConfig
+) -> _Part:
+    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    found = retarget(rig.actor, joints, target, rig.rate, config, scale)
+    scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
+    return _Part(name, rig, joints, target, found, scores)
+
+
+def _write(request: RetargetRequest, folder: Path, parts: Sequence[_Part]) -> None:
+    if len(parts) == 1 and not parts[0].name:
+        _write_person(request, folder, parts[0])
+        return
+    names = [person_folder(number) for number in range(1, len(parts) + 1)]
+    for name, part in zip(names, parts, strict=True):
+        (folder / name).mkdir()
+        _write_person(request, folder / name, part)
+    merge_characters(folder / SCENE, {name: folder / name / "capture.glb" for name in names})
+    write_people(folder, [{"actor": part.target.template.name} for part in parts])
+    with writing(folder / "config.yaml") as file:
+        file.write(yaml.safe_dump(plain(asdict(RetargetConfig())), sort_keys=False).encode())
+    with writing(folder / REPORT) as file:
+        file.write(json.dumps(plain(_about(request)), indent=1).encode())
+
+
+def _write_person(request: RetargetRequest, folder: Path, part: _Part) -> None:
+    found, like = part.found, part.found.motion.angles
+    nobody = Detections.from_joints(
+        like.new_zeros(found.motion.frames, 0, len(LANDMARKS), 2),
+        like.new_zeros(found.motion.frames, 0, len(LANDMARKS)),
+    )
+    nowhere = Camera(like.new_zeros(0, 3, 3), like.new_zeros(0, 3, 3), like.new_zeros(0, 3))
+    performance = Performance(
+        part.target,
+        nowhere,
+        nobody,
+        found.motion,
+        part.rig.rate,
+        RetargetConfig(),
+        floor=found.floor,
+        contact=found.contact,
+        warnings=part.rig.notes,
+    )
+    about = _about(request) | {"retarget": part.scores.report() | {"scale": found.scale}}
+    write_result(performance, folder, int(part.rig.frames[0]), about)
+
+
+def _about(request: RetargetRequest) -> dict[str, Any]:
+    given = {key: value for key, value in vars(request).items() if key != "overwrite"}
+    return {"perfcap": __version__, "retargeted_from": str(request.source), "request": {
+        key: str(value) if isinstance(value, Path) else value for key, value in given.items()
+    }}  # fmt: skip
+
+
+def _tell(folder: Path, parts: Sequence[_Part]) -> None:
+    console = PlainConsole(soft_wrap=True)
+    for part in parts:
+        kept = part.scores.report()
+        limbs, reach = kept["limbs_degrees"], kept["reach_mm"]
+        name = f"{part.name}: " if part.name else ""
+        console.print(
+            f"{name}{part.found.motion.frames} frames on {part.target.template.name}: limbs "
+            f"{limbs['median']:.1f} degrees off (95 %: {limbs['q95']:.1f}), wrists "
+            f"{reach['median']:.0f} mm ({reach['q95']:.0f})"
+        )
+    model = folder / (SCENE if len(parts) > 1 else "capture.glb")
+    console.print(f"{model} opens in Blender; perfcap export {folder} writes other formats")

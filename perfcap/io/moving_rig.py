@@ -1,0 +1,244 @@
+"""A skeleton in motion: of a finished capture, of a BVH file, or of an animated character."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.bone_map import map_bones
+from perfcap.errors import InputError
+from perfcap.io.actor_import import ImportedActor, require_sound, rig_character
+from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.bvh_motion import BvhMotion, joint_positions
+from perfcap.io.bvh_read import load_bvh
+from perfcap.io.bvh_rig import stick_figure, with_feet
+from perfcap.io.doctor.finding import Severity
+from perfcap.io.gltf_clip import sample_clip
+from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import Character, read_character
+from perfcap.io.gltf_scene import read_tree, rigid
+from perfcap.io.result import read_result
+
+Floats = NDArray[np.float64]
+
+_BVH, _GLTF = ".bvh", (".glb", ".gltf", ".vrm")
+_STATURE = 1.7  # m, of a figure in units that nobody knows
+_FIRST = slice(0, None)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingRig:
+    """The sixteen joints of a person in motion, and the skeleton that they are joints of.
+
+    Attributes:
+        actor: at rest: metres, y up, facing +z.
+        rotation: rest-to-posed rotations of the joints in the world, (F, 16, 3, 3).
+        position: of the joints in the world, (F, 16, 3) m.
+        rate: frames a second.
+        frames: numbers of the frames in the file, (F,).
+        level: whether y is up in the world; a capture's is that of its calibration.
+        world_to_floor: takes the world to one with the floor at y = 0, (4, 4); None if not known.
+        notes: what a user should know.
+    """
+
+    actor: Actor
+    rotation: Floats
+    position: Floats
+    rate: float
+    frames: NDArray[np.int64]
+    level: bool = True
+    world_to_floor: Floats | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_moving_rig(
+    path: str | Path, frames: slice = _FIRST, mapping: ActorMapping | None = None
+) -> MovingRig:
+    """Read the folder of a capture, a ``.bvh``, or a ``.glb``, ``.gltf`` or ``.vrm`` that moves.
+
+    Args:
+        path: of it.
+        frames: the part to take; frames of a capture are counted as in its video.
+        mapping: bones of joints, and the unit, where the file does not tell.
+
+    Raises:
+        InputError: it cannot be read, does not move, or its joints cannot be found.
+    """
+    path = Path(path)
+    mapping = mapping or ActorMapping()
+    if path.is_dir():
+        return _of_result(path, frames, mapping)
+    if path.suffix.lower() == _BVH:
+        return _of_bvh(path, frames, mapping)
+    if path.suffix.lower() in _GLTF:
+        return _of_character(path, frames, mapping)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; expected {_expected()}")
+    raise InputError(f"{path}: is of no kind that moves; expected {_expected()}")
+
+
+def _expected() -> str:
+    return f"the folder of a capture, a {_BVH}, or a {', '.join(_GLTF)} with an animation"
+
+
+def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
+    result = read_result(folder)
+    numbers = result.frame_numbers
+    stop = int(numbers[-1]) + 1 if frames.stop is None else frames.stop
+    chosen = np.flatnonzero((numbers >= frames.start) & (numbers < stop))
+    _require_some(folder, len(chosen), f"{numbers[0]} to {numbers[-1]}")
+    imported = rig_character(Character(result.template, (), ()), mapping)
+    bones = _bones(imported)
+    moved = result.bone_transforms[chosen][:, bones]
+    rest = result.template.bone_rest[bones, :3, 3]
+    position = (moved[..., :3, :3] @ rest[..., None])[..., 0] + moved[..., :3, 3]
+    return replace(
+        _corrected(imported, moved[..., :3, :3], position, result.rate, numbers[chosen]),
+        level=False,
+        world_to_floor=_floor(result.report),
+    )
+
+
+def _floor(report: Mapping[str, Any]) -> Floats | None:
+    floor = report.get("floor")
+    matrix = floor.get("world_to_floor") if isinstance(floor, dict) else None
+    try:
+        found = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if found.shape != (4, 4) or not np.isfinite(found).all():
+        return None
+    turn = found[:3, :3]
+    return found if np.abs(turn @ turn.T - np.eye(3)).max() < 1e-3 else None
+
+
+def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
+    whole = load_bvh(path, 1.0)
+    numbers = np.arange(len(whole.rotations))[frames]
+    _require_some(path, len(numbers), f"0 to {len(whole.rotations) - 1}")
+    motion = replace(whole, rotations=whole.rotations[numbers], positions=whole.positions[numbers])
+    turns, places = _world_turns(motion), joint_positions(motion)
+    rest = np.zeros_like(motion.offsets)
+    for joint, parent in enumerate(motion.parents.tolist()):
+        rest[joint] = motion.offsets[joint] + (rest[parent] if parent >= 0 else 0.0)
+    try:
+        imported, notes = _stick_actor(path, motion, rest, mapping)
+    except InputError:
+        # the offsets of some programs are no pose of a person, but people stand in most clips
+        standing, heading = _standing_frame(motion, rest, places, mapping)
+        rest, turns = places[standing] @ heading.T, turns @ turns[standing].mT @ heading.T
+        imported, notes = _stick_actor(path, motion, rest, mapping)
+        about = f"{path}: its rest pose is none of a person; frame {numbers[standing]} is taken"
+        notes = (*notes, about)
+    bones = _bones(imported)
+    found = _corrected(imported, turns[:, bones], places[:, bones], 1 / whole.frame_time, numbers)
+    return replace(found, notes=notes)
+
+
+def _standing_frame(
+    motion: BvhMotion, rest: Floats, places: Floats, mapping: ActorMapping
+) -> tuple[int, Floats]:
+    """The frame in which legs and trunk are most upright, and the turn (3, 3) that makes it
+    face +z.
+    """
+    joints = map_bones(stick_figure(motion, rest, "figure"), mapping.joints).joints
+    lean = np.zeros(len(places))
+    for low, high in (("pelvis", "neck"), *((f"{s}_{a}", f"{s}_{b}") for s in "lr"
+                      for a, b in (("knee", "hip"), ("ankle", "knee")))):  # fmt: skip
+        along = places[:, joints[high]] - places[:, joints[low]]
+        lean += np.arccos(along[:, 1] / np.maximum(np.linalg.norm(along, axis=1), 1e-9))
+    frame = int(lean.argmin())
+    at = places[frame]
+    left = sum(at[joints[f"l_{end}"]] - at[joints[f"r_{end}"]] for end in ("hip", "shoulder"))
+    yaw = np.arctan2(left[2], left[0])  # from the left hand's +x
+    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    return frame, turn
+
+
+def _stick_actor(
+    path: Path, motion: BvhMotion, rest: Floats, mapping: ActorMapping
+) -> tuple[ImportedActor, tuple[str, ...]]:
+    """A figure of sticks at rest; in units of its own height where no unit makes it a person.
+
+    Raises:
+        InputError: its joints are not found, or it rests far from upright.
+    """
+    motion = with_feet(motion, rest)
+    character = Character(stick_figure(motion, rest, path.stem), (), ())
+    notes: tuple[str, ...] = ()
+    try:
+        imported = rig_character(character, mapping)
+    except InputError as error:
+        if mapping.metres_per_unit is not None or "units tall" not in str(error):
+            raise
+        size = float(np.ptp(character.template.vertices, axis=0).max())
+        imported = rig_character(character, replace(mapping, metres_per_unit=_STATURE / size))
+        notes = (
+            f"{path}: its unit is not known; taken so that the figure is {_STATURE} m tall "
+            "(metres_per_unit in a file given as --source-mapping states it)",
+        )
+    _require_pose(path, imported)
+    return imported, notes
+
+
+def _require_pose(path: Path, imported: ImportedActor) -> None:
+    poses = [f for f in imported.about_actor if f.subject == "rest pose"]
+    require_sound(path, tuple(f for f in poses if f.severity is Severity.ERROR))
+
+
+def _world_turns(motion: BvhMotion) -> Floats:
+    """Rotations of the joints in the world, (F, J, 3, 3)."""
+    turns = motion.rotations.copy()
+    for joint, parent in enumerate(motion.parents.tolist()):
+        if parent >= 0:
+            turns[:, joint] = turns[:, parent] @ turns[:, joint]
+    return turns
+
+
+def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
+    document = open_document(path)
+    character = read_character(document)
+    imported = rig_character(character, mapping)
+    _require_pose(path, imported)
+    bones = _bones(imported)
+    clip = sample_clip(document, read_tree(document), np.array(character.nodes)[bones])
+    numbers = np.arange(len(clip.world))[frames]
+    _require_some(path, len(numbers), f"0 to {len(clip.world) - 1}")
+    world = clip.world[numbers]
+    turns = rigid(world.reshape(-1, 4, 4)).reshape(world.shape)[..., :3, :3]
+    rest = character.template.bone_rest[bones, :3, :3]
+    return _corrected(imported, turns @ rest.mT, world[..., :3, 3], clip.rate, numbers)
+
+
+def _bones(imported: ImportedActor) -> list[int]:
+    return [imported.bones.joints[name] for name in JOINTS]
+
+
+def _corrected(
+    imported: ImportedActor,
+    rotation: Floats,
+    position: Floats,
+    rate: float,
+    numbers: NDArray[np.int64],
+) -> MovingRig:
+    """Joints in metres and in the axes of the actor; the world's origin stays."""
+    turn, scale = imported.correction.rotation, imported.correction.scale
+    return MovingRig(
+        actor=imported.actor,
+        rotation=turn @ rotation @ turn.T,
+        position=scale * position @ turn.T,
+        rate=rate,
+        frames=np.asarray(numbers, dtype=np.int64),
+    )
+
+
+def _require_some(path: Path, found: int, there: str) -> None:
+    if not found:
+        raise InputError(f"--frames: {path} holds frames {there}; expected a part of them")

@@ -1,0 +1,113 @@
+"""Joints in motion without angles and limits, and what another skeleton should make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.skeleton import Skeleton
+from perfcap.actor.sole_points import SOLE_POINTS, sole_skeleton
+from perfcap.geometry.rotation import rotvec_to_matrix
+
+SOLES = 2 * len(SOLE_POINTS)
+LIMBS = tuple(
+    (f"{side}_{start}", f"{side}_{end}")
+    for side in "lr"
+    for start, end in (
+        ("shoulder", "elbow"),
+        ("elbow", "wrist"),
+        ("hip", "knee"),
+        ("knee", "ankle"),
+    )
+)
+ARMS = tuple((f"{side}_shoulder", f"{side}_wrist") for side in "lr")
+_SHORTEST = 1e-9
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Joints of a skeleton in motion, free of angles and limits.
+
+    Attributes:
+        rotation: rest-to-posed rotations in the world, (F, 16, 3, 3).
+        position: in the world, (F, 16, 3), metres.
+    """
+
+    rotation: Tensor
+    position: Tensor
+
+
+def leg_length(actor: Actor) -> float:
+    """Of thigh, shank and the height of the ankle, mean of both sides, metres."""
+    skeleton = actor.skeleton
+    at = {name: skeleton.rest_positions[JOINTS.index(name)] for name in JOINTS}
+    sole = sole_skeleton(actor).rest_landmarks[-SOLES:, 1].min()
+    sides = [
+        (at[f"{s}_knee"] - at[f"{s}_hip"]).norm()
+        + (at[f"{s}_ankle"] - at[f"{s}_knee"]).norm()
+        + (at[f"{s}_ankle"][1] - sole)
+        for s in "lr"
+    ]
+    return float(sum(sides)) / len(sides)
+
+
+def arm_length(skeleton: Skeleton) -> float:
+    """Of upper arm and forearm, mean of both sides, metres."""
+    at = {name: skeleton.rest_positions[JOINTS.index(name)] for name in JOINTS}
+    sides = [
+        (at[f"{s}_elbow"] - at[f"{s}_shoulder"]).norm()
+        + (at[f"{s}_wrist"] - at[f"{s}_elbow"]).norm()
+        for s in "lr"
+    ]
+    return float(sum(sides)) / len(sides)
+
+
+def neutral_turns(skeleton: Skeleton) -> Tensor:
+    """Rotations of the joints from the rest pose to the anatomical neutral one, (16, 3, 3)."""
+    rest = skeleton.rest_motion()
+    rotation: Tensor = skeleton(replace(rest, angles=torch.zeros_like(rest.angles))).rotation
+    return rotation[0]
+
+
+def wanted_turns(source: Actor, joints: JointMotion, target: Skeleton) -> Tensor:
+    """Rotations of the target's joints from its rest pose, (F, 16, 3, 3).
+
+    As far from its neutral pose as the source is from its own, with limbs in exactly the source's
+    directions.
+    """
+    like = target.rest_positions
+    turned = joints.rotation.to(like) @ neutral_turns(source.skeleton).mT.to(like)
+    wanted = turned @ neutral_turns(target)
+    for start, end in LIMBS:
+        a, b = JOINTS.index(start), JOINTS.index(end)
+        aim = unit_vectors((joints.position[:, b] - joints.position[:, a]).to(like))
+        along = unit_vectors(target.rest_positions[b] - target.rest_positions[a])
+        wanted[:, a] = _least_turn(wanted[:, a] @ along, aim) @ wanted[:, a]
+    return wanted
+
+
+def _least_turn(one: Tensor, other: Tensor) -> Tensor:
+    """The smallest rotations (F, 3, 3) that take unit vectors (F, 3) to others."""
+    axis = torch.linalg.cross(one, other)
+    sine, cosine = axis.norm(dim=-1), (one * other).sum(-1)
+    angle = torch.atan2(sine, cosine)
+    return rotvec_to_matrix(axis / sine.clamp(min=_SHORTEST)[:, None] * angle[:, None])
+
+
+def carried_landmarks(skeleton: Skeleton, joints: JointMotion) -> Tensor:
+    """Landmarks of a skeleton on joints that move, (F, L, 3), metres."""
+    like = skeleton.rest_positions
+    owner = torch.tensor(skeleton.rig.landmark_joints)
+    local = skeleton.rest_landmarks - like[owner]
+    turned: Tensor = (joints.rotation.to(like)[:, owner] @ local[..., None])[..., 0]
+    return turned + joints.position.to(like)[:, owner]
+
+
+def unit_vectors(vectors: Tensor) -> Tensor:
+    """Vectors (..., 3) of length one; zero stays zero."""
+    unit: Tensor = vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=_SHORTEST)
+    return unit

@@ -1,0 +1,104 @@
+"""How much of a motion another skeleton has kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
+from perfcap.metrics.contact import floor_contact, foot_skate
+from perfcap.pipeline.joint_motion import (
+    ARMS,
+    LIMBS,
+    JointMotion,
+    arm_length,
+    carried_landmarks,
+    unit_vectors,
+)
+from perfcap.pipeline.retargeting import Retargeted
+
+_FEET = ("r_ankle", "r_toe", "l_ankle", "l_toe")
+_UP = (0.0, 1.0, 0.0)
+_MILLIMETRES = 1000.0
+
+
+@dataclass(frozen=True)
+class RetargetScores:
+    """What was kept.
+
+    Attributes:
+        limbs: angles between limbs and the source's, (F, 8), degrees.
+        reach: of the wrists, as seen from the shoulders and in lengths of the arm, from the
+            source's, (F, 2), mm.
+        slide: mean way along the floor in a frame of feet that stand in the source, mm; NaN where
+            none does.
+        source_slide: the source's own, at the target's scale, mm.
+    """
+
+    limbs: Tensor
+    reach: Tensor
+    slide: float
+    source_slide: float
+
+    def report(self) -> dict[str, Any]:
+        """Medians and 95 % quantiles as plain values."""
+
+        def two(values: Tensor) -> dict[str, float]:
+            middle, most = values.flatten().quantile(values.new_tensor([0.5, 0.95])).tolist()
+            return {"median": middle, "q95": most}
+
+        return {
+            "limbs_degrees": two(self.limbs),
+            "reach_mm": two(self.reach),
+            "slide_mm": self.slide,
+            "source_slide_mm": self.source_slide,
+        }
+
+
+@torch.no_grad()
+def retarget_scores(
+    source: Actor, joints: JointMotion, target: Actor, found: Retargeted, rate: float
+) -> RetargetScores:
+    """Compare a retargeted motion with what it came from.
+
+    Args:
+        source: whose skeleton moved.
+        joints: how, (F,), in a world with y up.
+        target: who moves now.
+        found: how.
+        rate: frames a second.
+    """
+    pose = target.skeleton(found.motion)
+    theirs = joints.position.to(pose.position)
+    cosine = (_along(pose.position) * _along(theirs)).sum(-1).clamp(-1, 1)
+    ratio = arm_length(target.skeleton) / arm_length(source.skeleton)
+    reach = (_reach(pose.position) - ratio * _reach(theirs)).norm(dim=-1)
+    names = source.skeleton.rig.landmarks
+    feet = [names.index(name) for name in _FEET]
+    before = carried_landmarks(source.skeleton, joints)[:, feet]
+    contact = floor_contact(before, before[..., 1], rate)
+    up = before.new_tensor(_UP)
+    return RetargetScores(
+        limbs=cosine.acos().rad2deg(),
+        reach=_MILLIMETRES * reach,
+        slide=float(foot_skate(pose.landmarks[:, feet], contact, up)),
+        source_slide=found.scale * float(foot_skate(before, contact, up)),
+    )
+
+
+def _along(position: Tensor) -> Tensor:
+    """Directions of the limbs, (F, 8, 3)."""
+    return unit_vectors(_between(position, LIMBS))
+
+
+def _reach(position: Tensor) -> Tensor:
+    return _between(position, ARMS)
+
+
+def _between(position: Tensor, pairs: tuple[tuple[str, str], ...]) -> Tensor:
+    starts, ends = ([JOINTS.index(name) for name in side] for side in zip(*pairs, strict=True))
+    return position[:, ends] - position[:, starts]

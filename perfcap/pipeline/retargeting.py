@@ -1,0 +1,172 @@
+"""Motion of one skeleton on another: a solve, not a copy of angles.
+
+Every joint of the source turned in some way from the anatomical neutral pose, and so shall the
+target's: rest poses do not matter. Limbs keep the source's directions, wrists reach as far from the
+shoulders in lengths of the arm, and the place of the hips scales with the length of the legs. What
+proportions and joint limits make impossible is weighed in one least-squares problem a frame, with
+feet tied to where they stand, as in a capture.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.joint_angles import joint_angles
+from perfcap.actor.motion import Motion
+from perfcap.actor.sole_points import sole_skeleton
+from perfcap.energy.trajectory_change import TrajectoryChange
+from perfcap.geometry.rotation import matrix_to_rotvec
+from perfcap.pipeline.config import RetargetConfig
+from perfcap.pipeline.contact import contact_probability
+from perfcap.pipeline.floor import Floor, find_floor
+from perfcap.pipeline.joint_motion import (
+    SOLES,
+    JointMotion,
+    carried_landmarks,
+    leg_length,
+    wanted_turns,
+)
+from perfcap.pipeline.motion_blender import MotionBlender
+from perfcap.pipeline.objective import angle_bounds, soft_edge
+from perfcap.pipeline.retarget_rows import Rows
+from perfcap.pipeline.standing import Standing, stand_where
+from perfcap.solve import LevenbergMarquardt, Objective, solve
+from perfcap.solve.energy import Energy
+from perfcap.temporal.window import partition
+
+_UP = (0.0, 1.0, 0.0)
+_WINDOW, _OVERLAP, _AT_ONCE = 50, 10, 4  # frames, frames, windows
+
+
+@dataclass(frozen=True)
+class Retargeted:
+    """A motion of another actor.
+
+    Attributes:
+        motion: of the target, (F,), within its limits, in a world with y up.
+        floor: y = 0, that its feet stand on; None where there is none.
+        contact: probability that the left and the right foot stand, (F, 2); None likewise.
+        scale: metres of the target for a metre of the source.
+    """
+
+    motion: Motion
+    floor: Floor | None
+    contact: Tensor | None
+    scale: float
+
+
+@torch.no_grad()
+def retarget(
+    source: Actor,
+    joints: JointMotion,
+    target: Actor,
+    rate: float,
+    config: RetargetConfig | None = None,
+    scale: float | None = None,
+) -> Retargeted:
+    """The motion of a source on a target of another build and rest pose.
+
+    Args:
+        source: whose skeleton moved.
+        joints: how, (F,), in a world with y up.
+        target: who shall move so.
+        rate: frames a second.
+        config: what is to be kept how well.
+        scale: of the way of the hips; the ratio of the legs if None. People who are to stay
+            together need the same.
+    """
+    config = config or RetargetConfig()
+    scale = leg_length(target) / leg_length(source) if scale is None else scale
+    wanted = wanted_turns(source, joints, target.skeleton)
+    begun = _placed(source, joints, target, wanted, scale)
+    floor, sure = _contacts(source, joints, rate)
+    rows = Rows.of(source, joints, target, begun, config)
+    first = _each(target, rows, begun, config)
+    if floor is None or config.contact.support > floor.support or not config.contact.enabled:
+        return Retargeted(first, None, None, scale)
+    ground = replace(floor, height=scale * floor.height)
+    skeleton = sole_skeleton(target)
+    soles = skeleton(first).landmarks[:, -SOLES:]
+    known = torch.eye(3).to(soles).expand(len(soles), 3, 3) / config.root**2
+    standing = stand_where(skeleton, soles, ground, sure, rate, config.contact, known)
+    last = _standing(target, rows, first, standing, rate, config)
+    level = replace(last, translation=last.translation - ground.height * ground.normal)
+    return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
+
+
+def _placed(
+    source: Actor, joints: JointMotion, target: Actor, wanted: Tensor, scale: float
+) -> Motion:
+    """The target with its hips where the source's are, to scale, and its joints turned so."""
+    skeleton = target.skeleton
+    hips = [JOINTS.index(f"{side}_hip") for side in "lr"]
+    middle = scale * joints.position[:, hips].mean(1).to(wanted)
+    offset = skeleton.rest_positions[hips].mean(0) - skeleton.rest_positions[0]
+    place = middle - wanted[:, 0] @ offset
+    return Motion(place, matrix_to_rotvec(wanted[:, 0]), joint_angles(skeleton, wanted))
+
+
+def _contacts(source: Actor, joints: JointMotion, rate: float) -> tuple[Floor, Tensor]:
+    """The source's floor, and the probability that each point under its feet stands, (F, N)."""
+    points = carried_landmarks(sole_skeleton(source), joints)
+    soles, landmarks = points[:, -SOLES:], points[:, :-SOLES]
+    floor = find_floor(landmarks, soles, rate, normal=points.new_tensor(_UP))
+    return floor, contact_probability(soles, floor, rate)
+
+
+def _each(target: Actor, rows: Rows, begun: Motion, config: RetargetConfig) -> Motion:
+    """The pose of every frame on its own, many at once."""
+    parts = []
+    for start in range(0, begun.frames, config.frames):
+        index = torch.arange(start, min(start + config.frames, begun.frames))[:, None]  # N 1
+        state = begun.map(lambda each, index=index: each[index])
+        parts.append(_solved(target, {"pose": rows.energy(index)}, state, config))
+    return Motion.cat([part.map(lambda each: each[:, 0]) for part in parts])
+
+
+def _standing(
+    target: Actor,
+    rows: Rows,
+    given: Motion,
+    standing: Standing,
+    rate: float,
+    config: RetargetConfig,
+) -> Motion:
+    """The motion with feet that stand, changed from a given one by what is slow."""
+    windows = partition(given.frames, _WINDOW, _OVERLAP)
+    keep = soft_edge(config.edge, len(windows[0]), rate)
+    place, turn, angle = config.change
+    blender = MotionBlender()
+    for start in range(0, len(windows), _AT_ONCE):
+        group = windows[start : start + _AT_ONCE]
+        index = torch.stack([torch.arange(w.start, w.stop) for w in group])  # N W
+        before = given.map(lambda each, index=index: each[index])
+        change = TrajectoryChange(
+            before,
+            keep,
+            translation=1 / place,
+            rotation=1 / math.radians(turn),
+            angles=1 / math.radians(angle),
+        )
+        energies = {"pose": rows.energy(index), "change": change}
+        tied = replace(config.contact, deviation=config.feet, depth=config.depth)
+        energies |= standing.energies(index, tied)
+        shift = standing.shift[index]
+        moved = replace(before, translation=before.translation + shift)
+        solved = _solved(target, energies, moved, config)
+        for row, window in enumerate(group):
+            blender.push(window, solved.map(lambda each, row=row: each[row]))
+    return blender.finish(target.skeleton)
+
+
+def _solved(
+    target: Actor, energies: dict[str, Energy[Motion]], begun: Motion, config: RetargetConfig
+) -> Motion:
+    method = LevenbergMarquardt(config.steps, 1e-4, 1e-2)
+    return solve(Objective(energies), begun, method, angle_bounds(target)).state

@@ -1,0 +1,97 @@
+"""``perfcap retarget``: captures, BVH files and characters that move, onto other characters."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_rigs import RIGS
+from runs import Command
+
+from perfcap.io.gltf_document import open_document
+from perfcap.io.result import read_result
+
+
+@pytest.fixture(scope="module")
+def hero(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A character with Mixamo's names, in centimetres."""
+    path = tmp_path_factory.mktemp("hero") / "hero.glb"
+    RIGS["Mixamo, centimetres, armature"].write(path)
+    return path
+
+
+def limbs(path: Path) -> dict[str, float]:
+    report = json.loads((path / "run.json").read_text())
+    return report["retarget"]["limbs_degrees"]
+
+
+def test_a_capture_on_another_character(
+    captured: Path, hero: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    out = tmp_path / "out"
+    outcome = perfcap(["retarget", captured, "--actor", hero, "--out", out])
+    assert outcome.code == 0 and not outcome.err
+    assert "limbs" in outcome.out and "opens in Blender" in outcome.out
+    found, source = read_result(out), read_result(captured)
+    assert found.frames == source.frames and found.rate == source.rate
+    assert found.frame_numbers.tolist() == source.frame_numbers.tolist()
+    names = {node.get("name") for node in open_document(out / "capture.glb").tree["nodes"]}
+    assert {"mixamorig:Hips", "mixamorig:LeftForeArm"} <= names
+    assert limbs(out)["q95"] < 3
+    # and on: other commands take it
+    assert perfcap(["export", out, "--to", "bvh", "--name", "a"]).code == 0
+    assert perfcap(["report", out]).code == 0
+    again = tmp_path / "again"
+    bvh = out / "export" / "a.bvh"
+    assert perfcap(["retarget", bvh, "--actor", hero, "--out", again]).code == 0
+    assert limbs(again)["median"] < 1
+    # the same rig, so the same joints, but for the floor that is found anew
+    apart = read_result(again).joints - found.joints
+    assert np.abs(apart - apart.mean((0, 1))).max() < 0.03
+
+
+def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    call = ["retarget", captured / "capture.glb", "--actor", "sam", "--out", tmp_path / "out"]
+    assert perfcap([*call, "--frames", "3:9", "--floor", "none"]).code == 0
+    found = read_result(tmp_path / "out")
+    assert found.frame_numbers.tolist() == [3, 4, 5, 6, 7, 8]
+    assert found.report["floor"] is None
+    said = perfcap(call).refused()
+    assert "holds a result already; add --overwrite" in said
+    assert perfcap([*call, "--overwrite"]).code == 0
+
+
+def test_several_people(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    several = tmp_path / "several"
+    for name in ("person1", "person2"):
+        shutil.copytree(captured, several / name)
+    people = [{"folder": "person1"}, {"folder": "person2"}]
+    (several / "people.json").write_text(json.dumps({"K": 2, "people": people}))
+    (several / "run.json").write_text("{}")
+    out = tmp_path / "out"
+    assert perfcap(["retarget", several, "--actor", "sam", "--out", out]).code == 0
+    assert (out / "scene.glb").is_file() and read_result(out / "person2").frames > 0
+    call = ["retarget", several, "--actor", "sam", "sam", "sam", "--out", tmp_path / "b"]
+    assert "3 actors for 2 people" in perfcap(call).refused()
+    assert not (tmp_path / "b" / "run.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [("nothing.bvh", "cannot be read"), ("folder", "has no run.json"), ("a.fbx", "no such file")],
+)
+def test_what_cannot_be_a_source(source: str, said: str, tmp_path: Path, perfcap: Command) -> None:
+    (tmp_path / "folder").mkdir()
+    call = ["retarget", tmp_path / source, "--actor", "sam", "--out", tmp_path / "out"]
+    assert said in perfcap(call).refused()
+
+
+def test_nothing_is_written_over_what_is_read(
+    captured: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    folder = Path(shutil.copytree(captured, tmp_path / "own"))
+    before = (folder / "motion.npz").read_bytes()
+    call = ["retarget", folder, "--actor", "sam", "--out", folder, "--overwrite"]
+    assert "would replace the input" in perfcap(call).refused()
+    assert (folder / "motion.npz").read_bytes() == before

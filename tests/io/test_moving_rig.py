@@ -1,0 +1,208 @@
+"""Skeletons in motion: captures, BVH and animated characters say the same of one motion."""
+
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from foreign_rigs import MIXAMO, RIGS, Z_UP, transformed
+from synthetic import actor
+from takes import sway
+
+from perfcap.actor.anatomy import JOINTS
+from perfcap.errors import InputError
+from perfcap.io.actor_import import import_actor
+from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.bvh import bvh_motion, save_bvh
+from perfcap.io.gltf import save_animation
+from perfcap.io.moving_rig import read_moving_rig
+
+PERSON = actor()
+MOTION = sway(PERSON, 12, 24.0)
+
+
+@pytest.fixture(scope="module")
+def truth() -> tuple[np.ndarray, np.ndarray]:
+    pose = PERSON.skeleton(MOTION)
+    return pose.rotation.numpy(), pose.position.numpy()
+
+
+def named() -> object:
+    """The person with Mixamo's names."""
+    template = PERSON.template
+    names = tuple(MIXAMO[name] for name in template.bone_names)
+    return replace(template, bone_names=names, joint_bones={}, landmarks={})
+
+
+def close(found: object, truth: tuple[np.ndarray, np.ndarray], atol: float = 2e-5) -> None:
+    np.testing.assert_allclose(found.rotation, truth[0], atol=atol)
+    np.testing.assert_allclose(found.position, truth[1], atol=atol)
+
+
+@pytest.mark.parametrize("unit", [0.01, 1.0, 0.0254])
+def test_bvh(unit: float, truth: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    """Whatever its unit: the height of the figure tells."""
+    transforms = PERSON.bone_transforms(MOTION).numpy()
+    save_bvh(tmp_path / "a.bvh", bvh_motion(named(), transforms, 24.0), unit)
+    found = read_moving_rig(tmp_path / "a.bvh")
+    assert found.rate == pytest.approx(24.0) and not found.notes
+    assert found.frames.tolist() == list(range(12))
+    # the root's offset is not in BVH: poses are, and places of a rest pose are not
+    close(found, truth)
+
+
+def test_bvh_of_a_unit_that_nobody_knows(tmp_path: Path) -> None:
+    transforms = PERSON.bone_transforms(MOTION).numpy()
+    save_bvh(tmp_path / "a.bvh", bvh_motion(named(), transforms, 24.0), 0.056444)
+    found = read_moving_rig(tmp_path / "a.bvh")
+    assert "its unit is not known" in found.notes[0]
+    stated = read_moving_rig(tmp_path / "a.bvh", mapping=ActorMapping({}, 0.056444))
+    assert not stated.notes
+    ratio = np.linalg.norm(found.position) / np.linalg.norm(stated.position)
+    np.testing.assert_allclose(found.position, ratio * stated.position, atol=1e-9)
+    np.testing.assert_allclose(found.rotation, stated.rotation)
+
+
+def test_bvh_whose_offsets_are_no_person(
+    truth: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    """Every bone along +x, as some programs write: a frame in which the person stands serves."""
+    motion = bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0)
+    length = np.linalg.norm(motion.offsets, axis=1)
+    along = np.where(length[:, None] > 0, motion.offsets / np.maximum(length, 1e-9)[:, None], 0)
+    x = np.array([1.0, 0, 0])
+    turns = np.tile(np.eye(3), (len(length), 1, 1))  # of each joint's frame, taking x to its child
+    child = {int(p): j for j, p in enumerate(motion.parents) if p >= 0}
+    for joint, other in child.items():
+        axis = np.cross(x, along[other])
+        sine, cosine = np.linalg.norm(axis), along[other] @ x
+        k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        turns[joint] = np.eye(3) + k + k @ k * (1 - cosine) / max(sine**2, 1e-12)
+    parent = np.maximum(motion.parents, 0)
+    above = np.where((motion.parents < 0)[:, None, None], np.eye(3), turns[parent])
+    twisted = replace(
+        motion,
+        offsets=(above.mT @ motion.offsets[..., None])[..., 0],
+        rotations=above.mT @ motion.rotations @ turns,
+        positions=(above.mT @ motion.positions[..., None])[..., 0],
+        ends=None,
+    )
+    save_bvh(tmp_path / "a.bvh", twisted)
+    found = read_moving_rig(tmp_path / "a.bvh")
+    assert any("its rest pose is none of a person" in note for note in found.notes)
+    np.testing.assert_allclose(found.position, truth[1], atol=2e-4)
+
+
+@pytest.mark.parametrize("name", [n for n in RIGS if "no names" not in n])
+def test_characters(name: str, truth: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    """Units, axes, armatures and bones of other programs."""
+    rig = RIGS[name]
+    made = rig.write(tmp_path / "rest.glb")
+    imported = import_actor(tmp_path / "rest.glb")
+    motion = sway(imported.actor, 12, 24.0)
+    transforms = imported.actor.bone_transforms(motion).numpy()
+    save_animation(tmp_path / "a.glb", imported.actor.template, transforms, 24.0)
+    found = read_moving_rig(tmp_path / "a.glb")
+    pose = imported.actor.skeleton(motion)
+    assert len(made.bone_names) >= 16 and found.rate == 24.0
+    close(found, (pose.rotation.numpy(), pose.position.numpy()), 1e-4)
+
+
+def test_axes_of_a_character_that_lies(tmp_path: Path) -> None:
+    """A file in centimetres with z up: the motion stands upright, in metres."""
+    raw = transformed(named(), 100 * Z_UP.T, np.zeros(3))
+    matrices = PERSON.bone_transforms(MOTION).numpy()
+    big, small = np.eye(4), np.eye(4)
+    big[:3, :3], small[:3, :3] = 100 * Z_UP.T, Z_UP / 100
+    save_animation(tmp_path / "a.glb", raw, big @ matrices @ small, 24.0)
+    pose = PERSON.skeleton(MOTION)
+    found = read_moving_rig(tmp_path / "a.glb", slice(3, 9))
+    assert found.frames.tolist() == [3, 4, 5, 6, 7, 8]
+    close(found, (pose.rotation[3:9].numpy(), pose.position[3:9].numpy()), 1e-4)
+
+
+def rewritten(path: Path, out: Path, change: object) -> Path:
+    """A GLB with another tree."""
+    data = path.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    tree = json.loads(data[20 : 20 + size])
+    change(tree)
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + size :]
+    head = struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest))
+    out.write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + rest)
+    return out
+
+
+@pytest.fixture
+def moving(tmp_path: Path) -> Path:
+    path = tmp_path / "moving.glb"
+    save_animation(path, named(), PERSON.bone_transforms(MOTION).numpy(), 24.0)
+    return path
+
+
+def test_keys_that_stay(moving: Path, tmp_path: Path) -> None:
+    """STEP of a file with a key every frame is the same at every frame."""
+
+    def step(tree: dict) -> None:
+        for sampler in tree["animations"][0]["samplers"]:
+            sampler["interpolation"] = "STEP"
+
+    one = read_moving_rig(moving)
+    other = read_moving_rig(rewritten(moving, tmp_path / "b.glb", step))
+    np.testing.assert_allclose(other.position, one.position, atol=1e-6)  # keys are float32
+
+
+WRONG = {
+    "no animation": (lambda tree: tree.pop("animations"), "holds no animation"),
+    "no channels": (lambda tree: tree["animations"][0].pop("channels"), "no channels or samplers"),
+    "unknown interpolation": (
+        lambda tree: tree["animations"][0]["samplers"][0].update(interpolation="BEZIER"),
+        "interpolated by 'BEZIER'",
+    ),
+    "cubic without tangents": (
+        lambda tree: tree["animations"][0]["samplers"][0].update(interpolation="CUBICSPLINE"),
+        "keys have",
+    ),
+    "a path that is none": (
+        lambda tree: [c["target"].update(path=[]) for c in tree["animations"][0]["channels"]],
+        "holds no animation",
+    ),
+    "no such node": (
+        lambda tree: tree["animations"][0]["channels"][0]["target"].update(node=10**6),
+        "target.node is 1000000",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_damaged_animations(fault: str, moving: Path, tmp_path: Path) -> None:
+    change, said = WRONG[fault]
+    with pytest.raises(InputError, match=said):
+        read_moving_rig(rewritten(moving, tmp_path / "b.glb", change))
+
+
+def test_what_does_not_move(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("x")
+    with pytest.raises(InputError, match="no such file or folder"):
+        read_moving_rig(tmp_path / "nothing")
+    with pytest.raises(InputError, match="is of no kind that moves"):
+        read_moving_rig(tmp_path / "a.txt")
+    with pytest.raises(InputError, match=r"has no run\.json"):
+        read_moving_rig(tmp_path)
+
+
+def test_frames_that_are_not_there(moving: Path) -> None:
+    with pytest.raises(InputError, match="holds frames 0 to 11"):
+        read_moving_rig(moving, slice(12, None))
+
+
+def test_joints_are_in_order() -> None:
+    assert PERSON.skeleton.rig.joints == JOINTS
+    assert torch.equal(
+        PERSON.skeleton.rest_motion().translation[0], PERSON.skeleton.rest_positions[0]
+    )

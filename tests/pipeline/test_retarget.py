@@ -1,0 +1,152 @@
+"""Motion of one skeleton on another."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from synthetic import actor, rest_positions, template
+from takes import sway
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.actor.sole_points import sole_skeleton
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.config import RetargetConfig
+from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length, wanted_turns
+from perfcap.pipeline.retarget_scores import retarget_scores
+from perfcap.pipeline.retargeting import Retargeted, retarget
+
+F64 = torch.float64
+PERSON = actor()
+FREE = RetargetConfig()
+FREE = replace(FREE, contact=replace(FREE.contact, enabled=False))
+
+
+def t_pose() -> Actor:
+    """The same person, drawn with other arms and knees."""
+    return Actor(template(rest_positions(arms=85, elbows=20, knees=12)))
+
+
+def built(**factors: float) -> Actor:
+    """The person with other lengths of bones, in log factors of their groups."""
+    groups = PERSON.skeleton.group_names
+    return PERSON.resized(torch.tensor([factors.get(name, 0.0) for name in groups], dtype=F64))
+
+
+def joints_of(person: Actor, motion: Motion) -> JointMotion:
+    pose = person.skeleton(motion)
+    return JointMotion(pose.rotation, pose.position)
+
+
+def walk(person: Actor, frames: int = 60) -> Motion:
+    """Steps on the spot and ahead: the feet take turns at standing still, knees bend."""
+    motion = sway(person, frames)
+    names = person.skeleton.angle_names
+    time = torch.arange(frames, dtype=F64) / 30
+    angles = torch.zeros_like(motion.angles) + 0.05
+    for side, phase in (("l", 0.0), ("r", torch.pi)):
+        lift = (torch.sin(2 * torch.pi * 0.8 * time + phase)).clamp(min=0)
+        angles[:, names.index(f"{side}_hip_flexion")] = 0.7 * lift
+        angles[:, names.index(f"{side}_knee_flexion")] = 1.4 * lift
+        angles[:, names.index(f"{side}_ankle_dorsiflexion")] = -0.3 * lift
+        angles[:, names.index(f"{side}_shoulder_elevation")] = 0.3 + 0.4 * lift
+        angles[:, names.index(f"{side}_elbow_flexion")] = 0.5 + lift
+    flat = replace(motion, translation=0 * motion.translation, angles=angles)
+    flat = replace(flat, rotation=0 * flat.rotation)
+    soles = sole_skeleton(person)(flat).landmarks[:, -8:]
+    lowest = soles[..., 1].amin(1)
+    place = torch.stack((0 * lowest, -lowest, 0 * lowest), -1)
+    return replace(flat, translation=place)
+
+
+def test_a_person_on_themselves() -> None:
+    motion = sway(PERSON, 40, turns=0.7)
+    found = retarget(PERSON, joints_of(PERSON, motion), PERSON, 30.0, FREE)
+    assert found.scale == pytest.approx(1)
+    ankles = [k for k, name in enumerate(PERSON.skeleton.angle_names) if "ankle" in name]
+    assert (PERSON.joints(found.motion) - PERSON.joints(motion)).norm(dim=-1).max() < 1e-4
+    assert (found.motion.angles - motion.angles)[:, ankles].abs().max() < 1e-3
+
+
+def test_another_rest_pose_is_no_other_motion() -> None:
+    """Arms of a T-pose and bent knees: the pose in the world stays, to what limits leave."""
+    other = t_pose()
+    motion = sway(PERSON, 30)
+    found = retarget(PERSON, joints_of(PERSON, motion), other, 30.0, FREE)
+    scores = retarget_scores(PERSON, joints_of(PERSON, motion), other, found, 30.0)
+    assert scores.limbs.max() < 0.5
+    assert scores.reach.max() < 3
+    assert (other.joints(found.motion) - PERSON.joints(motion)).norm(dim=-1).max() < 0.02
+
+
+def test_turned_and_moved_sources_give_turned_and_moved_results() -> None:
+    other, motion = built(thigh=0.1, upper_arm=-0.1), sway(PERSON, 20)
+    joints = joints_of(PERSON, motion)
+    turn = rotvec_to_matrix(torch.tensor([0.0, 2.0, 0.0], dtype=F64))
+    away = torch.tensor([3.0, 0.0, -2.0], dtype=F64)
+    elsewhere = JointMotion(turn @ joints.rotation, joints.position @ turn.mT + away)
+    one = retarget(PERSON, joints, other, 30.0, FREE)
+    two = retarget(PERSON, elsewhere, other, 30.0, FREE)
+    expected = other.joints(one.motion) @ turn.mT + one.scale * away
+    assert torch.allclose(other.joints(two.motion), expected, atol=1e-5)
+
+
+BUILDS = ({"thigh": 0.15, "shank": 0.1, "upper_arm": 0.1, "forearm": 0.1}, {"hips": 0.2},
+          {"thigh": -0.15, "shank": -0.12, "foot": -0.1})  # fmt: skip
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_other_builds_keep_directions_reach_and_feet(build: dict[str, float]) -> None:
+    other, motion = built(**build), walk(PERSON)
+    joints = joints_of(PERSON, motion)
+    found = retarget(PERSON, joints, other, 30.0)
+    scores = retarget_scores(PERSON, joints, other, found, 30.0)
+    assert scores.limbs.mean() < 3
+    assert scores.reach.mean() < 20
+    assert scores.slide < 1  # mm in a frame; of feet that stand still in the source
+    assert found.scale == pytest.approx(leg_length(other) / leg_length(PERSON))
+    skeleton = other.skeleton
+    assert (found.motion.angles >= skeleton.lower - 1e-9).all()
+    assert (found.motion.angles <= skeleton.upper + 1e-9).all()
+    soles = sole_skeleton(other)(found.motion).landmarks[:, -8:, 1]
+    assert found.floor is not None and float(found.floor.height) == 0
+    assert soles.min() > -0.015
+    assert soles.amin(1).abs().median() < 0.005
+
+
+def test_corrections_are_slow() -> None:
+    """Where feet land and leave, the motion does not pop: accelerations stay those of a person."""
+    other, motion = built(thigh=0.15, hips=0.2), walk(PERSON)
+    joints = joints_of(PERSON, motion)
+    loose = retarget(PERSON, joints, other, 30.0, FREE)
+    tied = retarget(PERSON, joints, other, 30.0)
+
+    def jolts(found: Retargeted) -> torch.Tensor:
+        return (900 * other.joints(found.motion).diff(n=2, dim=0)).norm(dim=-1)
+
+    assert jolts(tied).quantile(0.99) < 1.5 * jolts(loose).quantile(0.99)
+
+
+def test_wanted_turns_point_limbs_where_the_source_does() -> None:
+    other, motion = t_pose(), sway(PERSON, 5)
+    joints = joints_of(PERSON, motion)
+    wanted = wanted_turns(PERSON, joints, other.skeleton)
+    names = PERSON.skeleton.rig.joints
+    for start, end in (("l_shoulder", "l_elbow"), ("r_knee", "r_ankle")):
+        a, b = names.index(start), names.index(end)
+        rest = other.skeleton.rest_positions
+        along = (wanted[:, a] @ (rest[b] - rest[a])) / (rest[b] - rest[a]).norm()
+        theirs = joints.position[:, b] - joints.position[:, a]
+        assert torch.allclose(along, theirs / theirs.norm(dim=-1, keepdim=True), atol=1e-9)
+
+
+def test_landmarks_on_joints() -> None:
+    motion = sway(PERSON, 4)
+    found = carried_landmarks(PERSON.skeleton, joints_of(PERSON, motion))
+    assert torch.allclose(found, PERSON.joints(motion), atol=1e-12)
+
+
+def test_one_frame() -> None:
+    motion = sway(PERSON, 1)
+    found = retarget(PERSON, joints_of(PERSON, motion), t_pose(), 30.0)
+    assert found.motion.frames == 1 and found.motion.angles.isfinite().all()
