@@ -58,12 +58,12 @@ def box_steps(
     exact = torch.zeros_like(newton[:, 0], dtype=torch.bool)
     given = (plain(x) for x in (newton, box.lowest, box.highest, held.clone(), unit, tolerance))
     outcome = step.numpy(), multipliers.numpy(), exact.numpy()
-    _solve_all(factorization.arrays, *given, *limits, *outcome)
+    solve_all(factorization.arrays, *given, *limits, *outcome)
     return step, multipliers, exact
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _solve_all(
+def solve_all(
     model: Model,
     newton: Floats,
     lowest: Floats,

@@ -66,7 +66,7 @@ def newton_step(model: Model, equations: NormalEquations) -> Tensor:
     """See ``Factorization.newton_step``."""
     windows, gradient = equations.windows, equations.frame_gradient
     step = gradient.new_empty(len(gradient), equations.layout.unknowns)
-    _newton_steps(
+    newton_steps(
         model,
         plain(gradient),
         plain(torch.cat([window.features for window in windows], -1)),
@@ -77,7 +77,7 @@ def newton_step(model: Model, equations: NormalEquations) -> Tensor:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _newton_steps(
+def newton_steps(
     model: Model, gradient: Floats, features: Floats, complement: Floats, step: Floats
 ) -> None:
     """Steps (B, N); gradients of the data (B, F, D), features (B, F, E), complements (K,)."""
