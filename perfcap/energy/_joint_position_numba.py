@@ -79,7 +79,7 @@ def add_to_blocks(
         _rows(jacobian, count, 3, dim),
         _rows(error, known.direction.shape[1], count, 3),
         _rows(energy.confidence, known.direction.shape[1], count),
-        _rows(energy.weight.to(gradient).expand(batch)),
+        _rows(energy.weight.to(gradient).expand(joints.shape[:-3])),
         kernel,
         SHORTEST,
         curvature.numpy().reshape(-1, dim, dim),

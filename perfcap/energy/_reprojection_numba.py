@@ -45,10 +45,10 @@ def add_to_blocks(
         _rows(pixels, views, count, 2),
         _rows(seen.joints2d, views, count, 2),
         _rows(seen.confidence2d, views, count),
-        _rows(energy.scale.expand(views), views)[0],
+        _rows(energy.scale.expand(pixels.shape[:-2]), views),
         _rows(camera, views, count, 2, 3),
         _rows(moved, count, 3, dim),
-        _rows(energy.weight.to(gradient).expand(batch)),
+        _rows(energy.weight.to(gradient).expand(pixels.shape[:-4])),
         kernel,
         curvature.numpy().reshape(-1, dim, dim),
         gradient.numpy().reshape(-1, dim),
@@ -84,7 +84,7 @@ def _add_to_blocks(
         for j in range(pixels.shape[2]):
             stiff[:], pull[:] = 0, 0
             for view in range(pixels.shape[1]):
-                unit = scale[view]
+                unit = scale[n, view]
                 x = unit * (pixels[n, view, j, 0] - detected[n, view, j, 0])
                 y = unit * (pixels[n, view, j, 1] - detected[n, view, j, 1])
                 trust = confidence[n, view, j]

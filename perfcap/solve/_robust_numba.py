@@ -16,6 +16,8 @@ def as_numbers(kernel: Kernel) -> Robust | None:
     """A kernel for compiled loops; None for one that only torch knows."""
     if type(kernel) is Quadratic:
         return _QUADRATIC, 1.0
+    if not isinstance(getattr(kernel, "scale", 1.0), float | int):
+        return None  # a tensor may be learned, or be another one for every element
     if type(kernel) is Huber:
         return _HUBER, float(kernel.scale)
     if type(kernel) is GemanMcClure:

@@ -1,5 +1,6 @@
 """Compiled loops of the pose energies against their twins in torch, which gradients ask for."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -80,7 +81,10 @@ def energies(motion: Motion, views: int, kernel: Kernel, weight: Tensor) -> dict
     pixels = pixels + 9 * torch.randn(pixels.shape, generator=random, dtype=torch.float64)
     detections = replace(detections, joints2d=pixels, confidence2d=sure, trusted3d=trusted)
     unit = torch.linspace(0.05, 0.2, 16, dtype=torch.float64)
+    lead = motion.angles.shape[:-2]
     spread = torch.linspace(4.0, 7.0, views, dtype=torch.float64)
+    spread = spread * torch.linspace(1, 2, max(1, lead.numel()), dtype=torch.float64)[:, None]
+    spread = spread.reshape(*lead, 1, views) if lead else spread[0]
     where = ACTOR.landmarks, eye, detections, weight, kernel
     return {
         "joints2d": Reprojection(*where, spread),
@@ -91,11 +95,11 @@ def energies(motion: Motion, views: int, kernel: Kernel, weight: Tensor) -> dict
 
 @pytest.mark.parametrize("kernel", [Quadratic(), Huber(0.5), GemanMcClure(1.5)])
 @pytest.mark.parametrize("views", [1, 3])
-@pytest.mark.parametrize("batch", [(), (2,)])
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
 def test_blocks_are_those_of_the_rows(kernel: Kernel, views: int, batch: tuple[int, ...]) -> None:
     truth = random_motion(ACTOR.skeleton, FRAMES, batch)
-    weight = torch.linspace(0.5, 2, max(1, *batch, 1), dtype=torch.float64)
-    every = energies(truth, views, kernel, weight.reshape(batch) if not batch else weight)
+    weight = torch.linspace(0.5, 2, 6, dtype=torch.float64)
+    every = energies(truth, views, kernel, weight[: math.prod(batch)].reshape(batch))
     moved = replace(truth, angles=truth.angles + 0.1, translation=truth.translation + 0.05)
     for name, energy in every.items():
         objective = Objective({name: energy})
@@ -132,3 +136,14 @@ def test_energies_leave_what_they_cannot_add_to_the_rows(name: str) -> None:
         motion = watched(motion)
     assert energy.add_to_blocks(motion, *blocks) is None
     assert all((block == 0).all() for block in blocks)
+
+
+@pytest.mark.parametrize("kernel", [Huber, GemanMcClure])
+def test_scales_that_are_tensors_are_left_to_torch(kernel: type[Huber]) -> None:
+    motion = random_motion(ACTOR.skeleton, FRAMES)
+    one = torch.tensor(1.0, dtype=torch.float64)
+    dim = motion.frame_dim
+    blocks = one.new_zeros(1, FRAMES, dim, dim), one.new_zeros(1, FRAMES, dim)
+    for name, energy in energies(motion, 1, kernel(one), one).items():
+        if name != "prior":
+            assert energy.add_to_blocks(motion, *blocks) is None
