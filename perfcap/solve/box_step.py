@@ -77,15 +77,17 @@ def _hold_bounds(
     step, multipliers, columns = newton, torch.zeros_like(newton), None
     joining = fresh = held != 0
     solved = torch.ones_like(joining[:, 0])
+    holding = bool(joining.any())
     for _ in range(ROUNDS):
-        if bool(joining.any()):
+        if holding:
             columns = _with_columns(columns, factorization, fresh)
             support = joining | (multipliers != 0)
             multipliers, solved = _multipliers(columns, newton, box, held, unit, support, tolerance)
             step = newton - factorization.solve(multipliers)
         side = _side(step, box)
         joining = _peaks(_violation(step, box), tolerance * unit, layout) & (side != held)
-        if not bool(joining.any()):
+        holding = bool(joining.any())
+        if not holding:
             break
         fresh = joining & (held == 0)
         held = torch.where(joining, side, held)

@@ -293,8 +293,8 @@ def _cholesky_solve(right: Tensor, cholesky: Tensor) -> Tensor:
 
 def identity_where(mask: Tensor, matrices: Tensor) -> Tensor:
     """Replace the matrices (B, ..., n, n) of masked batch elements by the identity."""
-    if not bool(mask.any()):
-        return matrices
+    if mask.is_cpu and not bool(mask.any()):
+        return matrices  # a graphics card would have to be waited for
     identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
     mask = mask.reshape(-1, *[1] * (matrices.ndim - 1))
     return torch.where(mask, identity, matrices)

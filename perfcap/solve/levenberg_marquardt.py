@@ -103,7 +103,7 @@ class Trial(Generic[StateType]):
 
     ``damping`` (B, N) was added to the diagonal. Steps are zero where none was found, and for
     elements that no longer run. ``equations`` are those of ``state`` if it was linearized.
-    ``progress`` is what follows for every element, and ``accepted`` says which go there: where the
+    ``progress`` is what follows for every element, and ``taken`` says which go there: where the
     energy fell, or where it ends, the last Newton step, which the energy is too coarse to show.
     """
 
@@ -114,9 +114,14 @@ class Trial(Generic[StateType]):
     equations: NormalEquations | None
     terms: dict[str, Tensor]
     energy: Tensor
-    accepted: Tensor
+    taken: list[bool]
     progress: tuple[Progress, ...]
     smooth: bool
+
+    @property
+    def accepted(self) -> Tensor:
+        """``taken`` beside the energies, (B,)."""
+        return torch.tensor(self.taken, device=self.energy.device)
 
 
 def begin(
@@ -202,7 +207,7 @@ def _try(run: Run[StateType], objective: Objective, tolerance: float) -> Trial[S
         equations=equations,
         terms=terms,
         energy=energy,
-        accepted=torch.tensor(accepted, device=energy.device),
+        taken=accepted,
         progress=progress,
         smooth=all(taken or not on for taken, on in zip(accepted, run.running, strict=True)),
     )
@@ -228,7 +233,7 @@ def _follow(run: Run[StateType], trial: Trial[StateType], objective: Objective) 
     moved = replace(
         run, progress=trial.progress, multipliers=trial.multipliers, smooth=trial.smooth
     )
-    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
+    return _move(moved, trial, objective) if any(trial.taken) else moved
 
 
 def _move(run: Run[StateType], trial: Trial[StateType], objective: Objective) -> Run[StateType]:
@@ -247,12 +252,15 @@ def _move(run: Run[StateType], trial: Trial[StateType], objective: Objective) ->
         return run
     equations = trial.equations or assemble(objective, state)
     finite = equations.finite()
-    lost = (accepted & ~finite).tolist()
+    good = finite.tolist()
     progress = tuple(
-        replace(each, status=Status.NOT_FINITE, running=False) if each.running and gone else each
-        for each, gone in zip(run.progress, lost, strict=True)
+        replace(each, status=Status.NOT_FINITE, running=False)
+        if each.running and taken and not kept
+        else each
+        for each, taken, kept in zip(run.progress, trial.taken, good, strict=True)
     )
-    equations = equations.where(accepted & finite, run.equations)
+    if not all(taken and kept for taken, kept in zip(trial.taken, good, strict=True)):
+        equations = equations.where(accepted & finite, run.equations)
     here = damping_scale(equations)
     scale = torch.maximum(run.scale, here)
     return replace(run, equations=equations, here=here, scale=scale, progress=progress)
