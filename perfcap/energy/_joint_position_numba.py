@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.energy.joint_position import SHORTEST, JointPosition
+from perfcap.solve._robust_numba import Robust, robust
 
 Floats = NDArray[np.floating[Any]]
 
@@ -49,6 +50,43 @@ def derivative(energy: JointPosition, joints: Tensor, jacobian: Tensor) -> Tenso
         SHORTEST,
     )
     return moved
+
+
+def add_to_blocks(
+    energy: JointPosition,
+    joints: Tensor,
+    jacobian: Tensor,
+    kernel: Robust,
+    blocks: tuple[Tensor, Tensor],
+) -> Tensor:
+    """Add to curvature and gradient; the energy of each batch element, (B,).
+
+    Args:
+        energy: with predictions and weight.
+        joints: (*b, F, J, 3).
+        jacobian: their derivative, (*b, F, J, 3, D), of which the first three columns are the
+            translation of all joints, which this energy does not see.
+        kernel: of the energy.
+        blocks: curvature (B, F, D, D) and gradient (B, F, D).
+    """
+    known, (curvature, gradient) = _known(energy), blocks
+    (batch, _, dim), count = gradient.shape, joints.shape[-2]
+    value = gradient.new_zeros(batch)
+    error = residual(energy, joints)
+    _add_to_blocks(
+        known,
+        _rows(joints, count, 3),
+        _rows(jacobian, count, 3, dim),
+        _rows(error, known.direction.shape[1], count, 3),
+        _rows(energy.confidence, known.direction.shape[1], count),
+        _rows(energy.weight.to(gradient).expand(joints.shape[:-3])),
+        kernel,
+        SHORTEST,
+        curvature.numpy().reshape(-1, dim, dim),
+        gradient.numpy().reshape(-1, dim),
+        value.numpy(),
+    )
+    return value
 
 
 def _known(energy: JointPosition) -> _Known:
@@ -145,3 +183,104 @@ def _lengthen(
                     longer[bone, k] += share * (
                         x * jacobian[j, 0, k] + y * jacobian[j, 1, k] + z * jacobian[j, 2, k]
                     )
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_to_blocks(
+    known: _Known,
+    joints: Floats,
+    jacobian: Floats,
+    error: Floats,
+    confidence: Floats,
+    weight: Floats,
+    kernel: Robust,
+    shortest: float,
+    curvature: Floats,
+    gradient: Floats,
+    value: Floats,
+) -> None:
+    """All frames; with u_j a joint minus its prediction, residuals are ``s_j (u_j - mean u)``."""
+    frames = len(joints) // len(weight)
+    count, dim = jacobian.shape[1], jacobian.shape[3]
+    longer = np.empty((count, dim), jacobian.dtype)
+    moved = np.empty((count, 3, dim), jacobian.dtype)
+    strength = np.empty(count, jacobian.dtype)
+    for n in range(len(joints)):
+        share, cost = weight[n // frames], 0.0
+        _lengthen(known, joints[n], jacobian[n], longer, shortest)
+        for view in range(error.shape[1]):
+            at_all = False
+            for j in range(count):
+                own, trust = error[n, view, j], confidence[n, view, j]
+                squared = trust * (own[0] * own[0] + own[1] * own[1] + own[2] * own[2])
+                price, slope = robust(kernel, squared)
+                cost += price
+                strength[j] = share * trust * slope
+                at_all = at_all or strength[j] != 0
+            if at_all:
+                _move(known, known.direction[n, view], longer, jacobian[n], moved)
+                _add_view(known, moved, error[n, view], strength, curvature[n], gradient[n])
+        value[n // frames] += share * cost
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+def _move(
+    known: _Known, direction: Floats, longer: Floats, jacobian: Floats, moved: Floats
+) -> None:
+    """Derivative of u, (J, 3, D); bones whose length changes by rounding alone are rigid."""
+    count, _, dim = jacobian.shape
+    for j in range(count):
+        for i in range(3):
+            for k in range(dim):
+                moved[j, i, k] = 0 if k < 3 else jacobian[j, i, k]
+    for bone in range(count):
+        if _stretches(longer[bone]):
+            for j in range(count):
+                for i in range(3):
+                    along = known.chain[j, bone] * direction[bone, i]
+                    for k in range(3, dim if along != 0 else 3):
+                        moved[j, i, k] -= along * longer[bone, k]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _stretches(longer: Floats) -> bool:
+    """Whether a bone's length changes by more than rounding."""
+    return bool(np.max(np.abs(longer[3:])) > 64 * np.finfo(longer.dtype).eps)
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+def _add_view(
+    known: _Known,
+    moved: Floats,
+    error: Floats,
+    strength: Floats,
+    curvature: Floats,
+    gradient: Floats,
+) -> None:
+    """Add ``sum_j w_j s_j^2 (du_j - m)' (du_j - m)`` with m the mean of du, and the gradient."""
+    count, _, dim = moved.shape
+    mean, heavy = np.empty(dim, moved.dtype), np.empty(dim, moved.dtype)
+    for i in range(3):
+        whole, drawn = moved.dtype.type(0), moved.dtype.type(0)
+        mean[:], heavy[:] = 0, 0
+        for j in range(count):
+            stiff = strength[j] * known.scale[j] * known.scale[j]
+            pull = strength[j] * known.scale[j] * error[j, i]
+            whole += stiff
+            drawn += pull
+            own, share = moved[j, i], known.share[j]
+            for k in range(dim):
+                mean[k] += share * own[k]
+                heavy[k] += stiff * own[k]
+                gradient[k] += pull * own[k]
+            for a in range(3, dim):
+                if own[a] != 0:
+                    factor, row = stiff * own[a], curvature[a]
+                    for k in range(dim):
+                        row[k] += factor * own[k]
+        for k in range(dim):
+            gradient[k] -= drawn * mean[k]
+        for a in range(3, dim):
+            first, second, row = mean[a], whole * mean[a] - heavy[a], curvature[a]
+            for k in range(dim):
+                row[k] += second * mean[k] - first * heavy[k]

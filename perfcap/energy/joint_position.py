@@ -94,6 +94,22 @@ class JointPosition(Energy[Motion]):
             None if shared is None else self._derivative(joints, shared),
         )
 
+    def add_to_blocks(self, motion: Motion, curvature: Tensor, gradient: Tensor) -> Tensor | None:
+        """Compiled, for predictions of the motion's own shape; see ``OffersBlocks``."""
+        own = self.direction, self.bones, self.chain, self.share, self.scale, self.confidence
+        fits = self.direction.shape[:-3] == motion.angles.shape[:-1]
+        if not (fits and is_plain(curvature, gradient, *own) and is_plain(self.weight)):
+            return None
+        from perfcap.energy import _joint_position_numba
+        from perfcap.solve._robust_numba import as_numbers
+
+        kernel = as_numbers(self.kernel)
+        joints, frame, shared = self.points.linearize(motion)
+        if kernel is None or shared is not None or not is_plain(joints, frame):
+            return None
+        blocks = curvature, gradient
+        return _joint_position_numba.add_to_blocks(self, joints, frame, kernel, blocks)
+
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form: only the lengths of bones are not linear in the joints."""
         linearized = self.points.linearize(motion)

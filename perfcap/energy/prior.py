@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import BONES, Motion
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
 
@@ -44,6 +45,17 @@ class PosePrior(Energy[Motion]):
         return Linearization(
             residual, jacobian[:, None].expand(*residual.value.shape[:-2], count, 1, 6 + count)
         )
+
+    def add_to_blocks(self, motion: Motion, curvature: Tensor, gradient: Tensor) -> Tensor | None:
+        """A constant on the diagonal; see ``OffersBlocks``."""
+        plain = is_plain(curvature, gradient, motion.angles, self.mean, self.scale)
+        if self.weight.ndim or not (plain and is_plain(self.weight)):
+            return None
+        error = self.scale * (motion.angles - self.mean).reshape(*gradient.shape[:-1], -1)
+        weighted = self.weight.to(error) * self.scale
+        gradient[..., 6:] += weighted * error
+        curvature.diagonal(dim1=-2, dim2=-1)[..., 6:] += weighted * self.scale
+        return self.weight.to(error) * error.square().sum((-2, -1))
 
     def second_order(self, motion: Motion, pull: Tensor) -> None:
         """None: the residual is linear."""

@@ -10,6 +10,7 @@ from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_plain
 from perfcap.geometry.product import multiply_views
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
@@ -61,6 +62,26 @@ class Reprojection(Energy[Motion]):
         of_frame = multiply_views(camera, frame).flatten(-4, -3)
         of_shared = None if shared is None else multiply_views(camera, shared).flatten(-4, -3)
         return Linearization(self._residual(pixels), of_frame, of_shared)
+
+    def add_to_blocks(self, motion: Motion, curvature: Tensor, gradient: Tensor) -> Tensor | None:
+        """Compiled, for detections of the motion's own shape; see ``OffersBlocks``."""
+        seen = self.detections
+        own = seen.joints2d, seen.confidence2d, self.scale
+        fits = seen.confidence2d.shape[:-2] == motion.angles.shape[:-1]
+        if not (fits and is_plain(curvature, gradient, *own) and is_plain(self.weight)):
+            return None
+        from perfcap.energy import _reprojection_numba
+        from perfcap.solve._robust_numba import as_numbers
+
+        kernel = as_numbers(self.kernel)
+        joints, frame, shared = self.points.linearize(motion)
+        if kernel is None or shared is not None or not is_plain(joints, frame):
+            return None
+        projected = self.cameras.linearize(joints)
+        if not is_plain(*projected):
+            return None
+        blocks = curvature, gradient
+        return _reprojection_numba.add_to_blocks(self, projected, frame, kernel, blocks)
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form but for the bend of the cameras, which is differentiated twice."""

@@ -17,12 +17,13 @@ from torch import Tensor
 
 from perfcap.solve._model_numba import Model, from_basis, plain, solve_transposed
 from perfcap.solve._nonnegative_numba import solve_nonnegative
-from perfcap.solve._products_numba import dot, solve_lower, solve_upper_vector
+from perfcap.solve._products_numba import dot, solve_lower, solve_lower_vector, solve_upper_vector
 from perfcap.solve.bounds import StepBox
 from perfcap.solve.factorization import Factorization
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
+_FEW = 8  # columns that are solved one by one, along the rows of the root
 
 
 class _Columns(NamedTuple):
@@ -58,12 +59,12 @@ def box_steps(
     exact = torch.zeros_like(newton[:, 0], dtype=torch.bool)
     given = (plain(x) for x in (newton, box.lowest, box.highest, held.clone(), unit, tolerance))
     outcome = step.numpy(), multipliers.numpy(), exact.numpy()
-    _solve_all(factorization.arrays, *given, *limits, *outcome)
+    solve_all(factorization.arrays, *given, *limits, *outcome)
     return step, multipliers, exact
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _solve_all(
+def solve_all(
     model: Model,
     newton: Floats,
     lowest: Floats,
@@ -192,6 +193,11 @@ def _halve_windows(model: Model, b: int, fresh: Indices, common: Floats) -> None
             for i in range(model.size[t]):
                 seen = model.solved[b, frame, inner, model.feature[t] + i]
                 right[model.start[t] + i, m] = model.bases[t, frame] * seen
+    if len(fresh) < _FEW:
+        for m in range(len(fresh)):
+            common[m] = right[:, m]
+            solve_lower_vector(model.root[b], common[m])
+        return
     solve_lower(model.root[b], right)
     for m in range(len(fresh)):
         for r in range(rows):

@@ -31,14 +31,14 @@ def factorize_capacitance(
     places = left.numpy(), right.numpy(), np.cumsum(size) - size, feature, size
     for b, matrix in enumerate(upper.numpy()):
         summed = (pairs @ defect[b].flatten(1)).reshape(-1, *defect.shape[-2:])
-        _place(summed.numpy(), *places, seen.numpy(), matrix)
+        place_pairs(summed.numpy(), *places, seen.numpy(), matrix)
     # torch keeps to its own number of threads; a BLAS that does not stands still on busy cores
     root, info = torch.linalg.cholesky_ex(upper.mT)
     return root, info == 0
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _place(
+def place_pairs(
     summed: Floats,
     left: Indices,
     right: Indices,

@@ -40,7 +40,7 @@ def factorize_frames(
     new, count = curvature.new_empty, damping.shape[:-1].numel()
     cholesky, solved = new(*lead, dim, dim), new(*lead, dim, features)
     defect, valid = new(*lead, features, features), damping.isfinite().all(-1)
-    _factorize(
+    factorize_each(
         _rows(curvature, count, dim, dim),
         _rows(damping, count, dim),
         _rows(jacobian, count, features, dim),
@@ -66,7 +66,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _factorize(
+def factorize_each(
     curvature: Floats,
     damping: Floats,
     jacobian: Floats,

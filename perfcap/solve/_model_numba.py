@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.solve._products_numba import add_multiple, dot, solve_upper_vector
+from perfcap.solve._products_numba import add_multiple, dot, solve_lower_vector, solve_upper_vector
 from perfcap.solve.factorization import Factorization
 from perfcap.solve.normal_equations import NormalEquations
 
@@ -66,7 +66,7 @@ def newton_step(model: Model, equations: NormalEquations) -> Tensor:
     """See ``Factorization.newton_step``."""
     windows, gradient = equations.windows, equations.frame_gradient
     step = gradient.new_empty(len(gradient), equations.layout.unknowns)
-    _newton_steps(
+    newton_steps(
         model,
         plain(gradient),
         plain(torch.cat([window.features for window in windows], -1)),
@@ -77,7 +77,7 @@ def newton_step(model: Model, equations: NormalEquations) -> Tensor:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _newton_steps(
+def newton_steps(
     model: Model, gradient: Floats, features: Floats, complement: Floats, step: Floats
 ) -> None:
     """Steps (B, N); gradients of the data (B, F, D), features (B, F, E), complements (K,)."""
@@ -94,15 +94,13 @@ def _newton_steps(
             seen[f] = 0
             _add_product(model.jacobian[b, f], own, seen[f])
             _add_product(model.defect[b, f], pull[f], seen[f])  # -U' M^-1 of the gradient
-            own[:] = -gradient[b, f]
-            _add_transposed_product(model.jacobian[b, f], -pull[f], own)
-            solve_frame(model.cholesky[b, f], own)
         for t in range(len(model.bases)):
             for r in range(model.start[t], model.start[t] + model.size[t]):
                 right[r] = -complement[t] * right[r]
         to_basis(model, seen, right)
         _solve_root(model.root[b], right)
-        pull[:] = 0
+        for f in range(frames):
+            pull[f] = -pull[f]  # M^-1 of the prior's gradient is Y times its pull
         from_basis(model, right, pull)
         for f in range(frames):
             _add_product(model.solved[b, f], pull[f], step[b, f * dim : (f + 1) * dim])
@@ -147,9 +145,7 @@ def solve_transposed(lower: Floats, right: Floats) -> None:
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _solve_root(upper: Floats, right: Floats) -> None:
     """``(R'R)^-1`` times a vector, in place, along the rows of R."""
-    for i in range(len(right)):
-        right[i] /= upper[i, i]
-        add_multiple(-right[i], upper[i, i + 1 :], right[i + 1 :])
+    solve_lower_vector(upper, right)
     solve_upper_vector(upper, right)
 
 
@@ -158,10 +154,3 @@ def _add_product(matrix: Floats, vector: Floats, total: Floats) -> None:
     """``total += matrix @ vector``."""
     for i in range(len(total)):
         total[i] += dot(matrix[i], vector)
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_transposed_product(matrix: Floats, vector: Floats, total: Floats) -> None:
-    """``total += matrix' @ vector``."""
-    for i in range(len(vector)):
-        add_multiple(vector[i], matrix[i], total)

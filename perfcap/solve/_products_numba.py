@@ -121,6 +121,14 @@ def solve_upper(upper: Floats, lower: Floats, right: Floats) -> None:
                 add_one(right, lower, right, k, 0, start, True)
 
 
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def solve_lower_vector(upper: Floats, right: Floats) -> None:
+    """``(U')^-1`` times a vector, in place, along the rows of U."""
+    for i in range(len(right)):
+        right[i] /= upper[i, i]
+        add_multiple(-right[i], upper[i, i + 1 :], right[i + 1 :])
+
+
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
 def solve_upper_vector(upper: Floats, right: Floats) -> None:
     """``U^-1`` times a vector, in place, along the rows of U."""

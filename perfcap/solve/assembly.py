@@ -9,7 +9,15 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.solve.energy import Coupling, Energy, Linearization, Objective, State, WindowEnergy
+from perfcap.solve.energy import (
+    Coupling,
+    Energy,
+    Linearization,
+    Objective,
+    OffersBlocks,
+    State,
+    WindowEnergy,
+)
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
 from perfcap.solve.products import apply_transposed
@@ -34,10 +42,7 @@ def assemble(objective: Objective, state: State) -> NormalEquations:
             windows.append(_window_term(energy, state, layout))
             terms[name] = windows[-1].value()
         elif energy.coupling is Coupling.FRAME:
-            linear = energy.linearize(state)
-            value = energy.cost(linear.residual) if linear.value is None else linear.value
-            terms[name] = layout.per_element(value)
-            blocks.add(energy, linear, layout)
+            terms[name] = blocks.add_energy(energy, state, layout)
         else:
             raise InputError(
                 f"energy '{name}' ({type(energy).__name__}) has WINDOW coupling but is not a "
@@ -109,6 +114,17 @@ class _Blocks:
             shared_gradient=self.shared_gradient,
             windows=tuple(windows),
         )
+
+    def add_energy(self, energy: Energy[Any], state: State, layout: Layout) -> Tensor:
+        """Add a FRAME energy and return its value, (B,)."""
+        if isinstance(energy, OffersBlocks):
+            added = energy.add_to_blocks(state, self.curvature, self.gradient)
+            if added is not None:
+                return added
+        linear = energy.linearize(state)
+        value = energy.cost(linear.residual) if linear.value is None else linear.value
+        self.add(energy, linear, layout)
+        return layout.per_element(value)
 
     def add(self, energy: Energy[Any], linear: Linearization, layout: Layout) -> None:
         """Add ``w J' diag(confidence * slope) (J, r)`` of one energy (reweighted least squares)."""

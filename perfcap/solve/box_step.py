@@ -26,8 +26,8 @@ from perfcap.solve.layout import Layout
 from perfcap.solve.nonnegative import NonnegativeProgram, pack
 from perfcap.solve.normal_equations import NormalEquations
 
-_ROUNDS = 60  # of joining bounds; one to eight are usual
-_PIVOTS = 300  # of the nonnegative program; one to five are usual
+ROUNDS = 60  # of joining bounds; one to eight are usual
+PIVOTS = 300  # of the nonnegative program; one to five are usual
 
 
 def box_step(
@@ -59,7 +59,7 @@ def box_step(
     step = torch.where(multipliers > 0, box.highest, step)
     step = box.clamp(torch.where(multipliers < 0, box.lowest, step))
     if not bool(solved.all()):
-        descent = _feasible_descent(equations, damping, box, step)
+        descent = feasible_descent(equations, damping, box, step)
         step = torch.where(solved.unsqueeze(-1), step, descent)
     return step, multipliers
 
@@ -72,20 +72,22 @@ def _hold_bounds(
     if is_plain(newton, box.lowest, box.highest) and factorization.shared is None:
         from perfcap.solve import _box_numba
 
-        limits = _ROUNDS, _PIVOTS
+        limits = ROUNDS, PIVOTS
         return _box_numba.box_steps(factorization, newton, box, held, unit, tolerance, limits)
     step, multipliers, columns = newton, torch.zeros_like(newton), None
     joining = fresh = held != 0
     solved = torch.ones_like(joining[:, 0])
-    for _ in range(_ROUNDS):
-        if bool(joining.any()):
+    holding = bool(joining.any())
+    for _ in range(ROUNDS):
+        if holding:
             columns = _with_columns(columns, factorization, fresh)
             support = joining | (multipliers != 0)
             multipliers, solved = _multipliers(columns, newton, box, held, unit, support, tolerance)
             step = newton - factorization.solve(multipliers)
         side = _side(step, box)
         joining = _peaks(_violation(step, box), tolerance * unit, layout) & (side != held)
-        if not bool(joining.any()):
+        holding = bool(joining.any())
+        if not holding:
             break
         fresh = joining & (held == 0)
         held = torch.where(joining, side, held)
@@ -161,12 +163,12 @@ def _multipliers(
     excess = torch.where(usable, side * (newton.gather(1, index) - bound), 0)
     matrix = columns.block() * (side.unsqueeze(-1) * side.unsqueeze(-2))
     program = NonnegativeProgram(matrix, excess, usable, tolerance)
-    values, solved = program.solve(support.gather(1, index), _PIVOTS)
+    values, solved = program.solve(support.gather(1, index), PIVOTS)
     values = torch.where(usable, side * values, 0)
     return torch.zeros_like(newton).scatter_add(1, index, values), solved
 
 
-def _feasible_descent(
+def feasible_descent(
     equations: NormalEquations, damping: Tensor, box: StepBox, step: Tensor
 ) -> Tensor:
     """A step in the box that lowers the model, for elements whose program did not end.

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import torch
 from torch import Tensor, nn
@@ -143,6 +143,19 @@ class Energy(nn.Module, ABC, Generic[StateType]):
     def linearize(self, state: StateType) -> Linearization:
         """Residual and Jacobian at a state."""
         return forward_mode(self, state)
+
+
+@runtime_checkable
+class OffersBlocks(Protocol):
+    """An energy that adds to normal equations without its Jacobian, where it can."""
+
+    def add_to_blocks(self, state: Any, curvature: Tensor, gradient: Tensor) -> Tensor | None:
+        """Add what ``linearize`` says to blocks (B, F, D, D) and (B, F, D), in place.
+
+        Returns:
+            The energy of each batch element, (B,); None, with nothing added, where the rows of
+            ``linearize`` have to be used: shared unknowns, gradients, another device.
+        """
 
 
 class WindowEnergy(Energy[StateType]):

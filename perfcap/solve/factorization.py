@@ -231,7 +231,7 @@ def _window_part(
         for window, size in zip(equations.windows, sizes, strict=True)
     ]
     root, valid = _factorize_capacitance(bases, sizes, defect, torch.cat(complements))
-    part = WindowPart(bases, sizes, jacobian, solved, defect, _identity_where(~valid, root))
+    part = WindowPart(bases, sizes, jacobian, solved, defect, identity_where(~valid, root))
     return part, valid
 
 
@@ -275,7 +275,7 @@ def _shared_part(
     schur.diagonal(dim1=-2, dim2=-1).add_(damping)
     root, info = torch.linalg.cholesky_ex(schur)
     valid = info == 0
-    return SharedPart(border, solved, _identity_where(~valid, root)), valid
+    return SharedPart(border, solved, identity_where(~valid, root)), valid
 
 
 def _solve_frames(cholesky: Tensor, window: WindowPart | None, right: Tensor) -> Tensor:
@@ -291,10 +291,10 @@ def _cholesky_solve(right: Tensor, cholesky: Tensor) -> Tensor:
     return torch.cholesky_solve(right.unsqueeze(-1), cholesky).squeeze(-1)
 
 
-def _identity_where(mask: Tensor, matrices: Tensor) -> Tensor:
+def identity_where(mask: Tensor, matrices: Tensor) -> Tensor:
     """Replace the matrices (B, ..., n, n) of masked batch elements by the identity."""
-    if not bool(mask.any()):
-        return matrices
+    if mask.is_cpu and not bool(mask.any()):
+        return matrices  # a graphics card would have to be waited for
     identity = torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
     mask = mask.reshape(-1, *[1] * (matrices.ndim - 1))
     return torch.where(mask, identity, matrices)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import TYPE_CHECKING, Generic
 
 import torch
 from torch import Tensor
 
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
-from perfcap.solve.box_step import box_step
-from perfcap.solve.damping import added_damping, damping_scale
+from perfcap.solve.damped_step import DampedModel, DampedStep, damped_step, room_for_steps
+from perfcap.solve.damping import damping_scale
 from perfcap.solve.energy import Objective, StateType
-from perfcap.solve.factorization import factorize
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.progress import Outcome, Progress
 from perfcap.solve.solution import Solution, Status
 
-_NEGLIGIBLE = 4  # units in the last place of the unknowns
+if TYPE_CHECKING:
+    from perfcap.solve._step_room import Room
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,8 @@ class Run(Generic[StateType]):
     ``equations`` belong to it too while an element runs, and are finite in any case. ``here``
     (B, N) is the scale of their unknowns, ``scale`` the largest so far: what a damping of one adds
     to the diagonal. ``multipliers`` (B, N) warm-start the bounds, which ``box`` holds as seen from
-    some state. ``smooth`` says that no step of the last round was rejected.
+    some state. ``smooth`` says that no step of the last round was rejected. ``room`` is memory that
+    the steps share; None where torch takes them.
     """
 
     state: StateType
@@ -81,6 +82,7 @@ class Run(Generic[StateType]):
     progress: tuple[Progress, ...]
     multipliers: Tensor
     smooth: bool
+    room: Room | None
 
     @property
     def running(self) -> list[bool]:
@@ -101,7 +103,7 @@ class Trial(Generic[StateType]):
 
     ``damping`` (B, N) was added to the diagonal. Steps are zero where none was found, and for
     elements that no longer run. ``equations`` are those of ``state`` if it was linearized.
-    ``progress`` is what follows for every element, and ``accepted`` says which go there: where the
+    ``progress`` is what follows for every element, and ``taken`` says which go there: where the
     energy fell, or where it ends, the last Newton step, which the energy is too coarse to show.
     """
 
@@ -112,9 +114,14 @@ class Trial(Generic[StateType]):
     equations: NormalEquations | None
     terms: dict[str, Tensor]
     energy: Tensor
-    accepted: Tensor
+    taken: list[bool]
     progress: tuple[Progress, ...]
     smooth: bool
+
+    @property
+    def accepted(self) -> Tensor:
+        """``taken`` beside the energies, (B,)."""
+        return torch.tensor(self.taken, device=self.energy.device)
 
 
 def begin(
@@ -142,6 +149,7 @@ def begin(
         progress=progress,
         multipliers=torch.zeros_like(equations.gradient()),
         smooth=True,
+        room=room_for_steps(equations),
     )
 
 
@@ -164,26 +172,25 @@ def _try(run: Run[StateType], objective: Objective, tolerance: float) -> Trial[S
     rejected one it is only evaluated, until a step succeeds again.
     """
     layout = run.layout
-    damping = _damping(run)
-    factorization = factorize(run.equations, damping)
-    newton = factorization.newton_step(run.equations)
-    valid = factorization.valid & newton.isfinite().all(-1)
-    if not all(run.running):
-        valid = valid & torch.tensor(run.running, device=valid.device)
-    newton = torch.where(valid.unsqueeze(-1), newton, 0)
-    step, multipliers = newton, run.multipliers
-    if run.box is not None:
-        box = run.box.at_state(run.state, layout)
-        warm = torch.where(valid.unsqueeze(-1), multipliers, 0)
-        step, multipliers = box_step(run.equations, factorization, damping, newton, box, warm)
-        valid = valid & step.isfinite().all(-1)
-        step = torch.where(valid.unsqueeze(-1), step, 0)
-    state = run.state.retract(layout.unflatten(step))
+    at = layout.flatten(run.state.coordinates())
+    model = DampedModel(
+        equations=run.equations,
+        value=[each.damping for each in run.progress],
+        undamped=[each.back is not None for each in run.progress],
+        running=run.running,
+        here=run.here,
+        scale=run.scale,
+        at=at,
+        box=None if run.box is None else replace(run.box, at=at),
+        multipliers=run.multipliers,
+    )
+    found = damped_step(model, run.room)
+    state = run.state.retract(layout.unflatten(found.step))
     equations = assemble(objective, state) if run.smooth else None
     terms = equations.terms if equations is not None else _evaluate(objective, state, layout)
     energy = torch.stack(list(terms.values())).sum(0)
-    outcomes = _outcomes(run, step, damping, energy, valid)
-    eps = torch.finfo(step.dtype).eps
+    outcomes = _outcomes(run, found, energy)
+    eps = torch.finfo(energy.dtype).eps
     progress = tuple(
         each.after(outcome, tolerance, eps)
         for each, outcome in zip(run.progress, outcomes, strict=True)
@@ -193,46 +200,26 @@ def _try(run: Run[StateType], objective: Objective, tolerance: float) -> Trial[S
         for each, outcome in zip(progress, outcomes, strict=True)
     ]
     return Trial(
-        step=step,
-        damping=damping,
-        multipliers=multipliers,
+        step=found.step,
+        damping=found.damping,
+        multipliers=found.multipliers,
         state=state,
         equations=equations,
         terms=terms,
         energy=energy,
-        accepted=torch.tensor(accepted, device=energy.device),
+        taken=accepted,
         progress=progress,
         smooth=all(taken or not on for taken, on in zip(accepted, run.running, strict=True)),
     )
 
 
-def _damping(run: Run[StateType]) -> Tensor:
-    """What is added to the diagonal, (B, N): where an undamped step is tried, a share of what the
-    unknowns show here, however much that has been elsewhere.
-    """
-    value = run.energy.new_tensor([each.damping for each in run.progress])
-    checking = [each.back is not None for each in run.progress]
-    scale = run.scale
-    if any(checking):
-        undamped = torch.tensor(checking, device=value.device).unsqueeze(-1)
-        scale = torch.where(undamped & (run.here > 0), run.here, scale)
-    return added_damping(value, scale)
-
-
-def _outcomes(
-    run: Run[StateType], step: Tensor, damping: Tensor, energy: Tensor, valid: Tensor
-) -> tuple[Outcome, ...]:
-    """What came of steps (B, N) that lead to energies (B,), brought to the host at once."""
-    size = (run.scale * step.square()).sum(-1)
-    reach = (run.scale * run.layout.flatten(run.state.coordinates()).square()).sum(-1)
-    negligible = size <= (_NEGLIGIBLE * torch.finfo(step.dtype).eps) ** 2 * reach
-    promised = run.equations.decrease(step)
-    share = torch.where(run.here > 0, damping / run.here, 0).amax(-1)
-    flags = valid.to(energy), negligible.to(energy)
-    rows = torch.stack((share, promised, run.energy, energy, *flags), -1).tolist()
+def _outcomes(run: Run[StateType], found: DampedStep, energy: Tensor) -> tuple[Outcome, ...]:
+    """What came of steps that lead to energies (B,), brought to the host at once."""
+    flags = found.valid.to(energy), found.negligible.to(energy)
+    rows = torch.stack((found.share, found.promised, run.energy, energy, *flags), -1).tolist()
     return tuple(
-        Outcome(share, bool(found), promise, before - after, before, after, first, bool(tiny))
-        for (share, promise, before, after, found, tiny), first in zip(rows, run.first, strict=True)
+        Outcome(share, bool(valid), promise, before - after, before, after, first, bool(tiny))
+        for (share, promise, before, after, valid, tiny), first in zip(rows, run.first, strict=True)
     )
 
 
@@ -246,7 +233,7 @@ def _follow(run: Run[StateType], trial: Trial[StateType], objective: Objective) 
     moved = replace(
         run, progress=trial.progress, multipliers=trial.multipliers, smooth=trial.smooth
     )
-    return _move(moved, trial, objective) if bool(trial.accepted.any()) else moved
+    return _move(moved, trial, objective) if any(trial.taken) else moved
 
 
 def _move(run: Run[StateType], trial: Trial[StateType], objective: Objective) -> Run[StateType]:
@@ -265,12 +252,15 @@ def _move(run: Run[StateType], trial: Trial[StateType], objective: Objective) ->
         return run
     equations = trial.equations or assemble(objective, state)
     finite = equations.finite()
-    lost = (accepted & ~finite).tolist()
+    good = finite.tolist()
     progress = tuple(
-        replace(each, status=Status.NOT_FINITE, running=False) if each.running and gone else each
-        for each, gone in zip(run.progress, lost, strict=True)
+        replace(each, status=Status.NOT_FINITE, running=False)
+        if each.running and taken and not kept
+        else each
+        for each, taken, kept in zip(run.progress, trial.taken, good, strict=True)
     )
-    equations = equations.where(accepted & finite, run.equations)
+    if not all(taken and kept for taken, kept in zip(trial.taken, good, strict=True)):
+        equations = equations.where(accepted & finite, run.equations)
     here = damping_scale(equations)
     scale = torch.maximum(run.scale, here)
     return replace(run, equations=equations, here=here, scale=scale, progress=progress)

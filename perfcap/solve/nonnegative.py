@@ -44,10 +44,16 @@ class NonnegativeProgram:
             best = self._minimum_on(support)
             negative = support & (best <= 0)
             unwanted = negative & (value <= 0)
-            if bool(unwanted.any()):
+            # asked for together, as a graphics card has to be waited for
+            drop, stop = torch.stack((unwanted.any(), negative.any())).tolist()
+            if drop:
                 support = support & ~unwanted
                 continue
-            value, support, whole = _step_towards(best, value, support, negative)
+            whole = ~negative.any(-1, keepdim=True)
+            if stop:
+                value, support = _step_towards(best, value, support, negative)
+            else:
+                value = best
             slope = self.target - apply(self.matrix, value)
             entering = self.usable & ~support & (slope > self.tolerance) & whole
             done = whole.squeeze(-1) & ~entering.any(-1)
@@ -73,28 +79,25 @@ class NonnegativeProgram:
 
 def pack(mask: Tensor) -> tuple[Tensor, Tensor]:
     """Indices of the set entries of rows (B, n), padded to the longest row, and which are real."""
-    length = int(mask.sum(-1).max())
     if len(mask) == 1:
         index = mask.nonzero()[:, 1].unsqueeze(0)
         return index, torch.ones_like(index, dtype=torch.bool)
+    length = int(mask.sum(-1).max())
     real, index = mask.to(torch.uint8).topk(length, dim=-1)
     return index, real.bool()
 
 
 def _step_towards(
     best: Tensor, value: Tensor, support: Tensor, negative: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, Tensor]:
     """Move to ``best`` or until an entry of the support reaches zero.
 
     Returns:
-        The values, the support without entries that reached zero, and whether the whole step was
-        taken (B, 1).
+        The values, and the support without entries that reached zero.
     """
     whole = ~negative.any(-1, keepdim=True)
-    if bool(whole.all()):
-        return best, support, whole
     ratio = torch.where(negative, value / (value - best), torch.inf)
     length = ratio.amin(-1, keepdim=True)
     support = support & ~(negative & (ratio <= length))
     moved = torch.where(whole, best, value + length.clamp(max=1) * (best - value))
-    return torch.where(support, moved, 0), support, whole
+    return torch.where(support, moved, 0), support

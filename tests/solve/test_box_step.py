@@ -10,7 +10,7 @@ from perfcap.errors import InputError
 from perfcap.solve import Bounds, Step
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import StepBox, project
-from perfcap.solve.box_step import _feasible_descent, box_step
+from perfcap.solve.box_step import box_step, feasible_descent
 from perfcap.solve.factorization import factorize
 from perfcap.solve.layout import Layout
 from perfcap.solve.nonnegative import NonnegativeProgram
@@ -132,7 +132,7 @@ def test_unfit_bounds_are_named(lower, upper, message):
 def test_fallback_stays_inside_and_descends():
     _, _, equations, damping, box = subproblem("stiff window", 0.1)
     uphill = box.clamp(equations.gradient() * 1e3)
-    step = _feasible_descent(equations, damping, box, uphill)
+    step = feasible_descent(equations, damping, box, uphill)
     assert ((step >= box.lowest) & (step <= box.highest)).all()
     assert (equations.decrease(step) > 0).all()
 

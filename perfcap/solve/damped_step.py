@@ -1,0 +1,143 @@
+"""The minimiser of a damped model within the bounds, and what a method asks about it.
+
+A window solve spends a large part of its time between operations, so compiled loops do all of this
+in two calls, in memory that is allocated once a solve (``_step_room.Room``); the same in torch
+serves gradients, graphics cards and shared unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from perfcap.geometry.plain import is_plain
+from perfcap.solve.bounds import StepBox
+from perfcap.solve.box_step import box_step
+from perfcap.solve.damping import added_damping
+from perfcap.solve.factorization import factorize
+from perfcap.solve.normal_equations import NormalEquations
+
+if TYPE_CHECKING:
+    from perfcap.solve._step_room import Room
+
+_NEGLIGIBLE = 4  # units in the last place of the unknowns
+
+
+@dataclass(frozen=True)
+class DampedModel:
+    """A model and how it is damped.
+
+    Args:
+        equations: the model.
+        value: damping of each element, B numbers.
+        undamped: which elements try a step without damping to speak of, B flags.
+        running: which elements go on, B flags.
+        here: scale of the unknowns at the state, (B, N).
+        scale: the largest so far, which a damping of one adds to the diagonal, (B, N).
+        at: coordinates of the state, (B, N).
+        box: bounds on the step, as seen from the state.
+        multipliers: of the bounds in a similar problem, (B, N).
+    """
+
+    equations: NormalEquations
+    value: list[float]
+    undamped: list[bool]
+    running: list[bool]
+    here: Tensor
+    scale: Tensor
+    at: Tensor
+    box: StepBox | None
+    multipliers: Tensor
+
+    def damping(self) -> Tensor:
+        """What is added to the diagonal, (B, N): where an undamped step is tried, a share of what
+        the unknowns show here, however much that has been elsewhere.
+        """
+        value, scale = self.scale.new_tensor(self.value), self.scale
+        if any(self.undamped):
+            undamped = torch.tensor(self.undamped, device=value.device).unsqueeze(-1)
+            scale = torch.where(undamped & (self.here > 0), self.here, scale)
+        return added_damping(value, scale)
+
+
+@dataclass(frozen=True)
+class DampedStep:
+    """A step and what is known of it before it is taken.
+
+    Args:
+        step: zero where none was found, and for elements that no longer run, (B, N).
+        damping: what was added to the diagonal, (B, N).
+        multipliers: of the bounds that hold the step, (B, N).
+        valid: whether a step was found, (B,).
+        promised: decrease of the energy by the model without its damping, (B,).
+        share: the largest share of an unknown's curvature here that was added to it, (B,).
+        negligible: whether the step is rounding of the unknowns, (B,).
+    """
+
+    step: Tensor
+    damping: Tensor
+    multipliers: Tensor
+    valid: Tensor
+    promised: Tensor
+    share: Tensor
+    negligible: Tensor
+
+
+def room_for_steps(equations: NormalEquations) -> Room | None:
+    """Memory for the steps of a whole solve, None where torch has to take them.
+
+    Which of the two it is is settled here, once a solve.
+    """
+    tensors = [equations.curvature, equations.frame_gradient]
+    for window in equations.windows:
+        tensors += [window.jacobian, window.features, window.basis, window.plain_basis]
+        tensors += [window.complement, window.keep]
+    if equations.layout.shared_dim or not is_plain(*tensors):
+        return None
+    from perfcap.solve._step_room import Room
+
+    return Room.of(equations)
+
+
+def damped_step(model: DampedModel, room: Room | None = None) -> DampedStep:
+    """Minimise the damped model over the box.
+
+    Args:
+        model: what to minimise.
+        room: memory of this solve for compiled loops; they are used if it is given.
+    """
+    if room is not None:
+        from perfcap.solve import _step_numba
+
+        return _step_numba.damped_step(model, room)
+    equations, damping = model.equations, model.damping()
+    factorization = factorize(equations, damping)
+    newton = factorization.newton_step(equations)
+    valid = factorization.valid & newton.isfinite().all(-1)
+    if not all(model.running):
+        valid = valid & torch.tensor(model.running, device=valid.device)
+    newton = torch.where(valid.unsqueeze(-1), newton, 0)
+    step, multipliers = newton, model.multipliers
+    if model.box is not None:
+        warm = torch.where(valid.unsqueeze(-1), multipliers, 0)
+        step, multipliers = box_step(equations, factorization, damping, newton, model.box, warm)
+        valid = valid & step.isfinite().all(-1)
+        step = torch.where(valid.unsqueeze(-1), step, 0)
+    size, reach = ((model.scale * x.square()).sum(-1) for x in (step, model.at))
+    return DampedStep(
+        step=step,
+        damping=damping,
+        multipliers=multipliers,
+        valid=valid,
+        promised=equations.decrease(step),
+        share=torch.where(model.here > 0, damping / model.here, 0).amax(-1),
+        negligible=size <= negligible_share(step.dtype) * reach,
+    )
+
+
+def negligible_share(dtype: torch.dtype) -> float:
+    """Of the squared length of the coordinates: steps that are shorter are rounding."""
+    return float((_NEGLIGIBLE * torch.finfo(dtype).eps) ** 2)
