@@ -129,10 +129,9 @@ class SilhouetteSource:
                 continue
             start, stop = span.start, span.stop
             scene = self._survey(view, sample_frames(start, stop, scenes.samples))
-            reach = self.settings.reach if scene.plate is None else 1
             for first in starts:
                 wanted = range(first, min(first + BLOCK, stop))
-                shown = range(max(first - reach, 0), min(wanted.stop + reach, frames))
+                shown = range(max(first - 1, 0), min(wanted.stop + 1, frames))
                 images = self.reader.read_view(view, shown.start, shown.stop)
                 yield FrameBlock(view, wanted, shown, images, scene)
 
@@ -152,8 +151,8 @@ class SilhouetteSource:
         return survey(images, models, plate, scene, self.workers)
 
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
-        """The model's silhouette; of frames around a block it only matters if the camera moves."""
-        if frame in block.wanted or block.scene.plate is None:
+        """The model's silhouette; that of frames around a block does not matter."""
+        if frame in block.wanted:
             return self._draw(view, frame)
         return np.zeros(self.sight.cameras.size[view], np.bool_)
 
