@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment.background import Plate, PlateSettings, build_plate
 from perfcap.segment.moving_scene import KeyFrame, MovingSettings, Samples
+from perfcap.segment.network_cue import CueTrust
 from perfcap.segment.registration import (
     RegistrationSettings,
     find_landmarks,
@@ -59,12 +60,14 @@ class Scene:
         shift: px, median over samples by which the background moved.
         used: samples that show the plate.
         samples: to make plates of, where the camera moves.
+        trust: in a network's masks; None where there is none.
     """
 
     plate: Plate | None
     shift: float
     used: int
     samples: Samples | None = None
+    trust: CueTrust | None = None
 
 
 def sample_frames(start: int, stop: int, count: int) -> list[int]:

@@ -21,6 +21,7 @@ from perfcap.segment.evidence import ColorModels
 from perfcap.segment.grabcut import Segmentation, segment
 from perfcap.segment.motion_cue import CutSettings, is_cut
 from perfcap.segment.moving_scene import KeyFrame
+from perfcap.segment.network_cue import PersonNetwork
 from perfcap.segment.scene import Scene, SceneSettings, hide, key_frame, registered_neighbors
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import Mask, Trimap, build_trimap
@@ -54,7 +55,7 @@ class Footage:
     Attributes:
         images: (H, W, 3) RGB each.
         models: silhouettes (H, W) of the person's posed model.
-        bones: (n, B, 2, 2) px.
+        bones: (n, B, 2, 2) px; the last one is the spine, from neck to hips.
     """
 
     images: Sequence[Image]
@@ -74,6 +75,7 @@ def segment_block(
     wanted: range,
     scene: Scene,
     settings: SequenceSettings | None = None,
+    network: PersonNetwork | None = None,
 ) -> Iterator[Segmentation]:
     """Segment some frames of a stretch, in order.
 
@@ -83,6 +85,7 @@ def segment_block(
         wanted: indices of the frames within the footage.
         scene: from ``survey`` of the stretch.
         settings: of the segmentation.
+        network: asked as far as ``scene.trust`` goes.
     """
     settings = settings or SequenceSettings()
     cuts = _cuts(footage.images, settings.cut)
@@ -96,16 +99,28 @@ def segment_block(
         if index in cuts:
             warm = None
         plate, adjacent = surroundings.of(index)
+        odds = None
+        if network is not None and scene.trust is not None and trimaps[index].size:
+            odds = scene.trust(ask(network, footage, index, trimaps[index]))
         found = segment(
             footage.images[index],
             trimaps[index],
             settings.frame,
             adjacent=adjacent,
             plate=plate,
+            network=odds,
             warm=warm,
         )
         warm = found.models if settings.carry else None
         yield replace(found, report=replace(found.report, cut=index in cuts))
+
+
+def ask(
+    network: PersonNetwork, footage: Footage, index: int, trimap: Trimap
+) -> NDArray[np.float32]:
+    """A network's log odds of the person in a frame, in the trimap's box (h, w)."""
+    inside = footage.models[index][trimap.box]
+    return network(footage.images[index], inside, footage.bones[index][-1], trimap.box)
 
 
 class _Surroundings:

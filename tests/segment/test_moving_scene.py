@@ -124,7 +124,8 @@ def test_shifts_are_found_and_carried_behind_the_person():
     shifts = find_shifts(target, source, ~person, AlignmentSettings())
     inner = slice(20, 180), slice(20, 180)
     apart = np.abs(shifts - np.stack((truth, 0 * truth), -1)).max(-1)
-    assert np.quantile(apart[inner], 0.95) < 0.3
+    assert np.median(apart[inner]) < 0.2
+    assert np.quantile(apart[inner], 0.95) < 0.5
     assert apart[person].max() < 0.9
 
 
