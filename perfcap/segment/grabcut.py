@@ -50,6 +50,8 @@ class FrameReport:
         noise: deviation of the surroundings from the plate, grey levels; NaN without.
         cut: whether the scene changed since the previous frame.
         cropped: whether the image's border cuts the model off.
+        agreement: intersection over union of the mask and a network's, around the person; NaN
+            where none was asked.
     """
 
     person: bool
@@ -59,6 +61,7 @@ class FrameReport:
     noise: float = float("nan")
     cut: bool = False
     cropped: bool = False
+    agreement: float = float("nan")
 
 
 @dataclass(frozen=True)

@@ -101,18 +101,28 @@ def segment_block(
         plate, adjacent = surroundings.of(index)
         odds = None
         if network is not None and scene.trust is not None and trimaps[index].size:
-            odds = scene.trust(ask(network, footage, index, trimaps[index]))
+            odds = ask(network, footage, index, trimaps[index])
         found = segment(
             footage.images[index],
             trimaps[index],
             settings.frame,
             adjacent=adjacent,
             plate=plate,
-            network=odds,
+            network=None if odds is None or scene.trust is None else scene.trust(odds),
             warm=warm,
         )
         warm = found.models if settings.carry else None
-        yield replace(found, report=replace(found.report, cut=index in cuts))
+        report = replace(found.report, cut=index in cuts, agreement=_agreement(found, odds))
+        yield replace(found, report=report)
+
+
+def _agreement(found: Segmentation, odds: NDArray[np.float32] | None) -> float:
+    """Intersection over union of a mask and even odds of a network."""
+    if odds is None:
+        return float("nan")
+    mask, said = found.mask[found.trimap.box], odds > 0
+    union = int((mask | said).sum())
+    return float((mask & said).sum() / union) if union else float("nan")
 
 
 def ask(
