@@ -33,6 +33,7 @@ Planes = NDArray[np.uint8]
 
 _THUMBNAIL = (32, 32)
 _TRIES = (0, -1, 1, -2, 2, -4, 4)  # samples from the most alike one, to find planes with
+_MISSED = 2  # samples in a row that may not fit
 _OUTSIDE = 40.0  # grey levels: more is as bad
 _SMOOTH = (0.02, 0.06, 0.2)  # shares of the longest side, over which planes are told apart
 
@@ -154,16 +155,21 @@ class Samples:
     def _outwards(
         self, corners: Corners, index: int, matrices: list[Matrix | None], step: int
     ) -> Iterator[tuple[int, list[Matrix | None]]]:
-        """Samples before or after one whose homographies are known, each from its neighbour."""
-        while 0 <= index + step < len(self.views):
-            before, after = self.views[index], self.views[index + step]
-            matrices = carry_on(
+        """Samples before or after one whose homographies are known, each from its neighbour.
+
+        A few in a row that do not fit are passed over: a flash, a frame that was lost.
+        """
+        before, missed = self.views[index], 0
+        while 0 <= index + step < len(self.views) and missed <= _MISSED:
+            index += step
+            after = self.views[index]
+            found = carry_on(
                 corners, matrices, (before.gray, before.closed), after.gray, self.settings.layers
             )
-            if all(matrix is None for matrix in matrices):
-                return
-            index += step
-            yield index, matrices
+            missed += 1
+            if any(matrix is not None for matrix in found):
+                before, matrices, missed = after, found, 0
+                yield index, found
 
     def _most_alike(self, image: Image) -> int:
         """The sample whose thumbnail differs least."""

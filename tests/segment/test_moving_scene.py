@@ -146,3 +146,44 @@ def test_exposure_is_matched_channel_by_channel():
     matched = match_exposure(target, source, visible)
     assert np.abs(matched.astype(int) - target).max() <= 1
     np.testing.assert_array_equal(match_exposure(target, source, ~visible), source)
+
+
+def lamp(images):
+    """Switched on."""
+    images[7:] = np.clip(images[7:] * 1.15 + 5, 0, 255)
+
+
+def black(images):
+    """One frame, in the middle of one side."""
+    images[2] = 0
+
+
+def passer_by(images):
+    """Whom nothing models."""
+    rng = np.random.default_rng(3)
+    for frame, image in enumerate(images):
+        left = 10 + 15 * frame
+        image[130:200, left : left + 18] = rng.integers(0, 255, (70, 18, 3))
+
+
+@pytest.mark.parametrize(("spoil", "most"), [(lamp, 5.0), (black, 3.0), (passer_by, 7.0)])
+def test_what_happens_in_a_clip(spoil, most):
+    images, people, scenes = floor_and_wall()
+    spoil(images)
+    hidden = [hide(person, 0.05) for person in people]
+    whole = slice(0, SIZE), slice(0, SIZE)
+    key = Samples.of(images, hidden).key_frame(images[5], hidden[5], whole, PLATE)
+    share, median, _ = behind(key, scenes[5], people[5])
+    assert share > 0.95
+    assert median < most
+
+
+def test_five_frames_are_enough_and_two_are_not():
+    images, people, scenes = floor_and_wall(frames=5)
+    scene = survey(images, people)
+    hidden = [hide(person, 0.05) for person in people]
+    whole = slice(0, SIZE), slice(0, SIZE)
+    key = scene.samples.key_frame(images[2], hidden[2], whole, PLATE)
+    apart = np.abs(key.plate.color.astype(float) - scenes[2]).mean(-1)[key.plate.known]
+    assert np.median(apart) < 4
+    assert survey(images[:2], people[:2]).samples is None
