@@ -36,6 +36,8 @@ class LayerSettings:
         planes: at most.
         least: corners that make a plane.
         share: of the corners followed that make a further plane.
+        kept: share of a plane's corners that must be found again in a further frame; by chance
+            some agree in any two pictures.
         tolerance: px of the shrunk image, within which corners agree.
     """
 
@@ -44,6 +46,7 @@ class LayerSettings:
     planes: int = 3
     least: int = 12
     share: float = 0.08
+    kept: float = 0.2
     tolerance: float = 1.0
 
 
@@ -149,7 +152,8 @@ def _settled(
     moved, found = _follow(corners.gray, gray, points, start)
     near = found & (np.hypot(*(moved - start).T) < 4 * settings.tolerance)
     matrix, inside = _fit(points[near], moved[near], settings)
-    return matrix if int(inside.sum()) >= settings.least else None
+    enough = max(settings.least, settings.kept * len(points))
+    return matrix if int(inside.sum()) >= enough else None
 
 
 def apply(matrix: Matrix, points: Points) -> Points:
