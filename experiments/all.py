@@ -50,8 +50,9 @@ LONG = (
     "deformation_speed", "detector_frames", "detector_noise", "detector_photographs",
     "export_check", "finetune_through_solver", "lifter_motion", "lifter_real", "long_clip",
     "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "pose_fusion",
-    "real_body", "real_silhouettes", "report_speed", "segmentation_ablation", "shape_over_time",
-    "silhouette_speed", "stage_ablation", "surface_speed", "trust_video", "video_alone",
+    "real_body", "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
+    "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed", "trust_video",
+    "video_alone",
     "views_sweep",
 )  # fmt: skip
 

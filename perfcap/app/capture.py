@@ -28,6 +28,7 @@ from perfcap.app.capture_request import (
     describe,
     find_device,
     networks_of,
+    segmenter_of,
     settings_of,
     used_files,
 )
@@ -37,6 +38,7 @@ from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.report import ReportRequest, write_report
 from perfcap.app.true_views import ViewRequest, settled
+from perfcap.detect.segmenter import OnnxSegmenter
 from perfcap.errors import InputError
 from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
@@ -186,6 +188,8 @@ def _perform(
     torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=find_device(request.device))
     cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
+    manifest = segmenter_of(request)
+    segmenter = None if manifest is None else OnnxSegmenter(manifest)
     with progress_bars() as tell:
         performance = capture(
             actor,
@@ -193,7 +197,7 @@ def _perform(
             inputs.detections.to(like),
             inputs.clip.fps,
             settings_of(request),
-            images=Images(inputs.clip, cameras),
+            images=Images(inputs.clip, cameras, segmenter),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,

@@ -11,7 +11,8 @@ import torch
 
 from perfcap.app.auto_actor import AUTO, Casting
 from perfcap.app.inputs import InputRequest
-from perfcap.app.networks import DETECTORS, LIFTERS, find_model
+from perfcap.app.networks import DETECTORS, LIFTERS, NO_SEGMENTER, find_model, find_segmenter
+from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
@@ -32,6 +33,7 @@ class CaptureRequest(InputRequest):
     preset: str = "default"
     bones: str = "auto"
     floor: str = "auto"
+    segmenter: str = "blazepose"
     device: str = "auto"
     overlay: bool = True
     report: bool = False
@@ -78,6 +80,25 @@ def used_files(request: CaptureRequest, actors: Iterable[Path]) -> Iterator[Path
     if request.video_map is not None:
         yield request.video_map
     yield from networks_of(request)
+    segmenter = segmenter_of(request)
+    if segmenter is not None:
+        yield segmenter
+
+
+def segmenter_of(request: CaptureRequest) -> Path | None:
+    """Manifest of the network of person masks; None where it is not wanted or nobody would ask.
+
+    Raises:
+        InputError: there is none, or it is of another kind: before anything is computed.
+    """
+    if request.segmenter == NO_SEGMENTER:
+        return None
+    found, preset = find_segmenter(request.segmenter), PRESETS[request.preset]
+    asked = preset.silhouettes.first.frame.network > 0 and preset.segment
+    if not asked or not Stage[request.until.upper()].needs_images:
+        return None
+    read_segmenter_manifest(found)
+    return found
 
 
 def networks_of(request: CaptureRequest) -> Iterator[Path]:

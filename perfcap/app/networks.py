@@ -22,6 +22,8 @@ from perfcap.pipeline.remembering import RememberingNetwork
 DETECTORS, LIFTERS = "detectors", "lifters"
 DEFAULT_DETECTORS = ("thunder", "blazepose", "rendered")  # the first one follows the person
 DEFAULT_LIFTER = "cmu"
+SEGMENTER = "segmenter.toml"  # of a shipped detector that answers with masks as well
+NO_SEGMENTER = "none"
 
 _CHUNK = 16  # frames decoded at once
 
@@ -74,6 +76,29 @@ def find_model(name: str, kind: str) -> Path:
     raise InputError(
         f"--{kind.removesuffix('s')} {name}: no such folder; expected a folder with {MANIFEST} and "
         f"a model{listing}"
+    )
+
+
+def find_segmenter(name: str) -> Path:
+    """The manifest of a network of person masks by path, or that of a shipped one by name.
+
+    Raises:
+        InputError: there is no such network.
+    """
+    path = Path(name)
+    if path.suffix.lower() == ".onnx":
+        raise InputError(
+            f"--segmenter {name}: is a network without its manifest; expected {MANIFEST} of kind "
+            "segmenter, or its folder (docs/detectors.md has an example)"
+        )
+    if path.is_dir() or path.is_file():
+        return path
+    shipped = models_folder() / DETECTORS
+    if path.name == name and (shipped / name / SEGMENTER).is_file():
+        return shipped / name / SEGMENTER
+    known = ", ".join(sorted(p.parent.name for p in shipped.glob(f"*/{SEGMENTER}")))
+    raise InputError(
+        f"--segmenter {name}: no such folder; expected one with {MANIFEST}, or {known}, or none"
     )
 
 

@@ -65,6 +65,9 @@ class Capture:
     """Which person of the first frame, where several are seen: 1 is the surest, 2 the next."""
     lifter: str | None = None
     """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
+    segmenter: str = "blazepose"
+    """A network that finds person masks, as one cue of silhouettes: a shipped one by name, a folder
+    with manifest.toml, or a manifest; none to go without."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
     frames: str | None = None

@@ -142,7 +142,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     table = open_manifest(folder, "detector")
     file = read_model_file(table)
-    spec = _read_input(table.table("input"))
+    spec = read_input(table.table("input"))
     joint_set = _read_joints(table.table("joints"))
     output = _read_output(table.table("output"), len(joint_set))
     calibration = _read_calibration(table.table("calibration", optional=True))
@@ -186,7 +186,8 @@ def _read_file(entry: TomlTable) -> ModelFile:
     return file
 
 
-def _read_input(table: TomlTable) -> InputSpec:
+def read_input(table: TomlTable) -> InputSpec:
+    """What a network of images wants to see."""
     size = table.numbers("size", count=2)
     if not all(side == int(side) and 8 <= side <= _SIZE_LIMIT for side in size):
         table.fail("size", f"is {list(size)}", f"[height, width], each 8 to {_SIZE_LIMIT}")

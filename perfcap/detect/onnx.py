@@ -18,6 +18,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import JointSet
 from perfcap.detect.look import Box
 from perfcap.detect.manifest import Manifest, read_manifest
+from perfcap.detect.network_input import check_image_input, prepare_crops
 from perfcap.detect.person import Start, follow_person
 from perfcap.detect.session import Execution, Session
 from perfcap.errors import InputError
@@ -53,7 +54,9 @@ class OnnxDetector:
         self.manifest: Manifest = read_manifest(Path(model))
         self.session = Session(self.manifest.file, execution)
         self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
-        self._input, self._batch = _check_input(self.manifest, self.session)
+        self._input, self._batch = check_image_input(
+            self.manifest.path, self.manifest.input, self.session
+        )
         self._outputs = _check_outputs(self.manifest, self.session)
         height, width = self.manifest.input.size
         self.estimate(np.zeros((1, height, width, 3), np.uint8))  # shapes show when it runs
@@ -134,7 +137,9 @@ class OnnxDetector:
         count = len(crops)
         if self._batch and count < size:  # an export of fixed batch gets copies to fill it
             crops = np.concatenate((crops, np.repeat(crops[-1:], size - count, 0)))
-        outputs = self.session.run({self._input: self._prepare(crops)}, self._outputs)
+        outputs = self.session.run(
+            {self._input: prepare_crops(crops, self.manifest.input)}, self._outputs
+        )
         named = {
             name: value[:count] if value.ndim else value[None]
             for name, value in zip(self._outputs, outputs, strict=True)
@@ -146,16 +151,6 @@ class OnnxDetector:
                 "poses; export it with the crops as first axis of every output"
             )
         return found
-
-    def _prepare(self, crops: NDArray[np.uint8]) -> NDArray[Any]:
-        spec = self.manifest.input
-        channels = crops[..., ::-1] if spec.color == "bgr" else crops
-        if "int" in spec.dtype:
-            values: NDArray[Any] = channels.astype(spec.dtype)
-        else:
-            mean, std = (np.asarray(v, np.float32) for v in (spec.mean, spec.std))
-            values = ((channels * np.float32(spec.scale) - mean) / std).astype(spec.dtype)
-        return values if spec.layout == "nhwc" else values.transpose(0, 3, 1, 2)
 
     def _mirror(self, found: Estimate) -> Estimate:
         """What was seen in mirror images, back on its own side."""
@@ -212,35 +207,6 @@ def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
     return images.permute(0, 1, 3, 4, 2).cpu().numpy()
 
 
-def _check_input(manifest: Manifest, session: Session) -> tuple[str, int]:
-    """Name of the input and its fixed batch, 0 when open."""
-    spec = manifest.input
-    name = spec.name or session.inputs[0]
-    if len(session.inputs) != 1 or name not in session.inputs:
-        raise InputError(
-            f"{manifest.path}: input {name!r} is to be the model's only one, it has "
-            f"{', '.join(session.inputs)}; expected a network of one image"
-        )
-    height, width = spec.size
-    image = (3, height, width) if spec.layout == "nchw" else (height, width, 3)
-    found = session.shapes[name]
-    fits = len(found) == 4 and all(
-        a is None or a == b for a, b in zip(found[1:], image, strict=True)
-    )
-    if not fits:
-        raise InputError(
-            f"{manifest.path}: input.size and layout mean (N, {', '.join(map(str, image))}), the "
-            f"model wants {_shown(found)}; correct input.size or input.layout"
-        )
-    if session.dtypes[name] != np.dtype(spec.dtype).type:
-        wanted = session.dtypes[name]
-        raise InputError(
-            f"{manifest.path}: input.dtype is {spec.dtype}, the model wants "
-            f"{np.dtype(wanted).name if wanted else 'another type'}; correct input.dtype"
-        )
-    return name, found[0] or 0
-
-
 def _check_outputs(manifest: Manifest, session: Session) -> tuple[str, ...]:
     """Names of the outputs to ask for."""
     for name in manifest.output.names:
@@ -249,10 +215,6 @@ def _check_outputs(manifest: Manifest, session: Session) -> tuple[str, ...]:
         session.require_output(manifest.output.joints3d, "output.joints3d")
     further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
     return tuple(dict.fromkeys((*manifest.output.names, *further)))
-
-
-def _shown(shape: Sequence[int | None]) -> str:
-    return f"({', '.join('N' if axis is None else str(axis) for axis in shape)})"
 
 
 def _join(parts: Sequence[Estimate]) -> Estimate:

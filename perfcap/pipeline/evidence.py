@@ -17,6 +17,7 @@ from perfcap.segment import Contour, FrameReport, Silhouettes, extract_contour
 Mask = NDArray[np.bool_]
 
 _FULL = 255  # a confidence of 1, as it is kept
+_AGREES, _UNUSUAL = 0.86, 0.04  # overlap with a network: enough, and what is below its usual one
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,36 @@ class Evidence:
             for line, trust in zip(lines, self.confidence[frame], strict=True)
         ]
 
+    @property
+    def agreement(self) -> NDArray[np.float64]:
+        """Overlap of each frame's masks with those of a network, least of the views, (F,).
+
+        NaN where none was asked.
+        """
+        found = np.array([[report.agreement for report in row] for row in self.reports])
+        filled = np.where(np.isnan(found), np.inf, found).min(1, initial=np.inf)
+        return np.where(np.isinf(filled), np.nan, filled)
+
+    @property
+    def doubtful(self) -> NDArray[np.int64]:
+        """Frames whose mask may be wrong: a network contradicts it, and not as it always does.
+
+        Thresholds were chosen on masks of ``dev_tight``, ``dev_skirt`` and ``dev_coat``.
+        """
+        agreement = self.agreement
+        if np.isnan(agreement).all():
+            return np.zeros(0, np.int64)
+        usual = float(np.nanmedian(agreement))
+        return np.flatnonzero(agreement < min(_AGREES, usual - _UNUSUAL))
+
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """What there is to say about the masks, as plain values."""
         rows = list(enumerate(self.reports, first_frame))
+        agreement = self.agreement
+        known = {} if np.isnan(agreement).all() else {"mask_agreement": _rounded(agreement)}
         return {
+            **known,
+            "doubtful_masks": (self.doubtful + first_frame).tolist(),
             "scene_cuts": [frame for frame, row in rows if any(r.cut for r in row)],
             "nobody_in_view": [frame for frame, row in rows if not any(r.person for r in row)],
             "cropped": [frame for frame, row in rows if any(r.cropped for r in row)],
@@ -95,6 +122,10 @@ class Evidence:
                 round(float(np.mean([_mean(trust) for trust in row])), 3) for row in self.confidence
             ],
         }
+
+
+def _rounded(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if np.isnan(value) else round(float(value), 3) for value in values]
 
 
 def encode_confidence(confidence: NDArray[np.float64]) -> NDArray[np.uint8]:

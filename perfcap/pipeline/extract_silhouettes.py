@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -21,8 +21,9 @@ from perfcap.pipeline.images import FrameReader, Frames
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Scene, Segmentation, extract_contour, survey
+from perfcap.segment.network_cue import CueTrust, PersonNetwork, learn_trust
 from perfcap.segment.scene import sample_frames
-from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, segment_block
+from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, ask, segment_block
 from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trust import boundary_trust
 from perfcap.workers import ordered_map
@@ -37,6 +38,9 @@ _LIMBS = (
 )  # fmt: skip
 
 
+_ASKED = 5  # frames of a stretch in which a network is compared with the other cues
+
+
 def extract_silhouettes(
     actor: Actor,
     sight: Sight,
@@ -48,6 +52,7 @@ def extract_silhouettes(
     progress: Progress | None = None,
     checkpoint: Checkpoint = NO_CHECKPOINT,
     name: str = "extract_silhouettes",
+    network: PersonNetwork | None = None,
 ) -> Evidence:
     """Segment a clip, view after view, block after block.
 
@@ -62,8 +67,9 @@ def extract_silhouettes(
         progress: called with (frames done, frames), summed over views.
         checkpoint: keeps finished blocks.
         name: under which it keeps them.
+        network: that finds person masks, as one more cue; none if not given.
     """
-    source = SilhouetteSource(actor, sight, reader, motion, settings, workers)
+    source = SilhouetteSource(actor, sight, reader, motion, settings, workers, network)
 
     def records(block: FrameBlock) -> list[MaskRecord]:
         return [_record(found) for found in source.segment(block)]
@@ -104,8 +110,10 @@ class SilhouetteSource:
         motion: Motion,
         settings: SequenceSettings,
         workers: int | None = 1,
+        network: PersonNetwork | None = None,
     ) -> None:
         self.actor, self.sight, self.reader = actor, sight, reader
+        self.network = network if settings.frame.network > 0 else None
         self.motion, self.settings, self.workers = motion, settings, workers
 
     @property
@@ -122,28 +130,60 @@ class SilhouetteSource:
 
     def blocks(self, view: int, skipped: int = 0) -> Iterator[FrameBlock]:
         """Blocks of a view in order but the first ``skipped``, read as they are asked for."""
-        frames, scenes = self.motion.frames, self.settings.scene
         for span, starts in self._spans():
             starts, skipped = starts[skipped:], max(0, skipped - len(starts))
             if not starts:
                 continue
             start, stop = span.start, span.stop
-            scene = self._survey(view, sample_frames(start, stop, scenes.samples))
-            reach = self.settings.reach if scene.plate is None else 1
+            scene = self.scene(view, range(start, stop))
             for first in starts:
-                wanted = range(first, min(first + BLOCK, stop))
-                shown = range(max(first - reach, 0), min(wanted.stop + reach, frames))
-                images = self.reader.read_view(view, shown.start, shown.stop)
-                yield FrameBlock(view, wanted, shown, images, scene)
+                yield self.block(view, range(first, min(first + BLOCK, stop)), scene)
+
+    def scene(self, view: int, span: range) -> Scene:
+        """What frames of a stretch share, and how far a network is to be trusted in them."""
+        samples = sample_frames(span.start, span.stop, self.settings.scene.samples)
+        scene = self._survey(view, samples)
+        if self.network is None:
+            return scene
+        chosen = samples[:: -(-len(samples) // _ASKED)]
+        return replace(scene, trust=self._learn_trust(view, chosen, scene))
+
+    def block(self, view: int, wanted: range, scene: Scene) -> FrameBlock:
+        """Frames of a view in a row, with those around them."""
+        shown = range(max(wanted.start - 1, 0), min(wanted.stop + 1, self.motion.frames))
+        images = self.reader.read_view(view, shown.start, shown.stop)
+        return FrameBlock(view, wanted, shown, images, scene)
 
     def segment(self, block: FrameBlock) -> list[Segmentation]:
         """The person in the wanted frames of a block."""
+        footage, chosen = self._footage(block)
+        return list(segment_block(footage, chosen, block.scene, self.settings, self.network))
+
+    def _footage(self, block: FrameBlock) -> tuple[Footage, range]:
+        """The frames of a block, and which of them are wanted."""
         models = [self._model(block.view, f, block) for f in block.shown]
         bones = self._bones(block.view, block.shown)
         footage = Footage(list(block.images), models, bones)
         first = block.wanted.start - block.shown.start
-        chosen = range(first, first + len(block.wanted))
-        return list(segment_block(footage, chosen, block.scene, self.settings))
+        return footage, range(first, first + len(block.wanted))
+
+    def _learn_trust(self, view: int, frames: list[int], scene: Scene) -> CueTrust | None:
+        """How far the network is to be trusted, from frames segmented without it."""
+        network = self.network
+        assert network is not None
+
+        def sample(block: FrameBlock) -> tuple[NDArray[np.float32], Mask]:
+            footage, (index,) = self._footage(block)
+            (found,) = segment_block(footage, range(index, index + 1), scene, self.settings)
+            band, box = found.trimap.band, found.trimap.box
+            if not found.trimap.size:
+                return np.zeros(0, np.float32), np.zeros(0, np.bool_)
+            return ask(network, footage, index, found.trimap)[band], found.mask[box][band]
+
+        # readers are no friends of threads: blocks are read here, as they are asked for
+        blocks = (self.block(view, range(frame, frame + 1), scene) for frame in frames)
+        pairs = ordered_map(sample, blocks, self.workers)
+        return learn_trust(pairs, self.settings.frame.network)
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
         images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
@@ -152,8 +192,8 @@ class SilhouetteSource:
         return survey(images, models, plate, scene, self.workers)
 
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
-        """The model's silhouette; of frames around a block it only matters if the camera moves."""
-        if frame in block.wanted or block.scene.plate is None:
+        """The model's silhouette; that of frames around a block does not matter."""
+        if frame in block.wanted:
             return self._draw(view, frame)
         return np.zeros(self.sight.cameras.size[view], np.bool_)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.segment.network_cue import PersonNetwork
 
 Frames = NDArray[np.uint8]
 
@@ -30,10 +31,12 @@ class Images:
     Attributes:
         reader: the frames, in the order of those that are captured.
         cameras: C views in pixels of the images, (C,) or (F, C), with their sizes.
+        segmenter: a network that finds people in them, as a cue of silhouettes; None to go without.
     """
 
     reader: FrameReader
     cameras: Camera
+    segmenter: PersonNetwork | None = None
 
     def __post_init__(self) -> None:
         if len(self.cameras.size) != self.cameras.views:
@@ -47,7 +50,8 @@ class Images:
         start, stop, step = span.indices(len(self.reader))
         if step != 1:
             raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
-        return type(self)(_Part(self.reader, start, stop), self.cameras.frames(slice(start, stop)))
+        cameras = self.cameras.frames(slice(start, stop))
+        return type(self)(_Part(self.reader, start, stop), cameras, self.segmenter)
 
 
 @dataclass(frozen=True)

@@ -293,6 +293,11 @@ def _doubts(looked: Looked) -> Iterator[str]:
             f"in {len(report['no_contour'])} frames the masks are empty or fill the image; nothing "
             "refines them"
         )
+    if report["doubtful_masks"]:
+        yield (
+            f"in {len(report['doubtful_masks'])} frames masks may be wrong: a network contradicts "
+            "them; run.json names them (doubtful_masks)"
+        )
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:
         if part is not None and not part.kept.all():

@@ -116,6 +116,7 @@ def refine(
                 actor,
                 *(sight, images.reader, motion, heights, settings, workers, tell, checkpoint),
                 name=name,
+                network=images.segmenter,
             )
 
     evidence = extract("extract_silhouettes", motion, config.silhouettes.first)

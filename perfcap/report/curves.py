@@ -144,9 +144,17 @@ def _overlap(frames: _Frames) -> Chart | None:
 
 
 def _confidence(frames: _Frames) -> Chart | None:
-    line = _percent(frames, ("mask_confidence",), "trust in the contour")
-    about = "How far the outline of the masks is believed, mean over its points and the views."
-    return None if line is None else Chart("Trust in the masks", "%", (line,), about, worst="low")
+    named = (
+        ("mask_confidence", "trust in the contour"),
+        ("mask_agreement", "overlap with a network"),
+    )
+    lines = (_percent(frames, (key,), name) for key, name in named)
+    known = tuple(line for line in lines if line is not None)
+    about = (
+        "How far the outline of the masks is believed, mean over its points and the views, and how "
+        "far a network of person masks agrees, least of the views."
+    )
+    return Chart("Trust in the masks", "%", known, about, worst="low") if known else None
 
 
 def _folds(frames: _Frames) -> Chart | None:

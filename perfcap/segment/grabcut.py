@@ -50,6 +50,8 @@ class FrameReport:
         noise: deviation of the surroundings from the plate, grey levels; NaN without.
         cut: whether the scene changed since the previous frame.
         cropped: whether the image's border cuts the model off.
+        agreement: intersection over union of the mask and a network's, around the person; NaN
+            where none was asked.
     """
 
     person: bool
@@ -59,6 +61,7 @@ class FrameReport:
     noise: float = float("nan")
     cut: bool = False
     cropped: bool = False
+    agreement: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ class _View:
     trimap: Trimap
     backdrop: Backdrop | None
     motion: Plane | None
+    network: Plane | None
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ def segment(
     *,
     adjacent: Sequence[Image] = (),
     plate: Plate | None = None,
+    network: Plane | None = None,
     warm: ColorModels | None = None,
 ) -> Segmentation:
     """Find the person in a frame.
@@ -119,6 +124,7 @@ def segment(
         adjacent: the trimap's box in the previous and the next frame, (h, w, 3), registered where
             the camera moves; none across a cut.
         plate: the background in the trimap's box.
+        network: nats by which a network speaks for the person there, (h, w).
         warm: colours of the previous frame.
 
     Raises:
@@ -134,9 +140,11 @@ def segment(
     scale = 1.0 if settings.coarse is None else min(1.0, settings.coarse / trimap.size)
     plate = plate if settings.use_plate else None
     view, report = _look(image, trimap, adjacent, plate, settings, scale)
+    if network is not None:
+        view = replace(view, network=_enlarge(network, view.trimap.labels.shape))
     found = _iterate(view, warm, settings)
     if scale < 1:
-        view = _narrow(image, trimap, plate, view, found, settings, scale)
+        view = replace(_narrow(image, trimap, plate, view, found, settings, scale), network=network)
         found = _follow_boundary(view, found, settings)
     mask[trimap.box] = found.inside
     if view.backdrop is not None:
@@ -173,7 +181,7 @@ def _look(
         band = trimap.band
         share = float(backdrop.plate.known[band].mean()) if band.any() else 0.0
         report = replace(report, plate=share, noise=backdrop.lighting.noise)
-    return _View(pixels, trimap, backdrop, cue.gradient), report
+    return _View(pixels, trimap, backdrop, cue.gradient, None), report
 
 
 def _iterate(view: _View, warm: ColorModels | None, settings: GrabCutSettings) -> _Labels:
@@ -200,9 +208,10 @@ def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -
     known = None if view.backdrop is None else view.backdrop.plate.known
     prior = choose(known, settings.backed.prior, settings.alone.prior)
     depth = np.clip(view.trimap.distance / max(view.trimap.inner, 1.0), -1, 1)
-    inside = solve_field(
-        view.trimap, view.image, evidence + prior * depth, settings.smoothness, view.motion
-    )
+    believed = evidence + prior * depth
+    if view.network is not None:
+        believed += view.network
+    inside = solve_field(view.trimap, view.image, believed, settings.smoothness, view.motion)
     return _Labels(inside, evidence, models)
 
 
@@ -225,7 +234,7 @@ def _narrow(
     if plate is not None and coarse.backdrop is not None:
         backdrop = Backdrop(plate, coarse.backdrop.lighting.resize(shape))
     motion = None if coarse.motion is None else _enlarge(coarse.motion, shape)
-    return _View(image.astype(np.float32), replace(trimap, labels=labels), backdrop, motion)
+    return _View(image.astype(np.float32), replace(trimap, labels=labels), backdrop, motion, None)
 
 
 def _follow_boundary(view: _View, coarse: _Labels, settings: GrabCutSettings) -> _Labels:

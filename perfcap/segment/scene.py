@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment.background import Plate, PlateSettings, build_plate
+from perfcap.segment.moving_scene import KeyFrame, MovingSettings, Samples
+from perfcap.segment.network_cue import CueTrust
 from perfcap.segment.registration import (
     RegistrationSettings,
     find_landmarks,
@@ -26,6 +28,7 @@ _SLOPE = 2.0  # grey levels a pixel; weaker ones say nothing about a shift
 _EDGES = 0.8  # quantile of the slopes that are edges
 _LEAST_EDGES = 200  # pixels
 _ALIKE = 3.0  # grey levels
+_MARGIN = 0.06  # of the longest side: what a hand-held camera moves while a plate serves
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,14 @@ class SceneSettings:
         span: frames of a stretch; light may change between stretches.
         still: px, median shift of the background below which the camera stands still.
         share: of the samples that must show the same still picture.
-        offsets: frames, before and after, that show the background behind the person when the
-            camera moves.
+        moving: how the background is found where the camera moves.
     """
 
     samples: int = 25
     span: int = 300
     still: float = 0.5
     share: float = 0.6
-    offsets: tuple[int, ...] = (-12, -7, -3, 3, 7, 12)
+    moving: MovingSettings = field(default_factory=MovingSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
 
 
@@ -57,11 +59,15 @@ class Scene:
         plate: of the whole image; None where the camera moves.
         shift: px, median over samples by which the background moved.
         used: samples that show the plate.
+        samples: to make plates of, where the camera moves.
+        trust: in a network's masks; None where there is none.
     """
 
     plate: Plate | None
     shift: float
     used: int
+    samples: Samples | None = None
+    trust: CueTrust | None = None
 
 
 def sample_frames(start: int, stop: int, count: int) -> list[int]:
@@ -110,7 +116,8 @@ def survey(
     same = np.nonzero(shifts < settings.still)[0]
     typical = float(np.median(np.delete(shifts, len(samples) // 2)))
     if len(same) < max(settings.share * len(images), plate.least):
-        return Scene(None, typical, len(same))
+        hidden = [sample.hidden for sample in samples]
+        return Scene(None, typical, len(same), Samples.of(images, hidden, settings.moving))
     chosen = [int(i) for i in same]
     hidden = [samples[i].hidden for i in chosen]
     made = build_plate([images[i] for i in chosen], hidden, plate, workers)
@@ -158,57 +165,63 @@ def shift_of(one: Image, other: Image, hidden: Mask) -> float:
     return float(np.median(change[edges] / visible[edges]))
 
 
-@dataclass(frozen=True)
-class Context:
-    """Other frames seen from one frame of a moving camera, in the box around the person.
-
-    Attributes:
-        plate: of the box; None where no other frame could be registered.
-        adjacent: previous and next frame, unchanged where they see nothing.
-        registered: how many of the frames asked for.
-    """
-
-    plate: Plate | None
-    adjacent: list[Image]
-    registered: int
-
-
-def follow(
+def key_frame(
     images: Sequence[Image],
     hidden: Sequence[Mask],
-    index: int,
-    box: Box,
+    boxes: Sequence[Box],
+    scene: Scene,
     plate: PlateSettings,
-    settings: SceneSettings,
-) -> Context:
-    """Bring the frames around a frame to where its camera is.
+) -> KeyFrame | None:
+    """A plate for frames in a row of a moving camera, made for the one in their middle.
+
+    Args:
+        images: of one shot, (H, W, 3).
+        hidden: where people may be, (H, W), see ``hide``.
+        boxes: the part of each that is wanted.
+        scene: from ``survey``.
+        plate: how plates are made.
+    """
+    wanted = [box for box in boxes if box[0].stop > box[0].start]
+    if scene.samples is None or not wanted:
+        return None
+    middle = len(images) // 2
+    region = _around(wanted, images[middle].shape)
+    # few samples show any one pixel here: one is better than none
+    return scene.samples.key_frame(images[middle], hidden[middle], region, replace(plate, least=1))
+
+
+def _around(boxes: Sequence[Box], shape: tuple[int, ...]) -> Box:
+    """What holds all boxes, and what a camera moves in a few frames."""
+    margin = round(_MARGIN * max(shape))
+    low = [min(box[axis].start for box in boxes) - margin for axis in range(2)]
+    high = [max(box[axis].stop for box in boxes) + margin for axis in range(2)]
+    return slice(max(low[0], 0), min(high[0], shape[0])), slice(
+        max(low[1], 0), min(high[1], shape[1])
+    )
+
+
+def registered_neighbors(
+    images: Sequence[Image], hidden: Mask, index: int, box: Box, settings: RegistrationSettings
+) -> list[Image]:
+    """The frames before and after a frame, brought to where its camera is, in a box.
 
     Args:
         images: consecutive frames of one shot, (H, W, 3).
-        hidden: where people may be, (H, W), see ``hide``.
+        hidden: where people may be in the frame, (H, W).
         index: of the frame among them.
         box: the part wanted.
-        plate: how a plate is made.
-        settings: which frames.
+        settings: of the registration.
+
+    Returns:
+        (h, w, 3) each, unchanged where they see nothing; fewer where they could not be registered.
     """
-    landmarks = find_landmarks(images[index], hidden[index], settings.registration)
-    shown, closed, adjacent = [], [], []
-    for offset in sorted({-1, 1, *settings.offsets}):
-        other = index + offset
+    landmarks = find_landmarks(images[index], hidden, settings)
+    found = []
+    for other in (index - 1, index + 1):
         if not 0 <= other < len(images):
             continue
-        matrix = register(landmarks, images[other], settings.registration)
-        if matrix is None:
-            continue
-        image, inside = resample(images[other], matrix, box)
-        if abs(offset) == 1:
-            adjacent.append(np.where(inside[..., None], image, images[index][box]))
-        if offset in settings.offsets:
-            covered, _ = resample(hidden[other].astype(np.uint8), matrix, box)
-            shown.append(image)
-            closed.append((covered > 0) | ~inside)
-    if not shown:
-        return Context(None, adjacent, len(adjacent))
-    # few frames show any one pixel here: one is better than none
-    seen = build_plate(shown, closed, plate)
-    return Context(seen, adjacent, len(shown))
+        matrix = register(landmarks, images[other], settings)
+        if matrix is not None:
+            image, inside = resample(images[other], matrix, box)
+            found.append(np.where(inside[..., None], image, images[index][box]))
+    return found

@@ -9,7 +9,7 @@ Blocks then matter: they are of ``BLOCK`` frames, counted from the first of the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,9 +20,11 @@ from perfcap.segment.background import Plate
 from perfcap.segment.evidence import ColorModels
 from perfcap.segment.grabcut import Segmentation, segment
 from perfcap.segment.motion_cue import CutSettings, is_cut
-from perfcap.segment.scene import Scene, SceneSettings, follow, hide
+from perfcap.segment.moving_scene import KeyFrame
+from perfcap.segment.network_cue import PersonNetwork
+from perfcap.segment.scene import Scene, SceneSettings, hide, key_frame, registered_neighbors
 from perfcap.segment.settings import GrabCutSettings
-from perfcap.segment.trimap import Box, Mask, build_trimap
+from perfcap.segment.trimap import Mask, Trimap, build_trimap
 
 Image = NDArray[np.uint8]
 
@@ -45,11 +47,6 @@ class SequenceSettings:
     cut: CutSettings = field(default_factory=CutSettings)
     carry: bool = False
 
-    @property
-    def reach(self) -> int:
-        """Frames before and after a block that help, if the camera moves; else one."""
-        return max(1, *(abs(offset) for offset in self.scene.offsets))
-
 
 @dataclass(frozen=True)
 class Footage:
@@ -58,7 +55,7 @@ class Footage:
     Attributes:
         images: (H, W, 3) RGB each.
         models: silhouettes (H, W) of the person's posed model.
-        bones: (n, B, 2, 2) px.
+        bones: (n, B, 2, 2) px; the last one is the spine, from neck to hips.
     """
 
     images: Sequence[Image]
@@ -78,65 +75,110 @@ def segment_block(
     wanted: range,
     scene: Scene,
     settings: SequenceSettings | None = None,
+    network: PersonNetwork | None = None,
 ) -> Iterator[Segmentation]:
     """Segment some frames of a stretch, in order.
 
     Args:
-        footage: the frames, and those around them: one before and after for the motion cue,
-            ``settings.reach`` where the camera moves. None need be there.
+        footage: the frames, and one before and after for the motion cue, which need not be there.
+            Of these, models are not looked at.
         wanted: indices of the frames within the footage.
         scene: from ``survey`` of the stretch.
         settings: of the segmentation.
+        network: asked as far as ``scene.trust`` goes.
     """
     settings = settings or SequenceSettings()
     cuts = _cuts(footage.images, settings.cut)
-    moving = scene.plate is None
-    hidden = (
-        [hide(model, settings.frame.plate.clearance) for model in footage.models] if moving else []
-    )
+    trimaps = {
+        index: build_trimap(footage.models[index], footage.bones[index], settings.frame.trimap)
+        for index in wanted
+    }
+    surroundings = _Surroundings(footage, trimaps, cuts, scene, settings)
     warm: ColorModels | None = None
     for index in wanted:
         if index in cuts:
             warm = None
-        shot = _shot(index, len(footage.images), cuts)
-        trimap = build_trimap(footage.models[index], footage.bones[index], settings.frame.trimap)
-        plate, adjacent = _context(footage, hidden, index, shot, trimap.box, scene, settings)
+        plate, adjacent = surroundings.of(index)
+        odds = None
+        if network is not None and scene.trust is not None and trimaps[index].size:
+            odds = ask(network, footage, index, trimaps[index])
         found = segment(
             footage.images[index],
-            trimap,
+            trimaps[index],
             settings.frame,
             adjacent=adjacent,
             plate=plate,
+            network=None if odds is None or scene.trust is None else scene.trust(odds),
             warm=warm,
         )
         warm = found.models if settings.carry else None
-        yield replace(found, report=replace(found.report, cut=index in cuts))
+        report = replace(found.report, cut=index in cuts, agreement=_agreement(found, odds))
+        yield replace(found, report=report)
 
 
-def _context(
-    footage: Footage,
-    hidden: Sequence[Mask],
-    index: int,
-    shot: range,
-    box: Box,
-    scene: Scene,
-    settings: SequenceSettings,
-) -> tuple[Plate | None, list[Image]]:
-    """Background and adjacent frames in the box around the person."""
-    if box[0].stop == box[0].start:
-        return None, []
-    if scene.plate is not None:
-        near = [i for i in (index - 1, index + 1) if i in shot]
-        return scene.plate[box], [footage.images[i][box] for i in near]
-    context = follow(
-        footage.images[shot.start : shot.stop],
-        hidden[shot.start : shot.stop],
-        index - shot.start,
-        box,
-        settings.frame.plate,
-        settings.scene,
-    )
-    return context.plate, context.adjacent
+def _agreement(found: Segmentation, odds: NDArray[np.float32] | None) -> float:
+    """Intersection over union of a mask and even odds of a network."""
+    if odds is None:
+        return float("nan")
+    mask, said = found.mask[found.trimap.box], odds > 0
+    union = int((mask | said).sum())
+    return float((mask & said).sum() / union) if union else float("nan")
+
+
+def ask(
+    network: PersonNetwork, footage: Footage, index: int, trimap: Trimap
+) -> NDArray[np.float32]:
+    """A network's log odds of the person in a frame, in the trimap's box (h, w)."""
+    inside = footage.models[index][trimap.box]
+    return network(footage.images[index], inside, footage.bones[index][-1], trimap.box)
+
+
+class _Surroundings:
+    """Background and adjacent frames of some frames of a block."""
+
+    def __init__(
+        self,
+        footage: Footage,
+        trimaps: Mapping[int, Trimap],
+        cuts: set[int],
+        scene: Scene,
+        settings: SequenceSettings,
+    ) -> None:
+        self.images, self.models, self.cuts = footage.images, footage.models, cuts
+        self.trimaps, self.scene, self.settings = trimaps, scene, settings
+        self.keys: dict[int, KeyFrame | None] = {}
+
+    def of(self, index: int) -> tuple[Plate | None, list[Image]]:
+        """In the box around the person: the plate, and adjacent frames."""
+        box = self.trimaps[index].box
+        shot = _shot(index, len(self.images), self.cuts)
+        if box[0].stop == box[0].start:
+            return None, []
+        if self.scene.plate is not None:
+            near = [i for i in (index - 1, index + 1) if i in shot]
+            return self.scene.plate[box], [self.images[i][box] for i in near]
+        frames = self.images[shot.start : shot.stop]
+        hidden, image = self._hidden(index), self.images[index]
+        settings = self.settings.scene.registration
+        adjacent = registered_neighbors(frames, hidden, index - shot.start, box, settings)
+        key = self._key(shot) if self.settings.frame.use_plate else None
+        return None if key is None else key.seen_from(image, hidden, box), adjacent
+
+    def _hidden(self, index: int) -> Mask:
+        return hide(self.models[index], self.settings.frame.plate.clearance)
+
+    def _key(self, shot: range) -> KeyFrame | None:
+        """The plate of the frames of a shot in this block."""
+        if shot.start not in self.keys:
+            chosen = [i for i in self.trimaps if i in shot]
+            self.keys[shot.start] = key_frame(
+                [self.images[i] for i in chosen],
+                [self._hidden(i) for i in chosen],
+                [self.trimaps[i].box for i in chosen],
+                self.scene,
+                self.settings.frame.plate,
+            )
+        return self.keys[shot.start]
 
 
 def _cuts(images: Sequence[Image], settings: CutSettings) -> set[int]:

@@ -39,6 +39,7 @@ class GrabCutSettings:
             along the boundary in the full image. None: never.
         narrow: shrunk pixels on each side of the boundary that are looked at again.
         use_plate: whether to ask the plate at all.
+        network: nats that a network's mask may contribute at most; 0: it is not asked.
         trimap: widths.
         color: mixtures.
         plate: comparison with the plate.
@@ -53,6 +54,7 @@ class GrabCutSettings:
     coarse: float | None = 350.0
     narrow: float = 3.0
     use_plate: bool = True
+    network: float = 3.0
     trimap: TrimapSettings = field(default_factory=TrimapSettings)
     color: ColorSettings = field(default_factory=ColorSettings)
     plate: PlateSettings = field(default_factory=PlateSettings)
@@ -65,6 +67,7 @@ PAPER = GrabCutSettings(
     rounds=3,
     coarse=None,
     use_plate=False,
+    network=0.0,
     trimap=PLAIN_TRIMAP,
 )
 """The published form; the paper gives no weights, these are the best measured."""

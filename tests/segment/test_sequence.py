@@ -90,8 +90,7 @@ def test_person_leaves_the_image():
     assert overlap(found[4].mask, clip.truth[4]) > 0.97
 
 
-def test_reach_and_unequal_lengths():
-    assert SequenceSettings().reach == 12
+def test_unequal_lengths_are_refused():
     clip = disc_clip(frames=3)
     with pytest.raises(InputError, match="footage"):
         Footage(clip.images, clip.models[:2], clip.bones)

@@ -1,0 +1,54 @@
+"""Frames whose masks a network contradicts are named."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from perfcap.pipeline.evidence import RECORDS, Evidence, MaskRecord
+from perfcap.segment import FrameReport
+from perfcap.segment.silhouettes import encode_labels
+
+MASK = encode_labels(np.ones((4, 5), np.bool_))
+NAN = float("nan")
+
+
+def evidence(*views: list[float]) -> Evidence:
+    """Of frames whose masks agree with a network as far as the numbers say."""
+    records = [
+        [MaskRecord(MASK, np.full(3, 200, np.uint8), FrameReport(True, agreement=a)) for a in view]
+        for view in views
+    ]
+    return Evidence.collect(records, torch.ones(len(views)))
+
+
+def test_a_frame_that_is_contradicted_is_named() -> None:
+    found = evidence([0.94, 0.95, 0.6, 0.93, 0.95])
+    assert found.doubtful.tolist() == [2]
+    report = found.report(first_frame=10)
+    assert report["doubtful_masks"] == [12]
+    assert report["mask_agreement"] == [0.94, 0.95, 0.6, 0.93, 0.95]
+
+
+def test_the_worst_view_decides_and_unseen_ones_do_not() -> None:
+    found = evidence([0.94, NAN, 0.95, NAN], [0.95, 0.93, 0.5, NAN])
+    np.testing.assert_array_equal(found.agreement, [0.94, 0.93, 0.5, NAN])
+    assert found.doubtful.tolist() == [2]
+    assert found.report()["mask_agreement"][3] is None
+
+
+def test_a_network_that_is_always_wrong_names_nothing() -> None:
+    assert not len(evidence([0.61, 0.6, 0.62, 0.59, 0.63]).doubtful)
+
+
+def test_without_a_network_nothing_is_said() -> None:
+    found = evidence([NAN, NAN])
+    assert not len(found.doubtful)
+    assert "mask_agreement" not in found.report()
+    assert found.report()["doubtful_masks"] == []
+
+
+def test_agreement_survives_a_checkpoint() -> None:
+    records = [MaskRecord(MASK, np.zeros(2, np.uint8), FrameReport(True, agreement=0.75))]
+    (again,) = RECORDS.unpack(RECORDS.pack(records))
+    assert again.report.agreement == 0.75
