@@ -20,8 +20,8 @@ GROUPS = {
         "lifter_real", "fast_motion", "joint_table", "pose_refiner", "pose_fusion",
     ),
     "And the surface?": (
-        "stage_ablation", "real_silhouettes", "segmentation_ablation", "boundary_trust",
-        "paired_or_soft",
+        "stage_ablation", "real_silhouettes", "segmentation_ablation", "shaken_masks",
+        "boundary_trust", "paired_or_soft",
     ),
     "Raw images, without background or masks (Rhodin et al. 2016)": ("contours", "contour_cues"),
     "Bodies and characters": (
@@ -31,7 +31,7 @@ GROUPS = {
     "Several people": ("people_association", "people_joints"),
     "What if the input is bad?": (
         "noise_sweep", "occlusion", "calibration_sweep", "clocks", "leg_swaps", "mask_corruption",
-        "trust",
+        "trust", "trust_video",
     ),
     "What is each part worth?": (
         "term_ablation", "weight_sweep", "window_sweep", "trajectory_prior", "feet",
