@@ -20,6 +20,7 @@ from perfcap.io.doctor import (
     examine_detections,
 )
 from perfcap.io.doctor.evidence import Scene
+from perfcap.io.doctor.finding import ranges
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
@@ -31,6 +32,7 @@ _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _TRIMS = 6  # rounds in which triangulation lets outliers go
+_FASTEST = 12.5  # m/s, of hips; no runner is faster
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -110,8 +112,22 @@ def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, .
 
 
 def check_result(performance: Performance) -> tuple[str, ...]:
-    """Warnings about where the person is and how tall: as nobody is filmed, and nobody is."""
-    return (*_stature(performance), *_distance(performance))
+    """Warnings about what no person is: so tall, so far away, so fast."""
+    return (*_stature(performance), *_distance(performance), *_jumps(performance))
+
+
+def _jumps(performance: Performance) -> Iterator[str]:
+    """Where the hips are elsewhere a frame later: detections that went over to another person."""
+    path = performance.motion.translation
+    speed = path.diff(dim=0).norm(dim=-1) * performance.rate
+    fast = (speed > _FASTEST).nonzero()[:, 0].tolist()
+    if fast:
+        where = ranges([frame + 1 for frame in fast])
+        yield (
+            f"the person jumps up to {float(speed.max()) / performance.rate:.2g} m within a frame "
+            f"(frames {where} of the capture, counted from 0); do detections go over to somebody "
+            "else there, or does the video cut?"
+        )
 
 
 def _stature(performance: Performance) -> Iterator[str]:

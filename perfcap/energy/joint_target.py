@@ -80,6 +80,12 @@ class JointTarget(Energy[Motion]):
         return point_curvature(self.points, motion, linearized, on_joints)
 
     def _residual(self, joints: Tensor) -> Residual:
+        if joints.shape[-3] != self.target.shape[-4]:
+            raise InputError(
+                f"target has shape {tuple(self.target.shape)}, so frames "
+                f"{self.target.shape[-4]}, but the motion has {joints.shape[-3]} frames; expected "
+                "(*b, F, C, N, 3) with a place for each frame and source"
+            )
         error = self.scale * (joints.unsqueeze(-3) - self.target)
         return Residual(error.flatten(-3, -2), self.confidence.flatten(-2))
 

@@ -9,6 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.energy._point_curvature import point_curvature
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.product import multiply_views
@@ -107,5 +108,11 @@ class Reprojection(Energy[Motion]):
         return torch.stack(rows, -2)
 
     def _residual(self, pixels: Tensor) -> Residual:
+        given = self.detections.joints2d.shape[-4:-1]
+        if pixels.shape[-4:-1] != given:
+            raise InputError(
+                f"detections have (F, C, J) {tuple(given)}, the motion in these cameras "
+                f"{tuple(pixels.shape[-4:-1])}; expected the same frames, views and joints"
+            )
         error = (pixels - self.detections.joints2d) * self.scale[..., None, None]
         return Residual(error.flatten(-3, -2), self.detections.confidence2d.flatten(-2))

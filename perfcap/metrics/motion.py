@@ -47,6 +47,8 @@ def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
 
     Over runs of four complete frames; NaN if there are none.
     """
+    if not 0 < fps < math.inf:
+        raise InputError(f"fps is {fps}, expected a positive number")
     return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
 
 

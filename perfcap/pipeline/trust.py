@@ -12,6 +12,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.objective import pose_objective
@@ -46,6 +47,8 @@ _OUTLIER, _LOST = 4.0, 20.0  # percent of the person's height: a detection that 
 _ENOUGH = 1.0  # detections that agree with a joint
 _BASE = 0.3  # percent of the person's height: no error is known better
 _TYPICAL_SPACE = 0.06  # m, where there is no 3D pose to differ from
+_LACKED = ("head_top", "neck", "r_toe", "l_toe")  # by COCO's joints, among others
+_LIMBS = [place for place, name in enumerate(LANDMARKS) if name not in _LACKED]
 _DAMPING = 1e-6  # relative to the largest curvature
 
 
@@ -58,7 +61,8 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
     - pixels: log of the median reprojection error, in percent of the person's height, and
       worst_pixels: that of the joint with the largest one;
     - support and least_support: how many detections agree with a joint, an outlier counts for
-      nothing and more than one is as good as one; the mean over joints, and the log of the least;
+      nothing and more than one is as good as one; the mean over joints, and the log of the least.
+      Crown, neck and toes do not count in a clip that never shows them;
     - space and worst_space: log distance (m) between joints and 3D poses, mean and largest, and
       no_space: 1 where no 3D pose is trusted;
     - spread: log of the largest deviation (m) of a joint about the mean of all, from the
@@ -92,9 +96,11 @@ def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> 
     error = (pixels / unit[:, None]).nan_to_num(_LOST, _LOST).clamp(max=_LOST)
     error = torch.where(known, error, 0)
     agrees = known / (1 + (error / _OUTLIER).square()).square()
+    named = problem.detections.confidence2d.gt(0).any(0).any(0)
+    named[_LIMBS] = True  # limbs that nothing shows are hidden; others, the joint set may lack
     count = known.sum(1)
     of_joints = error.sum(1) / count.clamp(min=1)  # F J
-    support = _around(agrees.sum(1).clamp(max=_ENOUGH), reach)
+    support = _around(agrees.sum(1).clamp(max=_ENOUGH), reach)[:, named]
     space, worst, none = _space(energies, problem, seen.trusted3d, motion)
     middle = torch.where(count > 0, of_joints, torch.nan).nanmedian(-1).values.nan_to_num(_LOST)
     features = (

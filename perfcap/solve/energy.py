@@ -112,6 +112,8 @@ class Energy(nn.Module, ABC, Generic[StateType]):
 
     def __init__(self, weight: float | Tensor = 1.0, kernel: Kernel | None = None) -> None:
         super().__init__()
+        if not isinstance(weight, Tensor) and not weight >= 0:
+            raise InputError(f"weight is {weight}; expected a number from 0 on")
         if isinstance(weight, nn.Parameter):
             self.weight = weight
         elif isinstance(weight, Tensor):

@@ -97,3 +97,29 @@ def test_a_person_four_kilometres_away_is_told() -> None:
     (told,) = check_result(found)
     assert "m from the cameras" in told
     assert check_result(replace(found, motion=here)) == ()
+
+
+def test_a_person_who_jumps_to_another_is_told() -> None:
+    take = make_take(6)
+    here = sway(take.actor, 6)
+    there = here.translation.clone()
+    there[4:, 0] += 0.6
+    found = Performance(
+        take.actor, take.cameras, take.detections, here, take.rate, config=CaptureConfig()
+    )
+    assert check_result(found) == ()
+    (told,) = check_result(replace(found, motion=replace(here, translation=there)))
+    assert "jumps up to 0.6" in told and "(frames 4 of the capture, counted from 0)" in told
+
+
+def test_people_whom_the_cameras_make_too_tall_are_told() -> None:
+    take = make_take(4)
+    here = sway(take.actor, 4)
+    for factor, word in ((0.4, "tall by the cameras"), (-0.7, "tall by the cameras"), (0.0, "")):
+        scales = torch.full_like(shape_of(take.actor), factor)
+        sized = take.actor.resized(scales)
+        found = Performance(
+            sized, take.cameras, take.detections, here, take.rate, CaptureConfig(),
+            bone_scales=scales,
+        )  # fmt: skip
+        assert word in "".join(check_result(found)) and bool(check_result(found)) == bool(word)

@@ -60,6 +60,12 @@ def test_lenses_under_other_names(tmp_path: Path, name: str) -> None:
     check_views(read_cameras(write(tmp_path / "camera.json", {**data, "unit": "metres"})))
 
 
+def test_a_toml_lens_in_the_singular(tmp_path: Path) -> None:
+    path = write_toml(tmp_path)
+    path.write_text(path.read_text().replace("distortions", "distortion"))
+    check_views(read_cameras(path))
+
+
 def test_corner_origin_shifts_pixels_and_asks_detections_to_follow(tmp_path: Path) -> None:
     rig = read_cameras(write(tmp_path / "camera.json", {**entry(), "pixel_centre": 0.5}))
     assert rig.pixel_offset == -0.5

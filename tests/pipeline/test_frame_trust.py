@@ -5,6 +5,7 @@ from dataclasses import replace
 import torch
 from takes import make_take, without
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.trust import FEATURES, THRESHOLD, Trust, judge_frames
@@ -78,6 +79,24 @@ def test_poses_that_are_said_to_be_far_off() -> None:
 
 def test_several_views_need_nobody_to_say_so() -> None:
     torch.testing.assert_close(doubted(0.03, views=2).value, doubted(0.4, views=2).value)
+
+
+def test_joints_that_a_set_lacks_say_nothing() -> None:
+    """COCO's 17 have no crown, neck and toes; hidden legs are another matter."""
+    take = make_take(60, views=2)
+
+    def blind(*names: str) -> Trust:
+        confidence = take.detections.confidence2d.clone()
+        confidence[..., [LANDMARKS.index(name) for name in names]] = 0
+        detections = replace(take.detections, confidence2d=confidence).without_poses()
+        trust = capture(take.actor, take.cameras, detections, take.rate).trust
+        assert trust is not None
+        return trust
+
+    whole = blind()
+    assert not blind("head_top", "neck", "l_toe", "r_toe").doubtful
+    legs = blind("l_knee", "r_knee", "l_ankle", "r_ankle", "l_toe", "r_toe")
+    assert legs.value.max() < whole.value.min() and legs.error.min() > 1.2 * whole.error.max()
 
 
 def test_noise_lowers_trust() -> None:

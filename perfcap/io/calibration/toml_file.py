@@ -45,7 +45,7 @@ def _view(path: Path, name: str, section: dict[str, Any]) -> View:
         intrinsics=section.get("matrix"),
         rotation=rotation_matrix(where, section.get("rotation")),
         translation=section.get("translation"),
-        distortion=section.get("distortions"),
+        distortion=section.get("distortions", section.get("distortion")),
         size=(height, width),
     )
 

@@ -1,0 +1,53 @@
+"""Energies refuse what would be spread over frames, views or joints it is not of."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from synthetic import actor, cameras, random_motion
+
+from perfcap.detect.detections import Detections
+from perfcap.energy import JointTarget, Reprojection
+from perfcap.energy.prior import PosePrior
+from perfcap.errors import InputError
+
+F64 = torch.float64
+ACTOR, FRAMES = actor(), 4
+MOTION = random_motion(ACTOR.skeleton, FRAMES)
+PLACES = ACTOR.joints(MOTION)
+
+
+def test_places_without_a_source_axis() -> None:
+    assert float(JointTarget(ACTOR.landmarks, PLACES[:, None])(MOTION)) < 1e-20
+    for target in (PLACES[None], PLACES[:1, None], PLACES[:3, None]):
+        with pytest.raises(InputError, match=r"the motion has 4 frames"):
+            JointTarget(ACTOR.landmarks, target)(MOTION)
+
+
+def test_detections_of_other_views_and_frames() -> None:
+    views = cameras(2)
+    seen = torch.ones(FRAMES, 2, 16, dtype=F64)
+    detections = Detections.from_joints(views.project(PLACES), seen)
+    assert float(Reprojection(ACTOR.landmarks, views, detections)(MOTION)) < 1e-16
+    for wrong in (detections.select([0]), detections.frames(slice(0, 1))):
+        energy = Reprojection(ACTOR.landmarks, views, wrong)
+        with pytest.raises(InputError, match=r"expected the same frames, views and joints"):
+            energy(MOTION)
+    with pytest.raises(InputError, match="expected the same frames, views"):
+        Reprojection(ACTOR.landmarks, views.select([1]), detections).linearize(MOTION)
+
+
+@pytest.mark.parametrize("weight", [-1.0, float("nan")])
+def test_weights_are_no_less_than_nothing(weight: float) -> None:
+    with pytest.raises(InputError, match="weight is"):
+        PosePrior(torch.zeros(27, dtype=F64), weight=weight)
+
+
+def test_batches_are_spread_as_before() -> None:
+    """One clip of detections serves every start of a batch."""
+    views = cameras(2)
+    detections = Detections.from_joints(views.project(PLACES), torch.ones(FRAMES, 2, 16, dtype=F64))
+    energy = Reprojection(ACTOR.landmarks, views, detections)
+    both = MOTION.stack([MOTION, replace(MOTION, angles=MOTION.angles + 0.1)])
+    found = energy(both)
+    assert found.shape == (2,) and float(found[0]) < 1e-16 < float(found[1])
