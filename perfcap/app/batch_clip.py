@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -135,7 +135,7 @@ def _run(job: Job, cores: Collection[int], overwrite: bool) -> int:
             stdout=log,
             stderr=subprocess.STDOUT,
             env=environment,
-            preexec_fn=_die_with_parent if sys.platform == "linux" else None,
+            preexec_fn=_death_with_parent(),
         )
         if cores and hasattr(os, "sched_setaffinity"):
             with suppress(OSError):  # it has ended already
@@ -152,9 +152,15 @@ def _count() -> int:
     return os.cpu_count() or 1
 
 
-def _die_with_parent() -> None:
-    """A killed batch, or worker of a cluster, leaves no capture that holds its folder."""
-    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+def _death_with_parent() -> Callable[[], None] | None:
+    """What a child does first, so that a killed batch, or worker of a cluster, leaves no capture
+    that holds its folder; None where the system does not offer it.
+    """
+    if sys.platform != "linux":
+        return None
+    # looked up here: after a fork another thread's lock on the loader may be held for ever
+    prctl = ctypes.CDLL(None).prctl
+    return lambda: prctl(_DIE_WITH_PARENT, signal.SIGKILL)
 
 
 def _last_line(log: Path) -> str:
