@@ -6,7 +6,7 @@ surface refined by silhouettes. Writes the curve of the surface error over time 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -15,16 +15,18 @@ import report
 from curves import Curve, draw_curves
 from recordings import Recording, rendered
 from report import Report, Table
-from surface_recordings import SurfaceTruth, images_of, silhouette_overlap
+from surface_recordings import SurfaceTruth, images_of, silhouette_overlap, true_mask
 
-from perfcap.metrics import joint_errors
+from perfcap.app.networks import NO_SEGMENTER, find_segmenter
+from perfcap.detect import OnnxSegmenter
+from perfcap.metrics import joint_errors, mask_overlap
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 
 _COLUMNS = (
-    "stage", "PA-MPJPE", "accel", "jerk ratio", "IoU %", "surface mm", "vertex mm",
+    "stage", "PA-MPJPE", "accel", "jerk ratio", "IoU %", "masks %", "surface mm", "vertex mm",
     "garment mm", "side IoU %",
 )  # fmt: skip
 
@@ -41,6 +43,8 @@ class Experiment:
     """Settings of the capture."""
     every: int = 2
     """Score every n-th frame's surface."""
+    network: str = "blazepose"
+    """Of person masks: a shipped one by name, or a manifest; none to go without."""
 
 
 def run(config: Experiment) -> Report:
@@ -51,7 +55,7 @@ def run(config: Experiment) -> Report:
         truth = SurfaceTruth.read(recording)
         rows, curves = [], []
         for stage in Stage:
-            found = _capture(recording, stage, config.preset)
+            found = _capture(recording, stage, config)
             row, errors = _score(stage.name.lower(), recording, truth, found, config.every)
             rows.append(row)
             curves.append(Curve(stage.name.lower().replace("_", " "), errors))
@@ -66,16 +70,27 @@ def run(config: Experiment) -> Report:
     return Report(tuple(tables), notes)
 
 
-def _capture(recording: Recording, stage: Stage, preset: str) -> Performance:
+def _capture(recording: Recording, stage: Stage, config: Experiment) -> Performance:
+    asked = config.network != NO_SEGMENTER and stage.needs_images
+    segmenter = OnnxSegmenter(find_segmenter(config.network)) if asked else None
     return capture(
         recording.actor,
         recording.cameras,
         recording.detections,
         recording.rate,
-        PRESETS[preset],
-        images=images_of(recording),
+        PRESETS[config.preset],
+        images=replace(images_of(recording), segmenter=segmenter),
         until=stage,
     )
+
+
+def _masks(recording: Recording, found: Performance, frames: range) -> float | str:
+    """Mean overlap of the masks with the truth, where there are any."""
+    if found.refinement is None:
+        return "-"
+    masks = {f: found.refinement.evidence.masks(f)[0] for f in frames}
+    scores = [mask_overlap(mask, true_mask(recording, f)).iou for f, mask in masks.items()]
+    return 100 * float(np.mean(scores))
 
 
 def _score(
@@ -94,6 +109,7 @@ def _score(
         float(joints.acceleration_error),
         float(joints.jerk / joints.jerk_truth),
         100 * float(np.mean([silhouette_overlap(recording, images, surface, f) for f in frames])),
+        _masks(recording, found, frames),
         float(np.mean([error.surface for error in errors])),
         float(np.mean([error.vertex for error in errors])),
         float(np.mean(loose)) if loose else "-",

@@ -36,7 +36,7 @@ class LayerSettings:
         planes: at most.
         least: corners that make a plane.
         share: of the corners followed that make a further plane.
-        kept: share of a plane's corners that must be found again in a further frame; by chance
+        kept: share of a plane's corners in view that must agree in a further frame; by chance
             some agree in any two pictures.
         tolerance: px of the shrunk image, within which corners agree.
     """
@@ -152,7 +152,7 @@ def _settled(
     moved, found = _follow(corners.gray, gray, points, start)
     near = found & (np.hypot(*(moved - start).T) < 4 * settings.tolerance)
     matrix, inside = _fit(points[near], moved[near], settings)
-    enough = max(settings.least, settings.kept * len(points))
+    enough = max(settings.least, settings.kept * int(found.sum()))
     return matrix if int(inside.sum()) >= enough else None
 
 
