@@ -1,4 +1,4 @@
-"""The layer in several processes, and on a graphics card."""
+"""The layer in several processes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import os
 
 import pytest
 import torch
-from test_pose_refiner import F64, PIXELS, VIEWS, motion, observed, refiner
+from test_pose_refiner import VIEWS, motion, observed, refiner
 from torch import nn
-
-from perfcap.solve import Implicit
 
 
 def _replica(rank: int, store: str, out: str) -> None:
@@ -39,18 +37,3 @@ def test_distributed_replicas_agree(tmp_path: os.PathLike[str]) -> None:
         (layer(VIEWS, clip[1]).joints - clip[0]).square().mean().backward()
         own.append(layer.log_weights.grad)
     torch.testing.assert_close(first, sum(own) / 2)
-
-
-@pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-def test_a_gpu_refines_the_same() -> None:
-    """Joints, and the gradient that reaches the pixels."""
-    found = []
-    for device in ("cpu", "cuda"):
-        pixels = PIXELS.to(device).requires_grad_()
-        layer = refiner(adjoint=Implicit()).to(device).train()
-        refined = layer(VIEWS.to(torch.zeros(0, dtype=F64, device=device)), pixels)
-        (slope,) = torch.autograd.grad(refined.joints.square().sum(), pixels)
-        found.append((refined.joints.detach().cpu(), slope.cpu()))
-    torch.testing.assert_close(found[1][0], found[0][0], rtol=0, atol=1e-5)
-    torch.testing.assert_close(found[1][1], found[0][1], rtol=1e-3, atol=1e-6)
