@@ -60,6 +60,19 @@ def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert not list(tmp_path.iterdir())
 
 
+def test_the_start_goes_on_to_the_surface(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = text(DOCS / "start.md")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for marker, printed in (("run", "torch.Size([120, 16, 3])"), ("surface", "torch.Size([12, ")):
+        found = re.search(rf"<!-- {marker} -->\n```python\n(.*?)```", page, re.DOTALL)
+        assert found
+        exec(compile(found[1], "start.md", "exec"), names)
+        assert capsys.readouterr().out.startswith(printed)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", text(page)):

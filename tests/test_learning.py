@@ -1,4 +1,4 @@
-"""What docs/learning.md and the README say about learning is so."""
+"""What docs/learning.md says about learning is so."""
 
 import re
 from pathlib import Path
@@ -30,11 +30,6 @@ def test_layer_example_runs(
     assert capsys.readouterr().out == "(2, 50, 16, 3) True\n"
     assert not list(tmp_path.iterdir())
     assert torch.equal(torch.random.get_rng_state(), state)
-
-
-def test_readme_shows_the_same_example() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert block(readme, "learning") == block(PAGE, "learning")
 
 
 def test_every_adjoint_is_named() -> None:

@@ -58,7 +58,7 @@ def test_all_commands_are_shown() -> None:
     }
 
 
-def test_python_blocks_run(
+def test_python_block_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -67,8 +67,11 @@ def test_python_blocks_run(
     assert capsys.readouterr().out == "torch.Size([120, 16, 3])\n"
     written = {path.name for path in (tmp_path / "dance").iterdir()}
     assert written == {"motion.npz", "motion.bvh", "capture.glb", "run.json", "config.yaml"}
-    exec(compile(block("surface"), "README.md", "exec"), names)
-    assert capsys.readouterr().out.startswith("torch.Size([12, ")
+
+
+def test_it_can_be_read_in_five_minutes() -> None:
+    assert len(README.split()) <= 900
+    assert len(block("python").splitlines()) <= 12
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/conventions.md"])
