@@ -28,6 +28,7 @@ from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
 from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.io.doctor import Severity
+from perfcap.io.gltf_document import require_readable_kind
 from perfcap.io.mesh import FORMATS
 from perfcap.pipeline.appearance import Appearance
 from perfcap.rigging import Person
@@ -94,6 +95,7 @@ def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:
         return actor, licence, f"body model {request.body_model}", measured
     if request.source is None:
         raise InputError("no file is given; expected a character or a mesh, or --body")
+    require_readable_kind(request.source)
     kinds = tuple(dict.fromkeys((*CHARACTERS, *FORMATS)))
     if request.source.suffix.lower() not in kinds:
         raise InputError(

@@ -23,6 +23,7 @@ from perfcap.io.actor_folder import (
 from perfcap.io.actor_import import import_actor, mapping_rows, require_sound
 from perfcap.io.actor_mapping import read_mapping
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import require_readable_kind
 
 _LOG = logging.getLogger(__name__)
 
@@ -55,10 +56,11 @@ def find_actor(name: str | Path) -> ActorFile:
     """A shipped actor by name, a ``.glb``/``.gltf`` file, or a folder that holds ``actor.glb``.
 
     Raises:
-        InputError: there is no such actor.
+        InputError: there is no such actor, or it is FBX or the like.
     """
     path = Path(name)
     if path.is_file():
+        require_readable_kind(path)
         return ActorFile(path, generic=False)
     folder = path if path.is_dir() else models_folder() / "actors" / path.name
     if not (folder / MESH).is_file():

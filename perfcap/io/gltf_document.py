@@ -38,7 +38,22 @@ _COMPONENTS: dict[int, type[np.generic]] = {
     5126: np.float32,
 }
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_BY_BLENDER = {".fbx": "FBX", ".dae": "Collada", ".blend": "a file of Blender"}
 _UNDERSTOOD = ("KHR_mesh_quantization", "KHR_texture_transform", "KHR_lights_punctual")
+
+
+def require_readable_kind(path: Path) -> None:
+    """Refuse characters in formats that Blender turns into glTF, and say so.
+
+    Raises:
+        InputError: the name ends like one of them.
+    """
+    kind = _BY_BLENDER.get(path.suffix.lower())
+    if kind:
+        raise InputError(
+            f"{path}: is {kind}, which perfcap does not read; open it in Blender and take File > "
+            "Export > glTF 2.0 for a .glb"
+        )
 
 
 @dataclass(frozen=True, eq=False)

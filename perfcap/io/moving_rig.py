@@ -21,7 +21,7 @@ from perfcap.io.bvh_read import load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
 from perfcap.io.doctor.finding import Severity
 from perfcap.io.gltf_clip import sample_clip
-from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.gltf_read import Character, read_character
 from perfcap.io.gltf_scene import read_tree, rigid
 from perfcap.io.result import read_result
@@ -81,6 +81,7 @@ def read_moving_rig(
         return _of_character(path, frames, mapping)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {_expected()}")
+    require_readable_kind(path)
     raise InputError(f"{path}: is of no kind that moves; expected {_expected()}")
 
 

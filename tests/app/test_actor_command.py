@@ -126,6 +126,11 @@ def half_a_texture(folder: Path) -> Path:
 
 
 def another_format(folder: Path) -> Path:
+    (folder / "a.3ds").write_bytes(b"MM")
+    return folder / "a.3ds"
+
+
+def for_blender(folder: Path) -> Path:
     (folder / "a.fbx").write_bytes(b"Kaydara FBX")
     return folder / "a.fbx"
 
@@ -142,6 +147,7 @@ def huge(folder: Path) -> Path:
         (seated, "far from T or A"),
         (half_a_texture, "cannot be decoded"),
         (another_format, "expected a rigged character"),
+        (for_blender, "open it in Blender"),
         (huge, "2147483648 bytes"),
         (lambda folder: folder / "none.glb", "cannot be read"),
     ],

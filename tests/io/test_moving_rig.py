@@ -2,6 +2,7 @@
 
 import json
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from takes import sway
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
+from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import import_actor
 from perfcap.io.actor_mapping import ActorMapping
 from perfcap.io.bvh import bvh_motion, save_bvh
@@ -194,6 +196,16 @@ def test_what_does_not_move(tmp_path: Path) -> None:
         read_moving_rig(tmp_path / "a.txt")
     with pytest.raises(InputError, match=r"has no run\.json"):
         read_moving_rig(tmp_path)
+
+
+@pytest.mark.parametrize("read", [read_moving_rig, load_actor])
+@pytest.mark.parametrize("name", ["hero.fbx", "Hero.FBX", "hero.dae", "hero.blend"])
+def test_what_blender_must_convert(
+    name: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(b"Kaydara FBX Binary  \x00")
+    with pytest.raises(InputError, match=r"open it in Blender .* a \.glb"):
+        read(tmp_path / name)
 
 
 def test_frames_that_are_not_there(moving: Path) -> None:
