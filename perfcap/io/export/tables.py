@@ -22,6 +22,7 @@ from perfcap.io.surface_file import save_vertices
 
 Floats = NDArray[np.float64]
 
+_MOST = 1e9  # metres or radians
 _ANGLES = ("root_translation", "root_rotation", "angles", "angle_names")
 
 
@@ -89,8 +90,8 @@ def read_motion(recording: Recording) -> dict[str, NDArray[Any]] | None:
     if not whole or found["angles"].shape[1:] != found["angle_names"].shape:
         return None
     for name in _ANGLES[:3]:
-        if not np.isfinite(found[name]).all():
-            raise InputError(f"{path}: {name} holds numbers that are not finite; capture it again")
+        if not (np.abs(found[name]) < _MOST).all():
+            raise InputError(f"{path}: {name} holds what is no number or too large; capture again")
     moved = {name: found[name][recording.first : recording.stop] for name in _ANGLES[:3]}
     axes, upright = recording.axes, recording.upright
     turn = axes @ upright @ Rotation.from_rotvec(moved["root_rotation"]).as_matrix() @ axes.T
