@@ -100,9 +100,10 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
     skew = torch.stack((lens[..., 0, 1], lens[..., 1, 0])).abs().amax(0)
     least = lens.diagonal(dim1=-2, dim2=-1).abs().amin(-1)
     if not bool((skew <= _MIXED * least).all()):
+        numbers = lens.flatten().tolist()[:4]
         raise InputError(
-            f"{what} have intrinsics[..., :2, :2] that mix x and y ({lens.flatten().tolist()[:4]}); "
-            "expected focal lengths on the diagonal, and a skew of 0"
+            f"{what} have intrinsics[..., :2, :2] that mix x and y ({numbers}); expected "
+            "focal lengths on the diagonal, and a skew of 0"
         )
     turns = cameras.rotation.detach().double()
     skewed = (turns @ turns.mT - torch.eye(3).to(turns)).abs().amax()
