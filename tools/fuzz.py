@@ -131,6 +131,9 @@ def one(known: list[Target], work: Path, seed: int, number: int) -> dict[str, st
     rng = random.Random(f"{seed} {number}")
     target = draw(known, rng)
     size = prepare(target, work, rng)
+    os.chdir(
+        work
+    )  # a case before may have left a folder that is gone, in which Numba cannot compile
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     what = _outcome(target, work, rng)
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)

@@ -40,6 +40,7 @@ COMMANDS = (
 )
 
 _LONGEST_OPTION = 100  # letters
+_LONGEST = 4096  # letters of a word, as of a path; messages about longer ones take seconds
 
 
 class Runnable(Protocol):
@@ -74,6 +75,10 @@ def _run(arguments: list[str]) -> int:
     for text in arguments:
         if "\0" in text:
             raise InputError(f"{text}: holds a zero character; expected none in names and options")
+        if len(text) > _LONGEST:
+            raise InputError(
+                f"{text[:40]}...: has {len(text)} letters, expected {_LONGEST} at most"
+            )
         name, _, _ = text.partition("=")
         if name.startswith("--") and len(name) > _LONGEST_OPTION:
             # looking for the nearest option takes the square of its length

@@ -12,6 +12,8 @@ from perfcap.pipeline.images import Images
 
 _FASTEST = 1e5  # frames a second, as for videos that are written
 _NORMALISED = 2.0  # pixels: nobody is so small
+_MIXED = 0.5  # of the focal lengths: at 1 a lens may have no inverse
+_LENSES = 1e-3, 1e9  # px
 _SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
 
 
@@ -89,10 +91,19 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
             "floating-point numbers"
         )
     focal = cameras.intrinsics[..., :2, :2].diagonal(dim1=-2, dim2=-1)
-    if not bool(((focal.abs() > 0) & focal.isfinite()).all()):
+    if not bool(((focal.abs() > _LENSES[0]) & (focal.abs() < _LENSES[1])).all()):
         raise InputError(
             f"{what} have focal lengths of {focal.flatten().tolist()[:8]} px, expected numbers "
             "other than zero in intrinsics[..., 0, 0] and [..., 1, 1]"
+        )
+    lens = cameras.intrinsics[..., :2, :2].detach().double()
+    skew = torch.stack((lens[..., 0, 1], lens[..., 1, 0])).abs().amax(0)
+    least = lens.diagonal(dim1=-2, dim2=-1).abs().amin(-1)
+    if not bool((skew <= _MIXED * least).all()):
+        numbers = lens.flatten().tolist()[:4]
+        raise InputError(
+            f"{what} have intrinsics[..., :2, :2] that mix x and y ({numbers}); expected "
+            "focal lengths on the diagonal, and a skew of 0"
         )
     turns = cameras.rotation.detach().double()
     skewed = (turns @ turns.mT - torch.eye(3).to(turns)).abs().amax()

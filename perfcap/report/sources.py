@@ -75,8 +75,9 @@ def find_sources(result: Result, rows: slice, places: Places | None = None) -> S
     clip = finder.clip(places.videos)
     rig, cameras, pixel_map = finder.cameras(places.cameras, clip)
     detections = finder.detections(rig, pixel_map, clip)
-    if cameras is None and clip is not None and len(names) != clip.views:
-        names = clip.names
+    shown = clip.names if clip is not None else () if rig is None else rig.names
+    if shown and len(names) != len(shown):  # a damaged report
+        names = tuple(shown)
     return Sources(names, clip, cameras, detections, tuple(finder.notes))
 
 

@@ -27,6 +27,16 @@ def change_motion(folder: Path, **arrays: object) -> None:
     np.savez(folder / "motion.npz", **kept)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_angles_that_are_no_numbers(folder: Path, perfcap: Command, value: float) -> None:
+    with np.load(folder / "motion.npz", allow_pickle=False) as data:
+        rotation = data["root_rotation"].copy()
+    rotation[5, 1] = value
+    change_motion(folder, root_rotation=rotation)
+    line = perfcap(["export", folder, "--to", "npz"]).refused()
+    assert "root_rotation holds what is no number or too large" in line
+
+
 def test_several_formats_at_once(folder: Path, perfcap: Command) -> None:
     outcome = perfcap(["export", folder, "--to", *PLAIN, "--frames", "3:7"])
     assert outcome.code == 0 and not outcome.err

@@ -48,7 +48,10 @@ def test_mistakes_of_the_program_keep_their_traceback(monkeypatch: pytest.Monkey
 
 
 def test_an_option_of_pages_is_refused_at_once(perfcap: Command) -> None:
-    assert "is no option" in perfcap(["doctor", 4000 * "--detections"]).refused()
+    assert "is no option" in perfcap(["doctor", 300 * "--detections"]).refused()
+    for word in (4000 * "--detections", 5000 * "x"):
+        line = perfcap(["doctor", "--cameras", "c.json", word]).refused()
+        assert "letters, expected 4096 at most" in line and len(line) < 200
 
 
 def test_a_forgotten_video(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:

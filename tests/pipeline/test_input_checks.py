@@ -57,11 +57,19 @@ def test_rates(take: Take, rate: float) -> None:
         PoseRefiner(take.actor, rate=rate)
 
 
-@pytest.mark.parametrize("focal", [0.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("focal", [0.0, 1e-300, float("nan"), float("inf")])
 def test_cameras_without_a_lens(take: Take, focal: float) -> None:
     intrinsics = take.cameras.intrinsics.clone()
     intrinsics[1, 0, 0] = focal
     with pytest.raises(InputError, match="cameras have focal lengths"):
+        capture(take.actor, replace(take.cameras, intrinsics=intrinsics), take.detections, 30.0)
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 1), (1, 0)])
+def test_lenses_that_mix_x_and_y(take: Take, row: int, column: int) -> None:
+    intrinsics = take.cameras.intrinsics.clone()
+    intrinsics[1, row, column] = -intrinsics[1, 0, 0]
+    with pytest.raises(InputError, match="mix x and y"):
         capture(take.actor, replace(take.cameras, intrinsics=intrinsics), take.detections, 30.0)
 
 

@@ -125,6 +125,21 @@ def test_without_its_inputs_the_page_says_so(folder: Path) -> None:
     assert "Distance to the detections" not in [chart["title"] for chart in data["charts"]]
 
 
+@pytest.mark.parametrize("video", [True, False])
+def test_a_report_that_has_lost_the_names_of_its_views(
+    made: Path, folder: Path, tmp_path: Path, video: bool
+) -> None:
+    """One view is known without its name, with its video or with the camera alone."""
+    inputs = made.parent / "inputs"
+    entry = json.loads((inputs / "cameras.json").read_text())["views"][VIEWS[0]]
+    (tmp_path / "one.json").write_text(json.dumps(entry))
+    place = str(inputs / "one.mp4") if video else "gone.mp4"
+    request = {"videos": [place], "cameras": str(tmp_path / "one.json"), "detections": []}
+    change(folder, lambda run: run.update(views=[], request=request))
+    _, data, _ = read(make_report(folder))
+    assert [view["name"] for view in data["views"]] == ["one"]
+
+
 def test_inputs_that_have_moved_can_be_named(made: Path, folder: Path, tmp_path: Path) -> None:
     moved = Path(shutil.copytree(made.parent / "inputs", tmp_path / "moved here"))
     change(folder, lambda run: run["request"].update(videos=["a", "b"], cameras="c"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
 from perfcap.geometry.rotation import aligned
 from perfcap.io.archive import read_archive
 from perfcap.io.atomic import writing
@@ -21,6 +22,7 @@ from perfcap.io.surface_file import save_vertices
 
 Floats = NDArray[np.float64]
 
+_MOST = 1e9  # metres or radians
 _ANGLES = ("root_translation", "root_rotation", "angles", "angle_names")
 
 
@@ -74,6 +76,9 @@ def read_motion(recording: Recording) -> dict[str, NDArray[Any]] | None:
     """Root and angles of the frames, in the axes of the recording; None in older results.
 
     ``root_rotation`` takes the rest pose, with the axes of the recording, to the world.
+
+    Raises:
+        InputError: they are no numbers.
     """
     path = recording.result.folder / "motion.npz"
     found = read_archive(path, _ANGLES, "the motion.npz of a capture")
@@ -84,6 +89,9 @@ def read_motion(recording: Recording) -> dict[str, NDArray[Any]] | None:
     )  # fmt: skip
     if not whole or found["angles"].shape[1:] != found["angle_names"].shape:
         return None
+    for name in _ANGLES[:3]:
+        if not (np.abs(found[name]) < _MOST).all():
+            raise InputError(f"{path}: {name} holds what is no number or too large; capture again")
     moved = {name: found[name][recording.first : recording.stop] for name in _ANGLES[:3]}
     axes, upright = recording.axes, recording.upright
     turn = axes @ upright @ Rotation.from_rotvec(moved["root_rotation"]).as_matrix() @ axes.T
