@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from perfcap.actor.actor import Actor
@@ -12,6 +12,7 @@ from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
     Finding,
     Severity,
@@ -62,10 +63,23 @@ def refuse_wrong(inputs: Inputs) -> None:
     Raises:
         InputError: the inputs are such.
     """
-    found = examine_cameras(inputs.rig)
-    found += examine_detections(inputs.rig, inputs.detections)
+    refuse_wrong_cameras(inputs.rig)
+    found = examine_detections(inputs.rig, inputs.detections)
     agreement = examine_agreement(inputs.rig, inputs.detections)
     found += [each for each in agreement if each.subject in _WHOLE]
+    _refuse(found)
+
+
+def refuse_wrong_cameras(rig: CameraRig) -> None:
+    """The same of cameras alone: people are told apart by them before anything else.
+
+    Raises:
+        InputError: they are such.
+    """
+    _refuse(examine_cameras(rig))
+
+
+def _refuse(found: Sequence[Finding]) -> None:
     for finding in found:
         if finding.severity is Severity.ERROR:
             raise InputError(_words(finding))

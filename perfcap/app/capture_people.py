@@ -17,6 +17,7 @@ from perfcap.app.capture_checks import (
     doubts,
     made_up,
     refuse_wrong,
+    refuse_wrong_cameras,
     wants_bones,
 )
 from perfcap.app.capture_request import CaptureRequest, casting_of, find_device, settings_of
@@ -103,8 +104,9 @@ def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
     """Who is who: as many people as are asked for, or for several actors at least as many.
 
     Raises:
-        InputError: there are fewer.
+        InputError: there are fewer, or cameras are wrong: in millimetres, say.
     """
+    refuse_wrong_cameras(inputs.rig)
     parts = inputs.rig.cameras, inputs.detections, inputs.clip.fps
     if len(request.actor) == 1:
         return associate(*parts, people=request.count)

@@ -208,6 +208,17 @@ def test_numbers_that_do_not_fit(
     assert not (tmp_path / "o").exists() or not list((tmp_path / "o").iterdir())
 
 
+def test_cameras_in_millimetres(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    """Said of the cameras, before nobody is found with them."""
+    cameras = json.loads((pair.folder / "cameras.json").read_text())
+    for view in cameras["views"].values():
+        view["t"] = (1000 * np.array(view["t"])).tolist()
+    (tmp_path / "mm.json").write_text(json.dumps(cameras))
+    call = pair.command(tmp_path / "o")
+    call[call.index("--cameras") + 1] = tmp_path / "mm.json"
+    assert "looks like millimetres" in perfcap(call).refused()
+
+
 def test_auto_beside_an_actor(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
     call = pair.command(tmp_path, actors=["auto", pair.actors[0]])
     assert "auto for everybody, or an actor each" in perfcap(call).refused()
