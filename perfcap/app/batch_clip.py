@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from perfcap.app.capture_folder import last_change
 from perfcap.errors import InputError, one_line
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
@@ -116,7 +117,7 @@ def is_done(job: Job, known: Outcome | None, inputs: Collection[Path]) -> bool:
         return False
     made = report.stat().st_mtime
     try:
-        return all(path.stat().st_mtime <= made for path in inputs)
+        return all(last_change(path) <= made for path in inputs)
     except OSError:
         return False
 

@@ -23,6 +23,8 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
 
 _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
+_TALL = (1.3, 2.15)  # m; of a body that is a grown person's
+_MISSED = 0.06  # m, by which a body misses the height it was given
 _FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
 
 
@@ -101,6 +103,17 @@ class PersonalBody:
             )
         elif fit.deviations.height > _DOUBTFUL:
             yield f"the height is known to {100 * fit.deviations.height:.0f} cm only; give --height"
+        tall = fit.measurements.height
+        if not _TALL[0] < tall < _TALL[1]:
+            yield (
+                f"the body is {tall:.2f} m tall, as hardly anybody is; check masks, cameras and "
+                "their units"
+            )
+        if self.height is not None and abs(tall - self.height) > _MISSED:
+            yield (
+                f"the views show somebody {tall:.2f} m tall, --height says {self.height:.2f}; "
+                "check the height, and the scale of the cameras"
+            )
         if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
             yield (
                 "the two cameras look at each other and see the same outline; depths are told by "

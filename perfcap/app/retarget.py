@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,9 @@ from perfcap.pipeline.retargeting import Retargeted, retarget
 from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)
+_FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
+_FASTEST = 12.5  # m/s
+_RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
 @dataclass(frozen=True)
@@ -209,6 +212,30 @@ def _about(request: RetargetRequest) -> dict[str, Any]:
     }}  # fmt: skip
 
 
+def _doubts(part: _Part) -> Iterator[str]:
+    """What no person does, and what no person can have done on this figure."""
+    kept, rate = part.scores.report(), part.rig.rate
+    speed = _fastest(part)
+    if kept["limbs_degrees"]["q95"] > _FAR_OFF:
+        yield (
+            "limbs are far from the source's in some frames; check its bones (--source-mapping) "
+            "and the order of its rotations"
+        )
+    if speed > _FASTEST:
+        yield (
+            f"the hips move at {speed:.0f} m/s, faster than any runner; check the unit of the "
+            "source's places, and whether it jumps"
+        )
+    if not _RATES[0] <= rate <= _RATES[1]:
+        yield f"the source runs at {rate:.4g} frames a second; check its frame time"
+
+
+def _fastest(part: _Part) -> float:
+    """Of the hips, m/s."""
+    steps = part.found.motion.translation.diff(dim=0).norm(dim=-1)
+    return part.rig.rate * float(steps.max()) if len(steps) else 0.0
+
+
 def _tell(folder: Path, parts: Sequence[_Part]) -> None:
     console = PlainConsole(soft_wrap=True)
     for part in parts:
@@ -220,5 +247,7 @@ def _tell(folder: Path, parts: Sequence[_Part]) -> None:
             f"{limbs['median']:.1f} degrees off (95 %: {limbs['q95']:.1f}), wrists "
             f"{reach['median']:.0f} mm ({reach['q95']:.0f})"
         )
+        for line in _doubts(part):
+            _LOG.warning("%s%s", name, line)
     model = folder / (SCENE if len(parts) > 1 else "capture.glb")
     console.print(f"{model} opens in Blender; perfcap export {folder} writes other formats")

@@ -104,7 +104,16 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         _corrected(imported, moved[..., :3, :3], position, result.rate, numbers[chosen]),
         level=False,
         world_to_floor=_floor(result.report),
+        notes=_distrust(result.report),
     )
+
+
+def _distrust(report: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a capture said of itself stays true of what is made from it."""
+    quality = report.get("quality")
+    if not isinstance(quality, dict) or quality.get("trusted") is not False:
+        return ()
+    return ("the capture itself is not to be trusted in many frames; see its run.json",)
 
 
 def _floor(report: Mapping[str, Any]) -> Floats | None:

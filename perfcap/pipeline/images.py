@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
@@ -45,6 +46,10 @@ class Images:
                 f"{len(self.cameras.size)} image sizes; give the (height, width) of every view"
             )
 
+    def checked(self) -> Self:
+        """The same, whose frames are refused where they are not those of the cameras."""
+        return replace(self, reader=_Checked(self.reader, self.cameras.size))
+
     def frames(self, span: slice) -> Self:
         """The images of some frames in a row, and their cameras."""
         start, stop, step = span.indices(len(self.reader))
@@ -52,6 +57,28 @@ class Images:
             raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
         cameras = self.cameras.frames(slice(start, stop))
         return type(self)(_Part(self.reader, start, stop), cameras, self.segmenter)
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """Frames of known sizes: compiled kernels believe what they are given."""
+
+    reader: FrameReader
+    sizes: Sequence[tuple[int, int]]
+
+    def __len__(self) -> int:
+        return len(self.reader)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        found = self.reader.read_view(view, start, stop)
+        height, width = self.sizes[view]
+        if found.shape[1:] != (height, width, 3) or found.dtype != np.uint8:
+            raise InputError(
+                f"images of view {view} are {found.dtype} {tuple(found.shape)}, their cameras are "
+                f"of {height} rows and {width} columns; expected uint8 (frames, {height}, {width}, "
+                "3): give cameras in pixels of the images (read_cameras(path, clip.sizes))"
+            )
+        return found
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,7 @@ def look(
     """
     if images is None or not until.needs_images:
         return Looked(motion)
+    images = images.checked()
     contours: ContourRefinement | None = None
     with torch.no_grad():
         if config.contours.enabled:

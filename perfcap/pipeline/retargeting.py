@@ -21,10 +21,12 @@ from perfcap.actor.joint_angles import joint_angles
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
 from perfcap.energy.trajectory_change import TrajectoryChange
+from perfcap.errors import InputError
 from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
+from perfcap.pipeline.input_checks import require_rate
 from perfcap.pipeline.joint_motion import (
     SOLES,
     JointMotion,
@@ -80,7 +82,13 @@ def retarget(
         config: what is to be kept how well.
         scale: of the way of the hips; the ratio of the legs if None. People who are to stay
             together need the same.
+
+    Raises:
+        InputError: the rate or the scale is none.
     """
+    require_rate(rate)
+    if scale is not None and not 0 < scale < math.inf:
+        raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
     scale = leg_length(target) / leg_length(source) if scale is None else scale
     wanted = wanted_turns(source, joints, target.skeleton)

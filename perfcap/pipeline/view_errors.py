@@ -28,6 +28,8 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.covariance import shared_covariance
 
+_MUCH = 3.0  # deviations, beyond which a correction is no small one
+
 
 @dataclass(frozen=True)
 class ViewErrorConfig:
@@ -109,6 +111,18 @@ class ViewErrors:
             pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
             shown = [f"{n} {57.2958 * w:.2f}°, {1000 * s:.0f} mm" for n, w, s in pairs]
             yield f"cameras were moved by {'; '.join(shown)}"
+            usual = ViewErrorConfig()
+            far = (turn.norm(dim=-1) > _MUCH * usual.turn) | (
+                shift.norm(dim=-1) > _MUCH * usual.shift
+            )
+            if bool(far.any()):
+                wrong = ", ".join(
+                    name for name, each in zip(names, far.tolist(), strict=True) if each
+                )
+                yield (
+                    f"that is more than a small error of {wrong}: a lens or a place may be wrong; "
+                    "look at the overlay, and calibrate again"
+                )
 
 
 @torch.no_grad()

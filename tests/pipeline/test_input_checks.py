@@ -158,3 +158,29 @@ def test_types_that_differ() -> None:
     whole = replace(take.cameras, intrinsics=take.cameras.intrinsics.to(torch.uint64))
     with pytest.raises(InputError, match=r"of torch.uint64, .* expected floating-point"):
         capture(take.actor, whole, seen, 30.0, until=Stage.INITIALIZE)
+
+
+class Shown(Blank):
+    """Frames of a size and type of their own."""
+
+    def __init__(self, frames: int, shape: tuple[int, ...], kind: type = np.uint8) -> None:
+        super().__init__(frames)
+        self.shape, self.kind = shape, kind
+
+    def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+        return np.zeros((stop - start, *self.shape), self.kind)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"),
+    [((4, 4, 3), np.uint8), ((16, 16, 3), np.uint8), ((8, 8), np.uint8), ((8, 8, 3), np.float32)],
+)
+def test_images_that_are_not_those_of_their_cameras(
+    take: Take, shape: tuple[int, ...], kind: type
+) -> None:
+    """Compiled kernels would read beyond them."""
+    given = Images(Shown(6, shape, kind), images(take, 6).cameras)
+    call = (take.actor, take.cameras, take.detections, 30.0)
+    capture(*call, images=given, until=Stage.TRACK_MOTION)  # where nothing looks at them
+    with pytest.raises(InputError, match="images of view 0 are"):
+        capture(*call, images=given)

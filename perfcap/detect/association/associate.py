@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -68,8 +69,12 @@ def associate(
         config: sizes.
 
     Raises:
-        InputError: one view alone; fewer people than are wanted.
+        InputError: one view alone; fewer people than are wanted, or a number or rate that is none.
     """
+    if not 0 < rate < math.inf or (people is not None and people < 1):
+        raise InputError(
+            f"rate is {rate} and people {people}; expected frames a second above 0, and one or more"
+        )
     if candidates.views < 2:
         raise InputError(
             "people: one view cannot tell who is who; expected two or more calibrated views, or "
