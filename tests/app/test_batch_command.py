@@ -137,6 +137,12 @@ def test_outcomes_are_kept_and_judged(clips: Path, tmp_path: Path) -> None:
     for text in ("{", "[]", '{"name": 1}', json.dumps({"arguments": 3})):
         made.state.write_text(text)
         assert read_outcome(made) is None
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    (frames / "0.png").write_bytes(b"")
+    for path, when in ((frames / "0.png", 9e9), (frames, 0)):  # overwritten in place
+        os.utime(path, (when, when))
+    assert not is_done(made, found, [frames])
     shutil.rmtree(tmp_path / "clip")
     assert not is_done(made, found, [])
 

@@ -51,6 +51,22 @@ def test_a_capture_on_another_character(
     assert np.abs(apart - apart.mean((0, 1))).max() < 0.03
 
 
+def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    """A capture that was not trusted, and a clip whose places and times are in other units."""
+    doubted = Path(shutil.copytree(captured, tmp_path / "doubted"))
+    report = json.loads((doubted / "run.json").read_text())
+    report["quality"] = {"trusted": False}
+    (doubted / "run.json").write_text(json.dumps(report))
+    outcome = perfcap(["retarget", doubted, "--actor", "sam", "--out", tmp_path / "a"])
+    assert outcome.code == 0 and any("not to be trusted" in line for line in outcome.notes)
+    assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path, "--name", "b"]).code == 0
+    text = (tmp_path / "b.bvh").read_text()
+    head, _, time = text.partition("Frame Time:")
+    (tmp_path / "c.bvh").write_text(head + "Frame Time: 8.3333\n" + time.partition("\n")[2])
+    outcome = perfcap(["retarget", tmp_path / "c.bvh", "--actor", "sam", "--out", tmp_path / "c"])
+    assert outcome.code == 0 and any("check its frame time" in line for line in outcome.notes)
+
+
 def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     call = ["retarget", captured / "capture.glb", "--actor", "sam", "--out", tmp_path / "out"]
     assert perfcap([*call, "--frames", "3:9", "--floor", "none"]).code == 0

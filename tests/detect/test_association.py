@@ -182,3 +182,10 @@ def test_groups_of_a_batch_are_those_of_each_frame() -> None:
     together = members(crowd.candidates)
     alone = [m for f in range(6) for m in members(crowd.candidates.frames(slice(f, f + 1)))]
     assert together == sorted(alone)
+
+
+@pytest.mark.parametrize("given", [{"rate": 0.0}, {"rate": -30.0}, {"people": 0}, {"people": -1}])
+def test_numbers_that_are_none(given: dict[str, float]) -> None:
+    crowd = make_crowd(2, frames=4, views=2)
+    with pytest.raises(InputError, match="expected frames a second above 0, and one or more"):
+        associate(crowd.cameras, crowd.candidates, **given)

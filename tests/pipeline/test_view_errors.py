@@ -97,3 +97,14 @@ def test_what_cannot_be_solved_is_refused() -> None:
         solve_views(take.actor, parts[0].every_frame(20), parts[1], 30.0)
     with pytest.raises(InputError, match="has 9 frames"):
         solve_views(take.actor, parts[0], parts[1].frames(slice(0, 9)), 30.0)
+
+
+def test_large_corrections_are_doubted() -> None:
+    moved = torch.zeros(3, 6, dtype=torch.float64)
+    moved[:, 3] = 0.02
+    small = ViewErrors(None, None, moved, moved)
+    assert len(list(small.sentences(["a", "b", "c"]))) == 1
+    moved = moved.clone()
+    moved[1, 4] = 0.2
+    _, doubt = ViewErrors(None, None, moved, moved).sentences(["a", "b", "c"])
+    assert "more than a small error of b:" in doubt
