@@ -37,6 +37,15 @@ def test_angles_that_are_no_numbers(folder: Path, perfcap: Command, value: float
     assert "root_rotation holds what is no number or too large" in line
 
 
+def test_turns_of_another_shape_are_left_out(folder: Path, perfcap: Command) -> None:
+    with np.load(folder / "motion.npz", allow_pickle=False) as data:
+        rotation = data["root_rotation"][:, :2]
+    change_motion(folder, root_rotation=rotation)
+    assert perfcap(["export", folder, "--to", "npz", "--name", "a"]).code == 0
+    with np.load(folder / "export" / "a.npz", allow_pickle=False) as data:
+        assert "root_rotation" not in data
+
+
 def test_several_formats_at_once(folder: Path, perfcap: Command) -> None:
     outcome = perfcap(["export", folder, "--to", *PLAIN, "--frames", "3:7"])
     assert outcome.code == 0 and not outcome.err

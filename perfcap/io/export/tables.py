@@ -87,6 +87,7 @@ def read_motion(recording: Recording) -> dict[str, NDArray[Any]] | None:
         found[name].shape[:1] == (count,) and found[name].dtype.kind == "f"
         for name in _ANGLES[:3]
     )  # fmt: skip
+    whole = whole and all(found[name].shape[1:] == (3,) for name in _ANGLES[:2])
     if not whole or found["angles"].shape[1:] != found["angle_names"].shape:
         return None
     for name in _ANGLES[:3]:
