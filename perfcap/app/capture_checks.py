@@ -7,7 +7,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from torch import Tensor
+
 from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -27,13 +30,15 @@ from perfcap.io.doctor.inputs import examine_take
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
+FASTEST = 12.5
+"""m/s, of hips; no runner is faster."""
+
 _LOG = logging.getLogger(__name__)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _TRIMS = 6  # rounds in which triangulation lets outliers go
-_FASTEST = 12.5  # m/s, of hips; no runner is faster
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -132,9 +137,8 @@ def check_result(performance: Performance) -> tuple[str, ...]:
 
 def _jumps(performance: Performance) -> Iterator[str]:
     """Where the hips are elsewhere a frame later: detections that went over to another person."""
-    path = performance.motion.translation
-    speed = path.diff(dim=0).norm(dim=-1) * performance.rate
-    fast = (speed > _FASTEST).nonzero()[:, 0].tolist()
+    speed = hip_speed(performance.motion, performance.rate)
+    fast = (speed > FASTEST).nonzero()[:, 0].tolist()
     if fast:
         where = ranges([frame + 1 for frame in fast])
         yield (
@@ -142,6 +146,12 @@ def _jumps(performance: Performance) -> Iterator[str]:
             f"(frames {where} of the capture, counted from 0); do detections go over to somebody "
             "else there, or does the video cut?"
         )
+
+
+def hip_speed(motion: Motion, rate: float) -> Tensor:
+    """Speed of the hips from each frame to the next, (F - 1,) m/s; none is above ``FASTEST``."""
+    speed: Tensor = motion.translation.diff(dim=0).norm(dim=-1) * rate
+    return speed
 
 
 def _stature(performance: Performance) -> Iterator[str]:

@@ -15,6 +15,7 @@ import yaml
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
+from perfcap.app.capture_checks import FASTEST, hip_speed
 from perfcap.app.capture_folder import spare_inputs
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
@@ -49,7 +50,6 @@ from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
-_FASTEST = 12.5  # m/s
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
@@ -215,25 +215,19 @@ def _about(request: RetargetRequest) -> dict[str, Any]:
 def _doubts(part: _Part) -> Iterator[str]:
     """What no person does, and what no person can have done on this figure."""
     kept, rate = part.scores.report(), part.rig.rate
-    speed = _fastest(part)
+    speeds = hip_speed(part.found.motion, rate).tolist()
     if kept["limbs_degrees"]["q95"] > _FAR_OFF:
         yield (
             "limbs are far from the source's in some frames; check its bones (--source-mapping) "
             "and the order of its rotations"
         )
-    if speed > _FASTEST:
+    if max(speeds, default=0.0) > FASTEST:
         yield (
-            f"the hips move at {speed:.0f} m/s, faster than any runner; check the unit of the "
-            "source's places, and whether it jumps"
+            f"the hips move at {max(speeds):.0f} m/s, faster than any runner; check the unit of "
+            "the source's places, and whether it jumps"
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"
-
-
-def _fastest(part: _Part) -> float:
-    """Of the hips, m/s."""
-    steps = part.found.motion.translation.diff(dim=0).norm(dim=-1)
-    return part.rig.rate * float(steps.max()) if len(steps) else 0.0
 
 
 def _tell(folder: Path, parts: Sequence[_Part]) -> None:

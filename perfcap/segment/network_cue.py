@@ -15,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from perfcap.segment.trimap import Box, Mask
 
@@ -83,23 +84,10 @@ def learn_trust(samples: Iterable[tuple[Plane, Mask]], limit: float) -> CueTrust
     sides = person, ~person
     counts = np.stack([np.bincount(bins[side], minlength=len(edges) - 1) for side in sides])
     shares = (counts + _SPREAD / counts.shape[1]) / (counts.sum(1, keepdims=True) + _SPREAD)
-    nats = _rising(np.log(shares[0] / shares[1]), counts.sum(0) + 1.0)
+    evidence = np.log(shares[0] / shares[1])
+    nats = isotonic_regression(evidence, weights=counts.sum(0) + 1.0).x
     centers = np.array(
         [np.median(odds[bins == b]) if (bins == b).any() else edges[b] for b in range(len(nats))]
     )
     chosen = np.concatenate(([True], np.diff(centers) > 0))
     return CueTrust(centers[chosen], np.clip(nats, -limit, limit)[chosen])
-
-
-def _rising(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nearest numbers none of which falls (pool adjacent violators)."""
-    blocks: list[list[float]] = []
-    for value, weight in zip(values, weights, strict=True):
-        blocks.append([float(value), float(weight), 1])
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            last = blocks.pop()
-            first = blocks[-1]
-            total = first[1] + last[1]
-            mean = (first[0] * first[1] + last[0] * last[1]) / total
-            blocks[-1] = [mean, total, first[2] + last[2]]
-    return np.repeat([block[0] for block in blocks], [int(block[2]) for block in blocks])

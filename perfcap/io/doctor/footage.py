@@ -67,7 +67,7 @@ def examine_blank(clip: Clip, names: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def examine_timing(clip: Clip, detections: Detections, joints2d: Tensor) -> list[Finding]:
+def examine_footage(clip: Clip, detections: Detections, joints2d: Tensor) -> list[Finding]:
     """Whether joints lie on what moves in their frame, in others, or in another picture of it.
 
     Cameras are at rest. What differs from the median image of a stretch of video moves; a person

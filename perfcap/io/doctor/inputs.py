@@ -24,7 +24,7 @@ from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.footage import examine_blank, examine_timing
+from perfcap.io.doctor.footage import examine_blank, examine_footage
 
 Value = TypeVar("Value")
 
@@ -77,7 +77,7 @@ def examine_take(
     findings = examine_agreement(rig, detections)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
-        findings += examine_timing(clip, detections, pixel_map.to_video(detections.joints2d))
+        findings += examine_footage(clip, detections, pixel_map.to_video(detections.joints2d))
     return findings
 
 
