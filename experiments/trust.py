@@ -28,7 +28,7 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.trust import THRESHOLD
 
-_FAR, _OFF = 0.12, 0.3  # m
+FAR, OFF = 0.12, 0.3  # m
 _HIDDEN = ((8, 9, 10, 11), (12, 13, 14, 15), (2, 3, 4), (5, 6, 7), tuple(range(16)))
 
 
@@ -50,9 +50,9 @@ def run(config: Experiment) -> Report:
         for kind, detections in _detections(clip, config.seed):
             bad, named = _judged(clip, detections)
             sums.setdefault(kind, []).append(torch.stack((bad, named)))
-            rows.append((clip.name, kind, *_shares(bad, named)))
+            rows.append((clip.name, kind, *shares(bad, named)))
     for kind, parts in sums.items():
-        rows.append(("all", kind, *_shares(*torch.cat(parts, 1))))
+        rows.append(("all", kind, *shares(*torch.cat(parts, 1))))
     columns = ("clip", "detections", "frames", "bad", "bad named %", "good named %")
     return Report((Table("frames named by trust", columns, tuple(rows), 0),))
 
@@ -99,10 +99,11 @@ def _judged(clip: Recording, detections: Detections) -> tuple[Tensor, Tensor]:
     error = (fit.apply(joints[:, known]) - truth[:, known]).norm(dim=-1).mean(-1)
     apart = (root_aligned(joints) - root_aligned(truth)).norm(dim=-1)
     worst = apart[:, known].amax(-1)
-    return (error > _FAR) | (worst > _OFF), found.trust.value < THRESHOLD
+    return (error > FAR) | (worst > OFF), found.trust.value < THRESHOLD
 
 
-def _shares(bad: Tensor, named: Tensor) -> tuple[int, int, float, float]:
+def shares(bad: Tensor, named: Tensor) -> tuple[int, int, float, float]:
+    """Frames, bad ones, and percent of bad and of good ones that are named; masks of (F,)."""
     bad, named = bad.bool(), named.bool()
     return (
         len(bad),

@@ -16,11 +16,13 @@ from unittest import mock
 import numpy as np
 import report
 import torch
-import video_alone
 from filmed_people import films
 from numpy.typing import NDArray
 from report import Report, Table, data_folder
 from torch import Tensor
+from trust import FAR, OFF, shares
+from video_alone import Experiment as Videos
+from video_alone import videos
 
 from perfcap.app.capture import run_capture
 from perfcap.app.capture_request import CaptureRequest
@@ -29,7 +31,6 @@ from perfcap.pipeline import jobs
 from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
 from perfcap.train.motion_library import MotionLibrary
 
-_FAR, _OFF = 0.12, 0.3  # m
 _NAMED = 0.1  # of the good frames, that may be named by mistake
 _RIDGE = 0.2  # of the variance: features of few videos go together
 _FOLDS = 6
@@ -65,9 +66,9 @@ class Judged:
     worst: Tensor
 
     @property
-    def bad(self) -> NDArray[np.bool_]:
-        """Frames, (F,)."""
-        return ((self.error > _FAR) | (self.worst > _OFF)).numpy()
+    def bad(self) -> Tensor:
+        """Frames, (F,), bool."""
+        return (self.error > FAR) | (self.worst > OFF)
 
 
 def run(config: Experiment) -> Report:
@@ -82,11 +83,12 @@ def run(config: Experiment) -> Report:
     left_out = _left_out(made)
     rows: list[tuple[object, ...]] = [("films left out", *left_out)]
     if config.recordings:
-        settings = video_alone.Experiment(config.data)
-        real = [_judged(v.name, v.path, v.truth) for v in video_alone._videos(settings)]
-        rows += [(each.name, *_shares(each.bad, _named(each))) for each in real]
-        together = [np.concatenate(parts) for parts in _paired(real)]
-        rows.append(("all recordings", *_shares(*together)))
+        settings = Videos(config.data)
+        real = [_judged(v.name, v.path, v.truth) for v in videos(settings)]
+        rows += [(each.name, *shares(each.bad, _named(each))) for each in real]
+        bad_ones = torch.cat([each.bad for each in real])
+        named = torch.cat([_named(each) for each in real])
+        rows.append(("all recordings", *shares(bad_ones, named)))
     columns = ("video", "frames", "bad", "bad named %", "good named %")
     return Report(
         (
@@ -136,8 +138,9 @@ def _left_out(made: Sequence[Judged]) -> tuple[int, int, float, float]:
         weights = _fitted([m for i, m in enumerate(made) if i % _FOLDS != fold], "bad")
         for each in made[fold::_FOLDS]:
             bad.append(each.bad)
-            named.append(_rows([each]) @ weights > _log_odds(1 - THRESHOLD))
-    return _shares(np.concatenate(bad), np.concatenate(named))
+            above = _rows([each]) @ weights > _log_odds(1 - THRESHOLD)
+            named.append(torch.from_numpy(above))
+    return shares(torch.cat(bad), torch.cat(named))
 
 
 def _fitted(made: Sequence[Judged], kind: str) -> Floats:
@@ -146,7 +149,7 @@ def _fitted(made: Sequence[Judged], kind: str) -> Floats:
     The constant of the former is moved so that a tenth of the good frames is named: films are
     harder than what people film.
     """
-    rows, bad = _rows(made), np.concatenate([each.bad for each in made])
+    rows, bad = _rows(made), torch.cat([each.bad for each in made]).numpy()
     mean, spread = rows[:, :-1].mean(0), rows[:, :-1].std(0)
     moving = spread > 1e-6  # the number of views is always one
     scaled = np.where(moving, (rows[:, :-1] - mean) / np.where(moving, spread, 1), 0)
@@ -177,16 +180,8 @@ def _log_odds(probability: float) -> float:
     return float(np.log(probability / (1 - probability)))
 
 
-def _paired(real: Sequence[Judged]) -> tuple[list[NDArray[np.bool_]], list[NDArray[np.bool_]]]:
-    return [each.bad for each in real], [_named(each) for each in real]
-
-
-def _named(each: Judged) -> NDArray[np.bool_]:
-    return (judge_frames(each.evidence).value < THRESHOLD).numpy()
-
-
-def _shares(bad: NDArray[np.bool_], named: NDArray[np.bool_]) -> tuple[int, int, float, float]:
-    return len(bad), int(bad.sum()), 100 * named[bad].mean(), 100 * named[~bad].mean()
+def _named(each: Judged) -> Tensor:
+    return judge_frames(each.evidence).value < THRESHOLD
 
 
 if __name__ == "__main__":

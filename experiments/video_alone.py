@@ -60,7 +60,7 @@ def run(config: Experiment) -> Report:
     """PA-MPJPE of each video, for each assumed lens."""
     rows: list[tuple[str | float, ...]] = []
     for fov in config.fovs or (None,):
-        found = [_row(config, video, fov) for video in _videos(config)]
+        found = [_row(config, video, fov) for video in videos(config)]
         real = [row for row in found if str(row[0]).startswith(_REAL)]
         rows += found
         if len(real) > 1:
@@ -69,19 +69,20 @@ def run(config: Experiment) -> Report:
     return Report((Table("a video alone", columns, tuple(rows)),), ())
 
 
-def _videos(config: Experiment) -> list[Video]:
-    videos = []
+def videos(config: Experiment) -> list[Video]:
+    """Of the rendered sequences and of the real man's views."""
+    found = []
     for name in config.sequences:
         known = rendered(config.data, name)
-        videos.append(Video(name, known.folder / "video.mp4", known.truth, known.rate))
+        found.append(Video(name, known.folder / "video.mp4", known.truth, known.rate))
     if config.views:
         real = balancing(config.data)
         folder = data_folder(config.data, _REAL) / "videos"
         for view in config.views:
             name = real.rig.names[view]
             path = sorted(folder.glob("*.mp4"))[view]  # in the order of the calibration
-            videos.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate))
-    return videos
+            found.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate))
+    return found
 
 
 def _row(config: Experiment, video: Video, fov: float | None) -> tuple[str | float, ...]:
