@@ -71,11 +71,7 @@ def run_batch(request: BatchRequest) -> int:
     with locked(folder):
         (folder / _KEPT).mkdir(exist_ok=True)
         outcomes = {job.name: read_outcome(job) for job in jobs}
-        missing = [
-            job
-            for job, clip in zip(jobs, clips, strict=True)
-            if not is_done(job, outcomes[job.name], _inputs(clip))
-        ]
+        missing = [job for job in jobs if not is_done(job, outcomes[job.name])]
         for job in missing:
             outcomes[job.name] = None
         console = PlainConsole(soft_wrap=True)
@@ -102,7 +98,7 @@ def _job(folder: Path, clip: ListedClip, report: bool) -> Job:
     arguments += ["--out", str(folder / clip.name), *(["--report"] if report else [])]
     kept = folder / _KEPT
     log, state = kept / f"{clip.name}.log", kept / f"{clip.name}.json"
-    return Job(clip.name, tuple(arguments), folder / clip.name, log, state)
+    return Job(clip.name, tuple(arguments), folder / clip.name, log, state, _inputs(clip))
 
 
 def _switch(name: str, key: str, option: str, parts: Sequence[str]) -> str:
@@ -114,10 +110,10 @@ def _switch(name: str, key: str, option: str, parts: Sequence[str]) -> str:
     raise InputError(f"clip {name}: {key} is {parts[0]!r:.40}; expected yes or no")
 
 
-def _inputs(clip: ListedClip) -> list[Path]:
+def _inputs(clip: ListedClip) -> tuple[Path, ...]:
     """Files of a clip whose change asks for a new capture."""
     parts = (Path(part) for key in (*_PATHS, *_EITHER) for part in clip.values.get(key, ()))
-    return [path for path in parts if path.exists()]
+    return tuple(path for path in parts if path.exists())
 
 
 def _outcomes(request: BatchRequest, jobs: Sequence[Job]) -> Iterator[tuple[Job, Outcome]]:

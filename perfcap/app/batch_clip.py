@@ -9,13 +9,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from perfcap.app.capture_folder import last_change
+from perfcap.app.capture_folder import states_of, unchanged
 from perfcap.errors import InputError, one_line
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
@@ -37,6 +37,7 @@ class Job:
         folder: of the result.
         log: what the capture writes to its streams.
         state: what is kept of the outcome.
+        inputs: files and folders whose change asks for a new capture.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Job:
     folder: Path
     log: Path
     state: Path
+    inputs: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Outcome:
         seconds: it took.
         tries: how often it was begun.
         message: the last line of what it said, where it failed.
+        inputs: the state of each when it was begun.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Outcome:
     seconds: float
     tries: int = 1
     message: str = ""
+    inputs: Mapping[str, str | None] = field(default_factory=dict)
 
     @property
     def captured(self) -> bool:
@@ -80,7 +84,7 @@ def run_clip(job: Job, cores: Collection[int] = ()) -> Outcome:
         cores: that it may use; all if none are named.
     """
     started = time.perf_counter()
-    code, tries = -1, 0
+    code, tries, inputs = -1, 0, states_of(job.inputs)
     while code < 0 and tries < TRIES:
         tries += 1
         code = _run(job, cores, overwrite=tries > 1 or job.state.exists())
@@ -89,7 +93,8 @@ def run_clip(job: Job, cores: Collection[int] = ()) -> Outcome:
     message = "" if code in (DONE, INCOMPLETE) else _last_line(job.log)
     if code < 0:
         message = f"its process was ended by signal {-code}, {tries} times"
-    found = Outcome(job.name, job.arguments, code, time.perf_counter() - started, tries, message)
+    seconds = time.perf_counter() - started
+    found = Outcome(job.name, job.arguments, code, seconds, tries, message, inputs)
     with writing(job.state) as file:
         file.write(json.dumps(asdict(found)).encode())
     return found
@@ -108,18 +113,12 @@ def read_outcome(job: Job) -> Outcome | None:
         return None
 
 
-def is_done(job: Job, known: Outcome | None, inputs: Collection[Path]) -> bool:
-    """Whether a result is that of this very job, and newer than what it was made from."""
+def is_done(job: Job, known: Outcome | None) -> bool:
+    """Whether a result is that of this very job, from inputs as they are now."""
     if known is None or not known.captured or known.arguments != job.arguments:
         return False
-    report = own_file(job.folder, "run.json")
-    if report is None:
-        return False
-    made = report.stat().st_mtime
-    try:
-        return all(last_change(path) <= made for path in inputs)
-    except OSError:
-        return False
+    there = own_file(job.folder, "run.json") is not None
+    return there and unchanged(known.inputs, states_of(job.inputs))
 
 
 def _run(job: Job, cores: Collection[int], overwrite: bool) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from perfcap.app.capture_checks import (
     made_up,
     wants_bones,
 )
-from perfcap.app.capture_folder import last_change, spare_inputs
+from perfcap.app.capture_folder import spare_inputs, states_of, unchanged
 from perfcap.app.capture_people import Crowd, check_people, find_people, run_people
 from perfcap.app.capture_request import (
     CaptureRequest,
@@ -113,22 +113,24 @@ def _capture(request: CaptureRequest) -> int:
         used = list(used_files(request, (source.path for source in sources)))
         spare_inputs(folder, used, detected=any(networks_of(request)))
         require_places(folder)
-        call = Call.of(describe(request), used)
+        call = Call.of(describe(request), states_of(used))
         work = find_work(folder, call, request.resume, request.overwrite)
         if work is None:
-            known = _known_result(folder, request, used)
+            known = _known_result(folder, request, call)
             if known is not None:
                 return known
             work = begin_work(folder, call, request.overwrite)
         try:
-            return _run(request, folder, [source.generic for source in sources], work)
+            return _run(request, folder, [source.generic for source in sources], work, call)
         finally:
             drop_if_empty(work)
 
 
-def _run(request: CaptureRequest, folder: Path, generic: Sequence[bool], work: Checkpoint) -> int:
+def _run(
+    request: CaptureRequest, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
+) -> int:
     started = time.perf_counter()
-    inputs = read_inputs(request, work)
+    inputs = replace(read_inputs(request, work), files=call.inputs)
     if request.everybody:
         found = find_people(request, inputs)
         if len(found.people) > 1:
@@ -236,7 +238,7 @@ def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
     return {OVERLAY: save_overlay, TEXTURED: save_textured}
 
 
-def _known_result(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> int | None:
+def _known_result(folder: Path, request: CaptureRequest, call: Call) -> int | None:
     """Exit code of the result of this very call, where ``--resume`` finds it; None of no result.
 
     Raises:
@@ -244,7 +246,7 @@ def _known_result(folder: Path, request: CaptureRequest, used: Iterable[Path]) -
     """
     if not holds_result(folder):
         return None
-    known = _finished(folder, request, used) if request.resume else None
+    known = _finished(folder, request, call) if request.resume else None
     if known is None and not request.overwrite:
         whose = "of another call, or of inputs that have changed since" if request.resume else ""
         raise InputError(
@@ -265,18 +267,17 @@ def _expected(request: CaptureRequest, folder: Path) -> tuple[str, ...]:
     return (*FILES, *_videos(request), *found, *body, *surface)
 
 
-def _finished(folder: Path, request: CaptureRequest, used: Iterable[Path]) -> int | None:
+def _finished(folder: Path, request: CaptureRequest, call: Call) -> int | None:
     """Exit code of the whole result of the same request on the same files."""
     try:
         require_one_capture(folder)
         done = read_json(folder / REPORT, "the report of a capture")
-        written = (folder / REPORT).stat().st_mtime
-        changed = any(last_change(path) > written for path in used)
-    except (OSError, InputError):
+    except InputError:
         return None
-    same = isinstance(done, dict) and done.get("request") == describe(request)
+    if not isinstance(done, dict) or done.get("request") != describe(request):
+        return None
     there = all(own_file(folder, name) is not None for name in _expected(request, folder))
-    if not same or not there or changed:
+    if not there or not unchanged(done.get("input_files"), call.inputs):
         return None
     quality = done.get("quality")
     trusted = isinstance(quality, dict) and quality.get("trusted") is True

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
+import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 
 from perfcap.errors import InputError
 from perfcap.io.result_folder import ABOUT, DETECTIONS, FILES, MASKS, SURFACE
@@ -34,24 +35,38 @@ def spare_inputs(folder: Path, inputs: Iterable[Path], detected: bool) -> None:
                 )
 
 
-def last_change(path: Path) -> float:
-    """When a file, or a folder or a file directly in it, was last changed, seconds.
+def state_of(path: Path) -> str | None:
+    """What becomes another when a file, or a file directly in a folder, is replaced or changed.
 
-    Infinite for a folder of more files than anybody should wait for.
-
-    Raises:
-        OSError: it is not there.
+    Sizes and times of change, not contents: videos are large. None where nothing can be said: it
+    cannot be read, or holds more files than anybody should wait for.
     """
-    newest = path.stat().st_mtime
-    if not path.is_dir():
-        return newest
-    with os.scandir(path) as entries:
-        for count, entry in enumerate(entries):
-            if count == _MOST_FILES:
-                return math.inf
-            if entry.is_file():  # a folder in it may be that of the results
-                newest = max(newest, entry.stat().st_mtime)
-    return newest
+    try:
+        about = path.stat()
+        if not S_ISDIR(about.st_mode):
+            return f"{about.st_size} bytes of {about.st_mtime_ns}"
+        with os.scandir(path) as entries:
+            found: list[str] = []
+            for entry in entries:
+                if len(found) == _MOST_FILES:
+                    return None
+                known = entry.stat()
+                if S_ISREG(known.st_mode):  # a folder in it may be that of the results
+                    found.append(f"{entry.name}\0{known.st_size}\0{known.st_mtime_ns}")
+    except OSError:
+        return None
+    digest = hashlib.sha256("\0".join(sorted(found)).encode(errors="surrogateescape"))
+    return f"{len(found)} files, {digest.hexdigest()[:32]}"
+
+
+def states_of(paths: Iterable[Path]) -> dict[str, str | None]:
+    """The state of each of some inputs, by name."""
+    return {str(path): state_of(path) for path in paths}
+
+
+def unchanged(before: object, now: Mapping[str, str | None]) -> bool:
+    """Whether all inputs are those that were written down, each in a known state."""
+    return before == now and None not in now.values()
 
 
 def _same(path: Path, other: Path) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -12,7 +12,6 @@ from typing import Any, Self
 import torch
 
 from perfcap import __version__
-from perfcap.app.capture_folder import last_change
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
 from perfcap.io.files import read_json
@@ -29,20 +28,20 @@ class Call:
 
     Attributes:
         options: of the command.
-        inputs: names of files and folders, their sizes and when they were changed.
+        inputs: names of files and folders that are read, and the state of each.
         versions: of what computes.
     """
 
     options: Mapping[str, Any]
-    inputs: Mapping[str, Any]
+    inputs: Mapping[str, str | None]
     versions: Mapping[str, str]
 
     @classmethod
-    def of(cls, options: Mapping[str, Any], used: Iterable[Path]) -> Self:
-        """The call with these options, on files as they are now."""
+    def of(cls, options: Mapping[str, Any], inputs: Mapping[str, str | None]) -> Self:
+        """The call with these options, on inputs in these states."""
         kept = {name: value for name, value in options.items() if name not in _FREE}
         versions = {"perfcap": __version__, "torch": torch.__version__}
-        return cls(kept, {str(path): _state(path) for path in used}, versions)
+        return cls(kept, inputs, versions)
 
     def plain(self) -> dict[str, Any]:
         """As it is read back from a file."""
@@ -51,15 +50,16 @@ class Call:
 
     def difference(self, other: Any) -> str:
         """What of it is different in a call that was written down, in words; empty if nothing."""
-        if other == self.plain():
+        if other == self.plain() and None not in self.inputs.values():
             return ""
         for part, values in self.plain().items():
             theirs = other.get(part) if isinstance(other, dict) else None
-            if theirs == values:
-                continue
             known = theirs if isinstance(theirs, dict) else {}
             names = [n for n in {*values, *known} if values.get(n) != known.get(n)]
-            return f"{part}: {', '.join(sorted(names))}"
+            if part == "inputs":  # whose state cannot be told may have changed
+                names += [n for n, state in values.items() if state is None and n not in names]
+            if names:
+                return f"{part}: {', '.join(sorted(names))}"
         return "another version"
 
 
@@ -126,11 +126,3 @@ def _read_call(place: Path) -> dict[str, Any]:
     path = own_file(place, _CALL)
     values = {} if path is None else read_json(path, "what a capture was asked for")
     return values if isinstance(values, dict) else {}
-
-
-def _state(path: Path) -> list[float] | None:
-    """Size and last change, of a folder that of its newest file; None where it cannot be read."""
-    try:
-        return [0 if path.is_dir() else path.stat().st_size, last_change(path)]
-    except OSError:
-        return None

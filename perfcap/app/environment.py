@@ -15,7 +15,7 @@ _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av"
 
 
 def environment(inputs: Inputs) -> dict[str, Any]:
-    """Versions, machine, memory and what reading the inputs had to say."""
+    """Versions, machine, memory, files that were read and what reading them had to say."""
     return {
         "perfcap": __version__,
         "python": platform.python_version(),
@@ -23,6 +23,7 @@ def environment(inputs: Inputs) -> dict[str, Any]:
         "packages": {name: _version(name) for name in _PACKAGES},
         "peak_memory_mib": _peak_memory_mib(),
         "views": list(inputs.rig.names),
+        "input_files": dict(inputs.files),
         "input_warnings": list(inputs.warnings),
     }
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -111,6 +111,7 @@ class Inputs:
         pixel_map: from the clip's pixels to the calibration's.
         warnings: what a user should know.
         lost: frames that should follow, but a damaged video or its detections end before.
+        files: what was read, and the state of each.
     """
 
     clip: Clip
@@ -119,6 +120,7 @@ class Inputs:
     pixel_map: PixelMap
     warnings: tuple[str, ...]
     lost: int = 0
+    files: Mapping[str, str | None] = field(default_factory=dict)
 
 
 def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -91,10 +92,9 @@ def test_what_is_captured_is_not_captured_again(
     assert "4 clips, 3 of them captured already" in perfcap(call).out
     after = {name: len(calls(out, name)) for name in before}
     assert after == {**before, "bad": before["bad"] + 1}
-    # another option of one clip, and a newer video of another, ask for them again
+    # another option of one clip, and another video of another, ask for them again
     clips.write_text(clips.read_text().replace("gaps.mp4,sam", "gaps.mp4,auto"))
-    later = time.time() + 60
-    os.utime(tmp_path / "dies.mp4", (later, later))
+    os.utime(tmp_path / "dies.mp4", (5, 5))
     perfcap(call)
     last = {name: len(calls(out, name)) for name in before}
     assert last == {**after, "bad": after["bad"] + 1, "gaps": 2, "dies": 3}
@@ -119,7 +119,8 @@ def test_a_cluster_without_ray(
 
 def job(folder: Path, video: str) -> Job:
     arguments = ("capture", video, "--out", str(folder / "clip"))
-    return Job("clip", arguments, folder / "clip", folder / "log", folder / "state.json")
+    state, seen = folder / "state.json", (folder / video, folder / "frames")
+    return Job("clip", arguments, folder / "clip", folder / "log", state, seen)
 
 
 def test_a_clip_that_always_dies(clips: Path, tmp_path: Path) -> None:
@@ -129,22 +130,25 @@ def test_a_clip_that_always_dies(clips: Path, tmp_path: Path) -> None:
 
 
 def test_outcomes_are_kept_and_judged(clips: Path, tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    (frames / "0.png").write_bytes(b"x")
     made = job(tmp_path, "good.mp4")
     found = run_clip(made)
-    assert read_outcome(made) == found and is_done(made, found, [tmp_path / "good.mp4"])
-    assert not is_done(made, found, [tmp_path / "nothing"])
-    assert not is_done(made, None, []) and not is_done(made, Outcome("clip", (), 0, 1.0), [])
+    assert read_outcome(made) == found and is_done(made, found)
+    assert not is_done(made, None) and not is_done(made, Outcome("clip", (), 0, 1.0))
+    assert not is_done(replace(made, inputs=(*made.inputs, tmp_path / "nothing")), found)
     for text in ("{", "[]", '{"name": 1}', json.dumps({"arguments": 3})):
         made.state.write_text(text)
         assert read_outcome(made) is None
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    (frames / "0.png").write_bytes(b"")
-    for path, when in ((frames / "0.png", 9e9), (frames, 0)):  # overwritten in place
-        os.utime(path, (when, when))
-    assert not is_done(made, found, [frames])
+    about = (frames / "0.png").stat()
+    (frames / "0.png").write_bytes(b"")  # overwritten in place
+    os.utime(frames / "0.png", ns=(about.st_atime_ns, about.st_mtime_ns))
+    assert not is_done(made, found)
+    found = run_clip(made)
+    assert is_done(made, found)
     shutil.rmtree(tmp_path / "clip")
-    assert not is_done(made, found, [])
+    assert not is_done(made, found)
 
 
 def listed(take: TakeFiles, folder: Path, until: str) -> Path:

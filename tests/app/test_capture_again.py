@@ -13,7 +13,7 @@ from runs import Command
 from takes import TakeFiles, write_detections
 from written_files import motion
 
-from perfcap.app.capture_folder import last_change, spare_inputs
+from perfcap.app.capture_folder import spare_inputs, state_of, states_of, unchanged
 from perfcap.cli import main
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
@@ -78,28 +78,40 @@ def test_files_in_a_folder_that_have_changed_since(
     assert perfcap(call).code == 0
     assert (out / "run.json").stat().st_mtime == done  # nothing was to do
     write_openpose(seen, take.take, range(24), shift=9.0)
-    for path in seen.iterdir():
-        os.utime(path, (done + 5, done + 5))
-    os.utime(seen, (done - 5, done - 5))
+    for path in (*seen.iterdir(), seen):  # of another take, made long before
+        os.utime(path, (done - 500, done - 500))
     assert "inputs that have changed since" in perfcap(call).refused()
     assert np.array_equal(motion(out)["joints3d"], first)
     assert perfcap([*call, "--overwrite"]).code == 0
     assert np.abs(motion(out)["joints3d"] - first).max() > 0.01
 
 
-def test_when_a_folder_last_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    inside, deeper = tmp_path / "a.txt", tmp_path / "out"
-    inside.write_text("x")
-    deeper.mkdir()
-    for path, time in ((inside, 300), (deeper, 900), (tmp_path, 200)):
-        os.utime(path, (time, time))
-    assert last_change(inside) == last_change(tmp_path) == 300
-    os.utime(tmp_path, (400, 400))
-    assert last_change(tmp_path) == 400  # a file was added or removed
+def test_the_state_of_files_and_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = tmp_path / "a.txt", tmp_path / "b.txt"
+    for path in (first, second):
+        path.write_text("x")
+        os.utime(path, (300, 300))
+
+    def changes(path: Path, *, touches: Path) -> bool:
+        before = state_of(path)
+        assert before == state_of(path)
+        os.utime(touches, (200, 200))  # older than before, as a file from a backup
+        return state_of(path) != before
+
+    assert changes(first, touches=first) and changes(tmp_path, touches=second)
+    before = states_of([tmp_path, first])
+    (tmp_path / "out").mkdir()  # where the result lies
+    (tmp_path / "out" / "run.json").write_text("x")
+    assert unchanged(before, states_of([tmp_path, first])) and not unchanged(None, before)
+    second.rename(tmp_path / "c.txt")
+    assert not unchanged(before, states_of([tmp_path, first]))
+    first.write_text("xy")
+    os.utime(first, (200, 200))
+    assert state_of(first) != before[str(first)]
+    nothing = states_of([tmp_path / "none"])
+    assert not unchanged(nothing, nothing)
     monkeypatch.setattr("perfcap.app.capture_folder._MOST_FILES", 1)
-    assert last_change(tmp_path) == float("inf")
-    with pytest.raises(FileNotFoundError):
-        last_change(tmp_path / "none")
+    assert state_of(tmp_path) is None  # as good as changed
 
 
 # --- what an older result left --------------------------------------------------------------------
