@@ -61,9 +61,8 @@ class VideoFile:
             raise IndexError(f"{self.path}: frames {start}:{stop} of {len(self)}")
         frames = np.empty((stop - start, *self.size, 3), np.uint8)
         for i in range(start, stop):
-            frames[i - start] = np.rot90(
-                self._frame(i).to_ndarray(format="rgb24"), self.index.turns
-            )
+            stored = self._frame(i).to_ndarray(format="rgb24")
+            frames[i - start] = self.index.orientation.shown(stored)
         return frames
 
     def close(self) -> None:

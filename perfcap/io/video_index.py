@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import av
 import numpy as np
@@ -23,6 +23,35 @@ PLAYLISTS = frozenset({"hls", "concat", "dash", "image2", "tty"})
 
 
 @dataclass(frozen=True)
+class Orientation:
+    """How a stored frame becomes the one that is shown.
+
+    Attributes:
+        turns: quarter turns counter-clockwise.
+        mirrored: whether left and right are exchanged before that.
+    """
+
+    turns: int = 0
+    mirrored: bool = False
+
+    @classmethod
+    def of(cls, frame: Any) -> Self:
+        """That of a decoded frame: the nearest of the eight that the file's matrix may mean."""
+        matrix = frame.side_data.get("DISPLAYMATRIX")
+        if matrix is None:
+            return cls()
+        # shown x = a x + c y, shown y = b x + d y, y downwards, in 16.16 numbers
+        a, b, _, c, d, *_ = np.frombuffer(bytes(matrix), np.int32)[:5].astype(np.float64)
+        mirrored = a * d - b * c < 0
+        angle = np.arctan2(b, -a) if mirrored else np.arctan2(-b, a)
+        return cls(round(angle / (0.5 * np.pi)) % 4, bool(mirrored))
+
+    def shown(self, stored: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A frame (H, W, 3) as it is shown."""
+        return np.rot90(stored[:, ::-1] if self.mirrored else stored, self.turns)
+
+
+@dataclass(frozen=True)
 class VideoIndex:
     """What one pass over a video found.
 
@@ -31,7 +60,7 @@ class VideoIndex:
         tick: seconds a tick.
         rate: frames a second according to the file, or None.
         size: (height, width) as shown, after rotation.
-        turns: quarter turns counter-clockwise from stored to shown.
+        orientation: from stored to shown.
         lost: frames the file promises beyond those it has; at least 1 where decoding broke off.
         total: frames of the whole file: those it promises, or has where these are more; None where
             it promises none and was not read to its end.
@@ -43,7 +72,7 @@ class VideoIndex:
     tick: float
     rate: float | None
     size: tuple[int, int]
-    turns: int
+    orientation: Orientation
     lost: int
     total: int | None
     warnings: tuple[str, ...]
@@ -86,15 +115,15 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
                 f"{path}: yields no frame ({damage or 'no pictures inside'}); expected a video, "
                 "copy or record it again"
             )
-        stored, turns = shape
+        stored, orientation = shape
         lost = _lost(stream.frames, len(pts), damage, stop)
-        warnings = _notes(stream, len(pts), lost, damage)
+        warnings = _notes(stream, len(pts), lost, damage, orientation)
         return VideoIndex(
             tuple(pts),
             float(stream.time_base or 1),
             float(stream.average_rate) if stream.average_rate else None,
-            stored if turns % 2 == 0 else stored[::-1],
-            turns,
+            stored if orientation.turns % 2 == 0 else stored[::-1],
+            orientation,
             lost,
             _total(promised_frames(stream), len(pts), stop),
             warnings,
@@ -113,16 +142,16 @@ def _film_focal(container: Any) -> float | None:
 
 def _decode_all(
     path: Path, container: Any, stream: Any, stop: int | None
-) -> tuple[list[int | None], tuple[tuple[int, int], int] | None, str]:
-    """Time stamps, (stored size, quarter turns) and, if decoding broke off, why."""
+) -> tuple[list[int | None], tuple[tuple[int, int], Orientation] | None, str]:
+    """Time stamps, (stored size, orientation) and, if decoding broke off, why."""
     pts: list[int | None] = []
-    shape: tuple[tuple[int, int], int] | None = None
+    shape: tuple[tuple[int, int], Orientation] | None = None
     try:
         for frame in container.decode(stream):
             size = (frame.height, frame.width)
             if shape is None:
                 _check_pixels(path, size)
-                shape = size, round(frame.rotation / 90) % 4
+                shape = size, Orientation.of(frame)
             elif size != shape[0]:
                 raise InputError(
                     f"{path}: frame {len(pts)} is {size[1]}x{size[0]}, the first is "
@@ -169,8 +198,15 @@ def _lost(promised: int, found: int, damage: str, stop: int | None) -> int:
     return max(wanted - found, 1 if damage else 0)
 
 
-def _notes(stream: Any, found: int, lost: int, damage: str) -> tuple[str, ...]:
+def _notes(
+    stream: Any, found: int, lost: int, damage: str, orientation: Orientation
+) -> tuple[str, ...]:
     notes = []
+    if orientation.mirrored:
+        notes.append(
+            "is marked to be shown as a mirror image, and is used so; the person's left and right "
+            "are as shown"
+        )
     if damage:
         notes.append(f"decoding broke off ({damage}); the {found} frames before that are used")
     elif lost > 0:

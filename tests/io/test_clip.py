@@ -125,21 +125,29 @@ def test_views_of_different_size(tmp_path: Path) -> None:
         clip.iter()
 
 
-@pytest.mark.parametrize(("turn", "k"), [(90, -1), (180, 2), (270, 1)])
-def test_rotation_flag_is_honoured(tmp_path: Path, turn: int, k: int) -> None:
+@pytest.mark.parametrize(
+    "matrix",
+    [(0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0), (-1, 0, 0, 1), (1, 0, 0, -1), (0, 1, 1, 0),
+     (0, -1, -1, 0), (1, 0, 0, 1)],
+)  # fmt: skip
+def test_frames_are_as_shown(tmp_path: Path, matrix: tuple[int, int, int, int]) -> None:
+    """Turned or mirrored: shown x = a x + c y, shown y = b x + d y of a stored pixel, y down."""
     path = make_video(tmp_path / "phone.mp4", 3)
-    upright = VideoFile(path).read(0, 3)
+    stored = VideoFile(path).read(0, 3)
     data = bytearray(path.read_bytes())
-    c, s = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
-    # the track header's matrix, 16.16 fixed point; turn is clockwise as phones write it
-    at = data.index(b"tkhd") + 4 + 40
-    data[at : at + 36] = struct.pack(
-        ">9i", c << 16, s << 16, 0, -s << 16, c << 16, 0, 0, 0, 1 << 30
-    )
+    a, b, c, d = matrix
+    at = data.index(b"tkhd") + 4 + 40  # of the track's header, in 16.16 numbers
+    rows = (a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
+    data[at : at + 36] = struct.pack(">9i", *rows)
     path.write_bytes(data)
-    turned = VideoFile(path)
-    assert turned.size == ((64, 48) if turn != 180 else (48, 64))
-    assert np.array_equal(turned.read(0, 3), np.rot90(upright, k, (1, 2)))
+    video = VideoFile(path)
+    assert video.size == ((64, 48) if a == 0 else (48, 64))
+    y, x = np.indices((48, 64))
+    across, down = a * x + c * y, b * x + d * y
+    shown = np.empty((3, *video.size, 3), np.uint8)
+    shown[:, down - down.min(), across - across.min()] = stored
+    assert np.array_equal(video.read(0, 3), shown)
+    assert any("mirror" in line for line in video.warnings) == (a * d - b * c < 0)
 
 
 def test_variable_frame_rate_keeps_stored_frames_and_says_so(tmp_path: Path) -> None:
