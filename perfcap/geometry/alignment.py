@@ -153,6 +153,11 @@ def _check(source: Tensor, target: Tensor, weights: Tensor | None) -> None:
             f"source has shape {tuple(source.shape)} and target {tuple(target.shape)}; give "
             "matched points of one shape (*b, N, 3)"
         )
+    if source.dtype != target.dtype or source.dtype not in (torch.float32, torch.float64):
+        raise InputError(
+            f"source is {source.dtype} and target {target.dtype}; give both as float32 or both as "
+            "float64"
+        )
     if weights is not None and weights.shape != source.shape[:-1]:
         raise InputError(
             f"weights have shape {tuple(weights.shape)} for points {tuple(source.shape)}; give "

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.metrics.missing import frame_mean
+from perfcap.rates import frame_rate
 
 CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
 CONTACT_SPEED = 0.3  # m/s
@@ -55,8 +56,7 @@ def floor_contact(
             f"feet have shape {tuple(feet.shape)} and height {tuple(height.shape)}; give "
             "(*b, F, K, 3) and (*b, F, K)"
         )
-    if not fps > 0:
-        raise InputError(f"fps is {fps}, expected a positive number")
+    fps = frame_rate(fps, "fps")
     known = torch.where(height.isfinite(), height, torch.inf)
     low = known <= known.amin(-2, keepdim=True) + rise
     slow = feet.diff(dim=-3).norm(dim=-1) * fps <= speed

@@ -88,6 +88,9 @@ def joint_errors(
     Raises:
         InputError: shapes that do not belong together.
     """
+    # a truth is often more precise than an estimate
+    kind = torch.promote_types(torch.promote_types(estimate.dtype, truth.dtype), torch.float32)
+    estimate, truth = estimate.to(kind), truth.to(kind)
     valid = counted_joints(estimate, truth, confidence, partial)
     counts = valid.any(-1)
     apart = {

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.metrics.missing import frame_mean
+from perfcap.rates import frame_rate
 
 _MILLIMETRES = 1000.0  # in a metre
 
@@ -47,8 +48,7 @@ def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
 
     Over runs of four complete frames; NaN if there are none.
     """
-    if not 0 < fps < math.inf:
-        raise InputError(f"fps is {fps}, expected a positive number")
+    fps = frame_rate(fps, "fps")
     return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
 
 

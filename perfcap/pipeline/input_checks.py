@@ -10,27 +10,23 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.clip import END_SLACK
 from perfcap.pipeline.images import Images
 
-_FASTEST = 1e5  # frames a second, as for videos that are written
 _NORMALISED = 2.0  # pixels: nobody is so small
 _MIXED = 0.5  # of the focal lengths: at 1 a lens may have no inverse
 _LENSES = 1e-3, 1e9  # px
 _SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
 
 
-def require_matching(
-    cameras: Camera, detections: Detections, rate: float, images: Images | None
-) -> None:
+def require_matching(cameras: Camera, detections: Detections, images: Images | None) -> None:
     """Refuse what would be taken frame by frame, or view by view, for what it is not.
 
     Args:
         cameras: expected as (C,) or (F, C).
         detections: expected as (F, C).
-        rate: frames a second.
         images: of as many frames and views, or none; decoders count up to five frames more.
 
     Raises:
         InputError: detections are of several clips, cameras or images of other views or frames
-            than the detections, or the rate is no number of frames a second.
+            than the detections, or there are none.
     """
     shape = tuple(detections.joints2d.shape)
     if len(shape) != 4:
@@ -41,7 +37,10 @@ def require_matching(
     kind = detections.joints2d.dtype
     if kind not in (torch.float32, torch.float64):
         raise InputError(f"detections have joints2d of {kind}, expected float32 or float64")
-    require_rate(rate)
+    if 0 in shape[:2]:
+        raise InputError(
+            f"detections have joints2d {shape}: no frame or no view; expected one at least of each"
+        )
     _require_pixels(detections)
     _require_cameras("cameras", cameras, detections)
     if images is None:
@@ -52,18 +51,6 @@ def require_matching(
         raise InputError(
             f"images are {count} frames, detections {shape[0]}; give those that were detected in "
             "(Images.frames takes a part)"
-        )
-
-
-def require_rate(rate: float) -> None:
-    """Refuse what is no number of frames a second.
-
-    Raises:
-        InputError: it is such.
-    """
-    if not 0 < rate < _FASTEST:
-        raise InputError(
-            f"rate is {rate:g}, expected frames a second, above 0 and below {_FASTEST:g}"
         )
 
 

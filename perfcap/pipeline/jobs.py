@@ -39,6 +39,7 @@ from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
 from perfcap.pipeline.trust import frame_evidence, judge_frames
+from perfcap.rates import frame_rate
 from perfcap.solve import Status
 
 # called with a stage's name, what is done and what there is to do
@@ -142,7 +143,8 @@ def _capture_person(
 ) -> Performance:
     """See ``capture``."""
     note_threads()
-    require_matching(cameras, detections, rate, images)
+    rate = frame_rate(rate)
+    require_matching(cameras, detections, images)
     detections = detections.to(detections.joints2d)  # 3D joints may be of another type
     until = _last_stage(until, images)
     own = own_terms(energies)

@@ -16,12 +16,12 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.input_checks import require_rate
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
 from perfcap.pipeline.start_clip import start_clip
 from perfcap.pipeline.track_motion import select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
+from perfcap.rates import frame_rate
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
@@ -94,8 +94,7 @@ class PoseRefiner(nn.Module):
         super().__init__()
         self.actor = actor
         self.joint_set = _known(joint_set)
-        require_rate(rate)
-        self.rate = rate
+        self.rate = frame_rate(rate)
         self.config = _without(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
         self.energies = own_terms(energies)
@@ -136,8 +135,7 @@ class PoseRefiner(nn.Module):
             InputError: shapes that do not fit, a clip without anybody in it, 3D joints that are
                 not in metres, or a rate that is none.
         """
-        rate = self.rate if rate is None else rate
-        require_rate(rate)
+        rate = self.rate if rate is None else frame_rate(rate)
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):
             raise InputError(

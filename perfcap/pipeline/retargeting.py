@@ -26,7 +26,6 @@ from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
-from perfcap.pipeline.input_checks import require_rate
 from perfcap.pipeline.joint_motion import (
     SOLES,
     JointMotion,
@@ -38,6 +37,7 @@ from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, soft_edge
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.standing import Standing, stand_where
+from perfcap.rates import frame_rate
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import partition
@@ -86,7 +86,7 @@ def retarget(
     Raises:
         InputError: the rate or the scale is none.
     """
-    require_rate(rate)
+    rate = frame_rate(rate)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()

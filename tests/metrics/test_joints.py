@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from perfcap.errors import InputError
+from perfcap.geometry.alignment import procrustes
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.metrics import (
     bone_length_variation,
@@ -140,3 +141,15 @@ def test_refuses_shapes():
         joint_errors(joints(), joints(frames=11), FPS)
     with pytest.raises(InputError, match="shape"):
         reprojection_error(torch.zeros(3, 2), torch.zeros(3, 2))
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.float32, torch.int64])
+def test_an_estimate_of_another_precision_than_the_truth(kind):
+    truth = torch.arange(2 * 8 * 16 * 3.0, dtype=torch.float64).reshape(2, 8, 16, 3).sin()
+    estimate = (4 * truth.cos()).to(kind)
+    found = joint_errors(estimate, truth, 30)
+    exact = joint_errors(estimate.double(), truth, 30)
+    for each in fields(found):
+        assert torch.equal(getattr(found, each.name), getattr(exact, each.name)), each.name
+    with pytest.raises(InputError, match="give both as float32 or both"):
+        procrustes(estimate.to(torch.float16), truth)

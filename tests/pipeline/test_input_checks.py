@@ -1,6 +1,7 @@
 """What does not belong together is refused before anything is computed."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,12 +50,29 @@ def batched(found: Detections) -> Detections:
     return Detections.from_joints(found.joints2d[None], found.confidence2d[None])
 
 
-@pytest.mark.parametrize("rate", [0.0, -30.0, 1e12, float("nan"), float("inf")])
-def test_rates(take: Take, rate: float) -> None:
+@pytest.mark.parametrize(
+    "rate", [0.0, -30.0, 1e12, float("nan"), float("inf"), "30", (30.0,), torch.tensor([30.0, 25])]
+)
+def test_rates(take: Take, rate: Any) -> None:
     with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
         capture(take.actor, take.cameras, take.detections, rate)
     with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
         PoseRefiner(take.actor, rate=rate)
+
+
+def test_a_rate_that_is_a_tensor(take: Take) -> None:
+    until = Stage.INITIALIZE
+    found = capture(take.actor, take.cameras, take.detections, torch.tensor(30), until=until)  # type: ignore[call-overload]
+    assert type(found.rate) is float and found.rate == 30
+
+
+@pytest.mark.parametrize(("frames", "views"), [(0, 2), (6, 0)])
+def test_nothing_to_capture(take: Take, frames: int, views: int) -> None:
+    nothing = Detections.from_joints(
+        take.detections.joints2d[:frames, :views], take.detections.confidence2d[:frames, :views]
+    )
+    with pytest.raises(InputError, match="no frame or no view"):
+        capture(take.actor, take.cameras.select(list(range(views))), nothing, 30.0)
 
 
 @pytest.mark.parametrize("focal", [0.0, 1e-300, float("nan"), float("inf")])

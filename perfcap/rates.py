@@ -1,0 +1,32 @@
+"""Frames a second, as callers give them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from perfcap.errors import InputError
+
+_FASTEST = 1e5  # frames a second, as for videos that are written
+
+
+def frame_rate(value: Any, name: str = "rate") -> float:
+    """A number of frames a second: a plain one, or a tensor of one.
+
+    Args:
+        value: as it was given.
+        name: of the argument.
+
+    Raises:
+        InputError: it is none, not above 0, or faster than any video.
+    """
+    try:
+        rate = math.nan if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError, RuntimeError):  # the last: a tensor of several
+        rate = math.nan
+    if not 0 < rate < _FASTEST:
+        raise InputError(
+            f"{name} is {value!r:.80}, expected frames a second, one number above 0 and below "
+            f"{_FASTEST:g}"
+        )
+    return rate
