@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app.fit_views import ChosenFrames
+from perfcap.errors import InputError
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks
 
@@ -56,6 +57,21 @@ def mask_doubts(
         yield (
             f"silhouettes leave out {100 * float(found.missing[sound].median()):.0f} % of the "
             "body: cut-off limbs, or masks of somebody smaller; look at the picture of the body"
+        )
+
+
+def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
+    """Refuse masks that show the person whose joints are detected in no view.
+
+    Raises:
+        InputError: they are empty, inverted, or of somebody else.
+    """
+    shares = _joints_inside(chosen, masks)
+    if not bool((shares >= _INSIDE).any()):
+        told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
+        raise InputError(
+            f"--masks: hold {told} % of the detected joints of the views; expected images that are "
+            "white where the person is, numbered as the frames of the video"
         )
 
 

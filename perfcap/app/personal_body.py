@@ -10,11 +10,12 @@ import torch
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import mask_doubts
+from perfcap.app.body_doubts import mask_doubts, require_person
 from perfcap.app.fit_sheet import save_fit_sheet
 from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person, read_masks
 from perfcap.app.inputs import Inputs
 from perfcap.app.measures import save_measures
+from perfcap.app.outline_doubts import outline_doubts
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
@@ -121,6 +122,7 @@ class PersonalBody:
             )
         if self.masks is not None:
             yield from mask_doubts(self.model, fit, self.chosen, self.masks)
+            yield from outline_doubts(self.chosen, self.masks)
 
 
 def find_body(
@@ -134,6 +136,8 @@ def find_body(
     model = load_body_model(request.model)
     chosen = choose_frames(inputs, request.count)
     masks = read_masks(chosen, request.masks) if request.masks else None
+    if masks is not None:
+        require_person(chosen, masks)
     given = request.height, masks, request.silhouettes, request.settings
     fit, masks = fit_person(model, chosen, *given, checkpoint)
     return PersonalBody(model, fit, chosen, masks, request.height)

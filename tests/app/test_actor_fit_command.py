@@ -53,7 +53,7 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
     masks = tmp_path / "masks"
     masks.mkdir()
     for frame in range(24):
-        cv2.imwrite(str(masks / f"{frame:06d}.png"), np.zeros((120, 160), np.uint8))
+        cv2.imwrite(str(masks / f"{frame:06d}.png"), np.full((120, 160), 255, np.uint8))
     done = perfcap(call(take, tmp_path / "me", "--masks", masks))
     assert done.code == 0, done
     assert any("give --height" in note for note in done.notes)  # one camera

@@ -88,7 +88,7 @@ def write_views(folder: Path, cameras: Camera) -> None:
 
 def write_masks(folder: Path, cameras: Camera, bodies: torch.Tensor, faces: torch.Tensor) -> None:
     for view in range(2):
-        for kind in ("masks", "empty", "wide", "aside"):
+        for kind in ("masks", "empty", "wide", "aside", "inverted"):
             (folder / f"{kind}{view}").mkdir()
         for frame, vertices in enumerate(bodies):
             one = cameras.select([view])
@@ -99,6 +99,7 @@ def write_masks(folder: Path, cameras: Camera, bodies: torch.Tensor, faces: torc
                 "empty": 0 * drawn,
                 "wide": cv2.dilate(drawn, np.ones((13, 13), np.uint8)),
                 "aside": np.roll(drawn, SIZE // 3, 1),
+                "inverted": 255 - drawn,
             }
             for kind, image in kinds.items():
                 cv2.imwrite(str(folder / f"{kind}{view}" / f"{frame:06d}.png"), image)
@@ -114,8 +115,10 @@ def quick_fit(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyF
     return fit_body(*arguments, settings=settings or QUICK)
 
 
-def masks_of(views: Views, kind: str) -> list[object]:
-    return ["--masks", *(views.folder / f"{kind}{view}" for view in range(2))]
+def masks_of(views: Views, *kinds: str) -> list[object]:
+    """Of one kind, or of one in each view."""
+    both = kinds if len(kinds) > 1 else 2 * kinds
+    return ["--masks", *(views.folder / f"{kind}{view}" for view, kind in enumerate(both))]
 
 
 def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfcap: Command) -> None:
@@ -172,18 +175,27 @@ def test_an_actor_leaves_no_body_of_an_older_result(
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("kinds", "words"),
     [
-        ("empty", "masks of one: are empty"),
-        ("aside", "of the detected joints; expected those of the person"),
-        ("wide", "silhouettes exceed the body"),
+        (("empty", "masks"), "masks of one: are empty"),
+        (("masks", "aside"), "of the detected joints; expected those of the person"),
+        (("wide", "wide"), "silhouettes exceed the body"),
+        (("masks", "masks"), "edges of the images"),  # the video shows somebody else
     ],
 )
 def test_masks_of_something_else_are_told(
-    views: Views, tmp_path: Path, perfcap: Command, kind: str, words: str
+    views: Views, tmp_path: Path, perfcap: Command, kinds: tuple[str, str], words: str
 ) -> None:
-    done = perfcap(views.command(tmp_path, *masks_of(views, kind)))
+    done = perfcap(views.command(tmp_path, *masks_of(views, *kinds)))
     assert any(words in note for note in done.notes), done.notes
+
+
+@pytest.mark.parametrize("kind", ["empty", "aside", "inverted"])
+def test_masks_of_nobody_are_refused(
+    views: Views, tmp_path: Path, perfcap: Command, kind: str
+) -> None:
+    line = perfcap(views.command(tmp_path, *masks_of(views, kind))).refused()
+    assert "of the detected joints of the views; expected images that are white" in line
 
 
 def test_masks_belong_to_auto(views: Views, tmp_path: Path, perfcap: Command) -> None:

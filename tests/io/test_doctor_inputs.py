@@ -99,7 +99,7 @@ def test_joints_and_image(factor: float, words: str) -> None:
 
 def test_some_joints_outside() -> None:
     def shift(joints: Tensor) -> None:
-        joints[:6, 0] += 900
+        joints[:, 0, :4] += 900
 
     finding = one(examine_detections(rig(), with_joints(detections(), shift)))
     assert finding.severity is Severity.WARNING and "25% of the joints" in finding.what

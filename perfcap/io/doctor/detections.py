@@ -9,6 +9,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.sides import examine_sides
 
@@ -44,6 +45,10 @@ def examine_detections(
     for view, name in enumerate(rig.names):
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
+        if not rig.cameras.moving:
+            findings += examine_jumps(
+                name, detections.joints2d[:, view], detections.confidence2d[:, view]
+            )
         findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]

@@ -1,0 +1,83 @@
+"""Masks that end elsewhere than the images have edges."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from perfcap.app.outline_doubts import outline_doubts, outline_edges
+from perfcap.detect.detections import Detections
+
+FRAMES, HEIGHT, WIDTH = 4, 260, 200
+TALL = 200.0  # px, of the person
+Mask = NDArray[np.uint8]
+
+
+def person(frame: int) -> Mask:
+    """A trunk, a head and two arms, from row 30 to row 230."""
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.rectangle(mask, (75 + frame, 70), (125 + frame, 230), 1, -1)
+    cv2.circle(mask, (100 + frame, 50), 20, 1, -1)
+    cv2.line(mask, (60 + frame, 80), (140 + frame, 150), 1, 12)
+    return mask
+
+
+def chosen(contrast: float) -> Any:
+    """Frames of that person over a textured ground, in noisy clothes."""
+    rng = np.random.default_rng(0)
+    images = []
+    for frame in range(FRAMES):
+        ground = cv2.GaussianBlur(rng.normal(0, 60, (HEIGHT, WIDTH)), (0, 0), 2)
+        cloth = cv2.GaussianBlur(rng.normal(0, 60, (HEIGHT, WIDTH)), (0, 0), 2) + contrast
+        image = 90 + np.where(person(frame) > 0, cloth, ground)
+        images.append(np.repeat(image.clip(0, 255).astype(np.uint8)[..., None], 3, -1))
+    joints = torch.zeros(FRAMES, 1, 16, 2)
+    joints[..., 1] = torch.linspace(30, 30 + TALL, 16)
+    return type(
+        "Chosen",
+        (),
+        {
+            "__len__": lambda self: FRAMES,
+            "read_view": lambda self, view, start, stop: np.stack(images[start:stop]),
+            "detections": Detections.from_joints(joints, torch.ones(FRAMES, 1, 16)),
+            "clip": SimpleNamespace(names=("front",)),
+        },
+    )()
+
+
+def masks(moved: int = 0) -> Any:
+    """Those of the person, larger by some pixels, or smaller."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * abs(moved) + 1,) * 2)
+    change = cv2.dilate if moved > 0 else cv2.erode
+    inside = np.stack([change(person(frame), kernel) for frame in range(FRAMES)])
+    return SimpleNamespace(inside=torch.from_numpy(inside)[:, None] > 0)
+
+
+@pytest.mark.parametrize("moved", [-6, -3, 0, 1, 3, 6, 9])
+def test_where_the_edges_are(moved: int) -> None:
+    (found,) = outline_edges(chosen(80), masks(moved))
+    assert abs(found.offset - moved) <= 1 and found.clarity > 1.5 and found.size == TALL
+    told = list(outline_doubts(chosen(80), masks(moved)))
+    assert len(told) == (abs(moved) > 2)
+    if told:
+        side, kind = ("outside", "larger") if moved > 0 else ("inside", "smaller")
+        assert told[0].startswith("masks of front: end about")
+        assert f"{side} the edges" in told[0] and f"girths are {kind}" in told[0]
+
+
+def test_boxes_end_at_no_edges() -> None:
+    boxes = torch.zeros(FRAMES, 1, HEIGHT, WIDTH, dtype=torch.bool)
+    boxes[..., 20:240, 30:170] = True
+    (line,) = outline_doubts(chosen(80), SimpleNamespace(inside=boxes))  # type: ignore[arg-type]
+    assert "end at no edges" in line
+
+
+@pytest.mark.parametrize("value", [False, True])
+def test_masks_of_nothing_and_of_all_say_nothing_of_edges(value: bool) -> None:
+    same = torch.full((FRAMES, 1, HEIGHT, WIDTH), value)
+    (found,) = outline_edges(chosen(80), SimpleNamespace(inside=same))  # type: ignore[arg-type]
+    assert found.offset == 0
