@@ -150,6 +150,11 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
         found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
+        if detecting.person > 1:
+            raise InputError(
+                f"--person {detecting.person}: fewer people are seen in every frame of "
+                f"{', '.join(clip.names)}; expected 1 for the surest, 2 for the next"
+            )
         raise InputError(
             f"{', '.join(clip.names)}: nobody is found in any frame by "
             f"{detecting.detectors[0].manifest.path.parent}; expected a visible person; say where "

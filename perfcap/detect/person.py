@@ -15,9 +15,10 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.fusion import Landmarks, exchanged, fuse
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
 from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
-from perfcap.detect.search import centre, search, turn_around, whole
+from perfcap.detect.search import SAME, centre, overlap, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
 from perfcap.detect.viewing_ray import toward
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
 _SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
@@ -76,6 +77,9 @@ def follow_person(
     Returns:
         The 16 landmarks in pixels of the frames, float32; confidence 0 where nobody is found. 3D
         joints are those of the first network, if it has any; another's are in the axes of its crop.
+
+    Raises:
+        InputError: nobody is in the box of the first frame.
     """
     seen = list(_with_others(network, frames, start, others))
     looks = [None if one is None else one.look for one in seen]
@@ -155,7 +159,7 @@ def _follow(
             continue
         look = None if crop is None else look_at(network, frame, [crop])[0]
         if look is not None and number == 0:
-            look = turn_around(network, frame, centre(network, frame, look))
+            look = _shown(network, frame, start, look)
         if look is None or not is_person(look.confidence, network.joint_set):
             look = known.unless_elsewhere(
                 search(network, frame, start.person if not known.ever else 1)
@@ -171,6 +175,24 @@ def _follow(
             angle = turned(look, network.joint_set, spec.turns)
             joints = look.joints2d, look.confidence, SEEN
             crop = next_crop(look.crop, *joints, spec.padding, angle)
+
+
+def _shown(network: CropNetwork, frame: Frame, start: Start, look: Look) -> Look:
+    """The person in the user's box, nobody else: the crop of the box, or what is found in it."""
+    look = turn_around(network, frame, centre(network, frame, look))
+    box, joints = look.box(), network.joint_set
+    if start.box is None or (
+        box is not None and overlap(start.box, box) >= SAME and is_person(look.confidence, joints)
+    ):
+        return look
+    found = search(network, frame, inside=start.box)
+    if found is None:
+        told = " ".join(f"{each:g}" for each in start.box or ())
+        raise InputError(
+            f"--box {told}: nobody is seen there in the first frame; expected LEFT TOP RIGHT "
+            "BOTTOM about the person, in pixels of the video (--frames chooses another first frame)"
+        )
+    return found
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,19 @@ _AGAIN = (1.5, 1.0)  # crops centred on what is seen, the first wider: limbs may
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 SURE = 0.6  # mean confidence from which nobody is looked for lying or upside down
 _SURER = 0.1  # mean confidence that speaks for a turned crop
-_SAME = 0.5  # of the smaller box: overlap of two looks at one person
+SAME = 0.5  # of the smaller box: overlap of two looks at one person
 
 
-def search(network: CropNetwork, frame: Frame, person: int = 1) -> Look | None:
+def search(
+    network: CropNetwork, frame: Frame, person: int = 1, inside: Box | None = None
+) -> Look | None:
     """The surest person of windows all over the image, looked at once more up close.
 
     Args:
         network: the detector.
         frame: (H, W, 3).
         person: 1 for the surest, 2 for the next, ...
+        inside: where the person is; anywhere if None.
     """
     spec = network.manifest.input
     windows = list(_windows(frame, spec.size))
@@ -35,6 +38,8 @@ def search(network: CropNetwork, frame: Frame, person: int = 1) -> Look | None:
     closer = [turn_around(network, frame, centre(network, frame, look)) for look in looks]
     closer.sort(key=lambda look: -sureness(look.confidence, network.joint_set))
     people = [look for look in _apart(closer) if is_person(look.confidence, network.joint_set)]
+    if inside is not None:
+        people = [look for look in people if overlap(inside, look.box()) >= SAME]
     return people[person - 1] if len(people) >= person else None
 
 
@@ -89,13 +94,13 @@ def _apart(looks: list[Look]) -> list[Look]:
         box = look.box()
         if box is None:
             unclear.append(look)
-        elif all(_overlap(box, other.box()) < _SAME for other in kept):
+        elif all(overlap(box, other.box()) < SAME for other in kept):
             kept.append(look)
     return [*kept, *unclear]
 
 
-def _overlap(one: Box, other: Box | None) -> float:
-    """Area that two boxes share, of the smaller one."""
+def overlap(one: Box, other: Box | None) -> float:
+    """Area that two boxes share, of the smaller one; ``SAME`` or more is one person."""
     if other is None:
         return 0.0
     width = min(one[2], other[2]) - max(one[0], other[0])

@@ -119,6 +119,13 @@ def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: 
     assert error.mean() < 25
 
 
+def test_people_who_are_not_there(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    line = perfcap(call(dots, network, tmp_path / "out", "--person", "3")).refused()
+    assert "--person 3: fewer people are seen in every frame" in line
+
+
 MISTAKES = {
     "both": (("--detections", "x.npz"), "both given"),
     "a short box": (("--box", "1", "2", "3"), "LEFT TOP RIGHT BOTTOM"),

@@ -13,6 +13,7 @@ from perfcap.detect.decode import Estimate
 from perfcap.detect.fusion import TRUST
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
 from perfcap.detect.person import Start, follow_person
+from perfcap.errors import InputError
 
 SIDE = 96
 PLACES = torch.tensor(  # of a standing body, one high, head up
@@ -101,6 +102,13 @@ def test_the_next_person_and_the_one_in_a_box_can_be_chosen() -> None:
     for start, place in zip(starts, (places[0], places[1], places[1]), strict=True):
         found = follow_person(Eyes("none"), iter(frames), start)
         assert errors(found.joints2d[1, 0], *place).max() < 3
+
+
+def test_a_box_around_nobody_is_refused() -> None:
+    frames = [draw((80, 120, 140, 0)) for _ in range(2)]
+    for box in ((200, 20, 300, 220), (100, 20, 300, 220)):  # the latter shows an arm
+        with pytest.raises(InputError, match=r"--box .*: nobody is seen there"):
+            follow_person(Eyes("none"), iter(frames), Start(box))
 
 
 def test_whoever_shrinks_is_searched_for_and_found_where_they_are() -> None:
