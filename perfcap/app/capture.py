@@ -199,7 +199,7 @@ def _perform(
             inputs.detections.to(like),
             inputs.clip.fps,
             settings_of(request),
-            images=Images(inputs.clip, cameras, segmenter),
+            images=Images(inputs.clip, cameras, segmenter, examined=True),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,

@@ -104,7 +104,7 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
     """
-    findings = examine_blank(inputs.clip, inputs.rig.names)
+    findings = examine_blank(inputs.clip, inputs.rig.names, inputs.clip.start)
     for finding in findings:
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")

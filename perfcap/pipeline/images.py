@@ -33,11 +33,13 @@ class Images:
         reader: the frames, in the order of those that are captured.
         cameras: C views in pixels of the images, (C,) or (F, C), with their sizes.
         segmenter: a network that finds people in them, as a cue of silhouettes; None to go without.
+        examined: somebody has seen already that they show the person whose joints are captured.
     """
 
     reader: FrameReader
     cameras: Camera
     segmenter: PersonNetwork | None = None
+    examined: bool = False
 
     def __post_init__(self) -> None:
         if len(self.cameras.size) != self.cameras.views:
@@ -56,7 +58,7 @@ class Images:
         if step != 1:
             raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
         cameras = self.cameras.frames(slice(start, stop))
-        return type(self)(_Part(self.reader, start, stop), cameras, self.segmenter)
+        return replace(self, reader=_Part(self.reader, start, stop), cameras=cameras)
 
 
 @dataclass(frozen=True)

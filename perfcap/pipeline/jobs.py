@@ -23,6 +23,7 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.image_checks import examine_images
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_matching
@@ -147,6 +148,9 @@ def _capture_person(
     require_matching(cameras, detections, images)
     detections = detections.to(detections.joints2d)  # 3D joints may be of another type
     until = _last_stage(until, images)
+    told: tuple[str, ...] = ()
+    if images is not None and until.needs_images and not images.examined:
+        told = examine_images(images, cameras, detections)
     own = own_terms(energies)
     if own and level:
         raise InputError(
@@ -182,7 +186,7 @@ def _capture_person(
         windows=tuple(windows),
         stages=tuple(clock.stages),
         bone_scales=start.bones,
-        warnings=(*_blind_views(detections), *_warnings(windows), *_doubts(looked)),
+        warnings=(*told, *_blind_views(detections), *_warnings(windows), *_doubts(looked)),
         surface=looked.surface,
         refinement=refinement,
         contours=looked.contours,

@@ -146,7 +146,7 @@ def painted(frames: int) -> tuple[Clip, Detections]:
 @pytest.mark.parametrize("frames", [0, 10, -10])
 def test_joints_of_other_frames_of_the_video(frames: int) -> None:
     clip, seen = painted(frames)
-    findings = examine_footage(clip, seen, seen.joints2d)
+    findings = examine_footage(clip, clip.sizes, seen, seen.joints2d)
     if not frames:
         assert findings == []
         return
@@ -156,7 +156,8 @@ def test_joints_of_other_frames_of_the_video(frames: int) -> None:
     assert abs(int(finding.what.split()[2]) - abs(frames)) <= 1
 
 
-def test_nothing_is_said_of_a_video_in_which_nothing_moves() -> None:
+def test_a_video_in_which_nothing_moves() -> None:
+    """It is none of a person who does; of one who does not it says nothing."""
     clip, seen = painted(0)
     still = np.repeat(clip.read(0, 1)[:, 0], 60, 0)
 
@@ -165,7 +166,18 @@ def test_nothing_is_said_of_a_video_in_which_nothing_moves() -> None:
             return still[start:stop]
 
     source = Still(seen.joints2d[:, 0].numpy(), (120, 120))
-    assert examine_footage(Clip([source], 30.0), seen, seen.joints2d) == []
+    clip = Clip([source], 30.0)
+    finding = one(examine_footage(clip, clip.sizes, seen, seen.joints2d))
+    assert "lie on what moves" in finding.what and finding.severity is Severity.WARNING
+    rest = seen.joints2d[:1].expand_as(seen.joints2d)
+    assert examine_footage(clip, clip.sizes, seen, rest) == []
+
+
+def test_joints_of_another_video() -> None:
+    clip, seen = painted(0)
+    elsewhere = seen.joints2d.flip(0) * torch.tensor([-1.0, 1.0]) + torch.tensor([120.0, 55.0])
+    finding = one(examine_footage(clip, clip.sizes, seen, elsewhere))
+    assert "of another video" in finding.remedy
 
 
 def demonstrated() -> tuple[Clip, Detections]:
@@ -190,7 +202,7 @@ def test_joints_of_another_picture(
     height, width = clip.sizes[0]
     last = torch.tensor([width - 1.0, height - 1.0])
     moved = torch.tensor(scale) * seen.joints2d + torch.tensor(shift) * last
-    finding = one(examine_footage(clip, seen, moved))
+    finding = one(examine_footage(clip, clip.sizes, seen, moved))
     assert f"joints look {words} against the video" in finding.what
     assert finding.severity is Severity.ERROR
 
@@ -204,15 +216,15 @@ def test_joints_of_a_video_that_was_turned(name: str, turns: int) -> None:
     there = seen.joints2d
     for _ in range(turns):  # where the turned picture has what is at these joints
         there = torch.stack((there[..., 1], side - there[..., 0]), -1)
-    finding = one(examine_footage(clip, seen, there))
+    finding = one(examine_footage(clip, clip.sizes, seen, there))
     assert f"joints look {name} turned" in finding.what
 
 
 def test_the_demo_is_in_time_and_a_shift_of_it_is_not() -> None:
     clip, seen = demonstrated()
-    assert examine_footage(clip, seen, seen.joints2d) == []
+    assert examine_footage(clip, clip.sizes, seen, seen.joints2d) == []
     shifted = late(seen, 10)
-    assert "late" in one(examine_footage(clip, shifted, shifted.joints2d)).what
+    assert "late" in one(examine_footage(clip, clip.sizes, shifted, shifted.joints2d)).what
 
 
 def blank(share: float, level: int) -> list[Finding]:

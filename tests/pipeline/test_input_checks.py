@@ -75,6 +75,16 @@ def test_nothing_to_capture(take: Take, frames: int, views: int) -> None:
         capture(take.actor, take.cameras.select(list(range(views))), nothing, 30.0)
 
 
+def test_images_that_show_nothing(take: Take) -> None:
+    class Dark(Blank):
+        def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+            return np.zeros((stop - start, 8, 8, 3), np.uint8)
+
+    dark = replace(images(take, 6), reader=Dark(6))
+    with pytest.raises(InputError, match=r"images of view 0: .* of one color"):
+        capture(take.actor, take.cameras, take.detections, 30.0, images=dark)
+
+
 @pytest.mark.parametrize("focal", [0.0, 1e-300, float("nan"), float("inf")])
 def test_cameras_without_a_lens(take: Take, focal: float) -> None:
     intrinsics = take.cameras.intrinsics.clone()

@@ -104,8 +104,11 @@ def test_the_number_of_workers_changes_nothing(
 def test_nothing_to_see_leaves_the_motion_alone(take: dict[str, object]) -> None:
     """Grey images: no contour can be trusted, nothing becomes worse, nothing is not a number."""
     size = take["clip"].sizes[0]  # type: ignore[attr-defined]
-    grey = np.full((FRAMES.stop - FRAMES.start, *size, 3), 127, np.uint8)
+    dusk = np.linspace(112, 142, size[1])[:, None]  # images of one color are refused
+    shape = FRAMES.stop - FRAMES.start, *size, 3
+    grey = np.broadcast_to(dusk, shape).astype(np.uint8)
     found = run(take, Painted(grey))
+    assert any("lie on what moves" in warning for warning in found.warnings)
     without = capture(take["actor"], take["cameras"], take["detections"], 30.0, CONFIG)  # type: ignore[arg-type]
     assert found.surface is not None
     assert bool(found.surface[0 : found.frames].isfinite().all())

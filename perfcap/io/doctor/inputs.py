@@ -52,7 +52,10 @@ def examine_inputs(
     rig = _try(findings, lambda: read_cameras(cameras, sizes))
     maps = _try(findings, lambda: read_pixel_map(video_map)) if video_map else None
     if clip is not None:
-        findings += [*_warnings("videos", clip.warnings), *examine_blank(clip, clip.names)]
+        findings += [
+            *_warnings("videos", clip.warnings),
+            *examine_blank(clip, clip.names, clip.start),
+        ]
     if rig is None:
         return findings
     if clip is not None:
@@ -77,7 +80,8 @@ def examine_take(
     findings = examine_agreement(rig, detections)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
-        findings += examine_footage(clip, detections, pixel_map.to_video(detections.joints2d))
+        there = pixel_map.to_video(detections.joints2d)
+        findings += examine_footage(clip, clip.sizes, detections, there)
     return findings
 
 
