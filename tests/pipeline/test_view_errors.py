@@ -99,6 +99,27 @@ def test_what_cannot_be_solved_is_refused() -> None:
         solve_views(take.actor, parts[0], parts[1].frames(slice(0, 9)), 30.0)
 
 
+@pytest.mark.parametrize("correlation", [1, 8])
+@pytest.mark.parametrize("rate", [30.0, 120.0])
+def test_nobody_who_stands_still_tells_clocks(rate: float, correlation: int) -> None:
+    frames = round(2 * rate)
+    take = make_take(frames, views=3, lifted=False, rate=rate)
+    length = round(correlation * rate / 30)
+    random = torch.Generator().manual_seed(3)
+    noise = torch.randn(frames + length - 1, 3, 16, 2, generator=random, dtype=F64)
+    noise = length**0.5 * noise.unfold(0, length, 1).mean(-1)
+    pixels = take.detections.joints2d
+    still = replace(take.detections, joints2d=pixels.mean(0) + noise)
+    with pytest.raises(InputError, match="the person hardly moves"):
+        solve_views(actor(), take.cameras, still, rate)
+    moving = replace(take.detections, joints2d=pixels + noise)
+    found = solve_views(actor(), take.cameras, moving, rate)
+    assert found.clock is not None and float(found.clock.abs().max()) < 0.4
+    unseen = Detections.from_joints(pixels, 0 * take.detections.confidence2d)
+    with pytest.raises(InputError, match="the person hardly moves"):
+        solve_views(actor(), take.cameras, unseen, rate)
+
+
 def test_large_corrections_are_doubted() -> None:
     moved = torch.zeros(3, 6, dtype=torch.float64)
     moved[:, 3] = 0.02
