@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
@@ -36,6 +37,7 @@ _RANGE = {
     "age": (18.0, 90.0),
     "muscle": (0.0, 1.0),
 }
+_MISSED = 6.0  # tolerances: 2.4 cm of a girth, 4 kg
 _UNITS = {**dict.fromkeys(LENGTHS, "metres"), "weight": "kilograms", "age": "years"}
 
 
@@ -78,12 +80,30 @@ class Person:
 
 @dataclass(frozen=True, eq=False)
 class BuiltBody:
-    """A body with its coefficients of shape (S,), measurements, and kilograms."""
+    """A body.
+
+    Attributes:
+        template: the rigged body.
+        shape: its coefficients, (S,).
+        measurements: of it, metres.
+        weight: kilograms.
+        missed: what was asked for and is far from being met: the values of the body.
+    """
 
     template: Template
     shape: Tensor
     measurements: Measurements
     weight: float
+    missed: Mapping[str, float] = field(default_factory=dict)
+
+    def doubts(self, person: Person) -> Iterator[str]:
+        """A sentence on each value that the body does not have."""
+        for name, value in self.missed.items():
+            told = f"{value:.3g} {_UNITS.get(name, '')}".strip()
+            yield (
+                f"{name} is {told}, {person.known()[name]:.3g} was asked for: hardly anybody has "
+                "all of these measures; check them"
+            )
 
 
 def build_body(model: BodyModel, person: Person) -> BuiltBody:
@@ -106,6 +126,7 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
         )
     count = min(_COMPONENTS, model.components)
     shape = np.zeros(count)
+    missed: dict[str, float] = {}
     if known:
         scales = Scales(model, tuple(known))
         wanted = np.array(list(known.values()))
@@ -116,7 +137,11 @@ def build_body(model: BodyModel, person: Person) -> BuiltBody:
             right = rows.T @ (scale * (wanted - here + slopes @ shape))
             solved = np.linalg.solve(rows.T @ rows + np.eye(count), right)
             shape = np.clip(solved, -_MOST, _MOST)
+        reached = scales.values(shape)
+        far = np.abs(reached - wanted) * scale > _MISSED
+        missed = {n: float(v) for n, v, each in zip(known, reached, far, strict=True) if each}
     full = torch.zeros(model.components, dtype=torch.float64)
     full[:count] = torch.from_numpy(shape)
     template = model.template(full)
-    return BuiltBody(template, full, measure(template), mass(template.vertices, template.faces))
+    weight = mass(template.vertices, template.faces)
+    return BuiltBody(template, full, measure(template), weight, missed)

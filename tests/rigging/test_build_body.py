@@ -47,6 +47,15 @@ def test_older_people_are_older(model: BodyModel) -> None:
     assert (young - old).norm() > 0.5
 
 
+def test_measures_that_nobody_has_are_told(model: BodyModel) -> None:
+    person = Person(waist=1.3, hip=0.7)
+    first, second = build_body(model, person).doubts(person)
+    assert first.startswith("waist is 0.") and "metres, 1.3 was asked for" in first
+    assert second.startswith("hip is 0.") and "0.7 was asked for" in second
+    likely = Person(waist=0.9, hip=1.0)
+    assert not list(build_body(model, likely).doubts(likely))
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [({"height": 175.0}, "height is 175; expected 1.3 to 2.2 metres"), ({"age": 4.0}, "years")],
