@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from perfcap.io.actor_mapping import ActorMapping
 from perfcap.io.bvh_motion import BvhMotion, joint_positions
 from perfcap.io.bvh_read import load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
-from perfcap.io.doctor.finding import Severity
+from perfcap.io.doctor.finding import Severity, ranges
 from perfcap.io.gltf_clip import sample_clip
 from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.gltf_read import Character, read_character
@@ -30,6 +30,9 @@ Floats = NDArray[np.float64]
 
 _BVH, _GLTF = ".bvh", (".glb", ".gltf", ".vrm")
 _STATURE = 1.7  # m, of a figure in units that nobody knows
+_FULL_TURN = 2 * np.pi  # of degrees: what radians that are taken for degrees come to at most
+_NO_TURN = 1e-6  # degrees
+_FEW = 10  # frames
 _FIRST = slice(0, None)
 
 
@@ -104,7 +107,7 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         _corrected(imported, moved[..., :3, :3], position, result.rate, numbers[chosen]),
         level=False,
         world_to_floor=_floor(result.report),
-        notes=_distrust(result.report),
+        notes=(*_cut_short(folder, frames, int(numbers[-1]) + 1), *_distrust(result.report)),
     )
 
 
@@ -133,6 +136,7 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
     whole = load_bvh(path, 1.0)
     numbers = np.arange(len(whole.rotations))[frames]
     _require_some(path, len(numbers), f"0 to {len(whole.rotations) - 1}")
+    told = (*_cut_short(path, frames, len(whole.rotations)), *_odd_turns(path, whole, numbers))
     motion = replace(whole, rotations=whole.rotations[numbers], positions=whole.positions[numbers])
     turns, places = _world_turns(motion), joint_positions(motion)
     rest = np.zeros_like(motion.offsets)
@@ -149,7 +153,31 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         notes = (*notes, about)
     bones = _bones(imported)
     found = _corrected(imported, turns[:, bones], places[:, bones], 1 / whole.frame_time, numbers)
-    return replace(found, notes=notes)
+    return replace(found, notes=(*told, *notes))
+
+
+def _odd_turns(path: Path, whole: BvhMotion, numbers: NDArray[np.int64]) -> Iterator[str]:
+    """What rotations of a person's joints are not: radians taken for degrees, frames of zeros."""
+    turns = whole.rotations[numbers]
+    cosine = 0.5 * (np.trace(turns, axis1=-2, axis2=-1) - 1)
+    angles = np.degrees(np.arccos(cosine.clip(-1, 1)))  # F J
+    if 0 < angles.max() < _FULL_TURN and len(numbers) > _FEW:
+        yield (
+            f"{path}: no joint turns by more than {angles.max():.2g} degrees; are its rotations in "
+            "radians? BVH has degrees"
+        )
+    rest = (angles[1:] < _NO_TURN).all(1)  # many begin with the rest pose
+    if rest.any() and not rest.all():
+        where = ranges(numbers[1:][rest].tolist())
+        yield (
+            f"{path}: rotations are all zero in frames {where}: the rest pose amid the motion; "
+            "were frames lost there? Leave them out with --frames"
+        )
+
+
+def _cut_short(path: Path, frames: slice, count: int) -> Iterator[str]:
+    if frames.stop is not None and frames.stop > count:
+        yield f"{path}: ends after {count} frames; --frames asks for {frames.stop}"
 
 
 def _standing_frame(
@@ -224,7 +252,8 @@ def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig
     world = clip.world[numbers]
     turns = rigid(world.reshape(-1, 4, 4)).reshape(world.shape)[..., :3, :3]
     rest = character.template.bone_rest[bones, :3, :3]
-    return _corrected(imported, turns @ rest.mT, world[..., :3, 3], clip.rate, numbers)
+    found = _corrected(imported, turns @ rest.mT, world[..., :3, 3], clip.rate, numbers)
+    return replace(found, notes=tuple(_cut_short(path, frames, len(clip.world))))
 
 
 def _bones(imported: ImportedActor) -> list[int]:

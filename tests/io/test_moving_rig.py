@@ -56,6 +56,39 @@ def test_bvh(unit: float, truth: tuple[np.ndarray, np.ndarray], tmp_path: Path) 
     close(found, truth)
 
 
+def with_rows(path: Path, change: Callable[[int, np.ndarray], np.ndarray]) -> Path:
+    """A BVH whose rows of numbers are changed."""
+    head, rows = path.read_text().split("Frame Time:")
+    first, *lines = rows.strip().splitlines()
+    values = [change(n, np.array(line.split(), dtype=float)) for n, line in enumerate(lines)]
+    text = "\n".join(" ".join(f"{v:.9g}" for v in row) for row in values)
+    path.write_text(f"{head}Frame Time: {first}\n{text}\n")
+    return path
+
+
+def test_turns_that_are_odd_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    motion = bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0)
+    save_bvh(path, motion)
+    with_rows(path, lambda n, row: row * (0.0 if n in (0, 4, 5, 9) else 1.0))
+    (line,) = read_moving_rig(path).notes
+    assert "all zero in frames 4-5, 9:" in line
+    assert not read_moving_rig(path, slice(6, 9)).notes
+    save_bvh(path, motion)
+    places = np.arange(3)  # of the root come first
+    with_rows(path, lambda n, row: np.r_[row[places], np.radians(row[3:])])
+    (line,) = read_moving_rig(path).notes
+    assert "in radians? BVH has degrees" in line
+
+
+def test_parts_that_end_before_they_should(tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    save_bvh(path, bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0))
+    assert not read_moving_rig(path, slice(3, 12)).notes
+    (line,) = read_moving_rig(path, slice(3, 40)).notes
+    assert "ends after 12 frames; --frames asks for 40" in line
+
+
 def test_bvh_of_a_unit_that_nobody_knows(tmp_path: Path) -> None:
     transforms = PERSON.bone_transforms(MOTION).numpy()
     save_bvh(tmp_path / "a.bvh", bvh_motion(named(), transforms, 24.0), 0.056444)

@@ -12,6 +12,7 @@ import calibration_files
 import cv2
 import detection_files
 import numpy as np
+import torch
 import trimesh
 from fuzzing import mutate
 from fuzzing.mutate import Random
@@ -259,6 +260,11 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
 def _arrays(root: Path) -> list[Target]:
     take, nothing = make_take(6), _new(root, "arrays")
     refiner = PoseRefiner(take.actor, joint_set="landmarks16", rate=30.0)
+    for kind in (torch.float32, torch.float64):  # compiled here, or it counts as a case's time
+        seen = take.detections.to(torch.zeros((), dtype=kind))
+        capture(take.actor, take.cameras, seen, take.rate, until=Stage.INITIALIZE)
+        for shape in (seen.joints2d, seen.joints2d[None]):
+            refiner.to(kind)(take.cameras, shape)
 
     def change(rng: Random, thing: Any, names: tuple[str, ...]) -> Any:
         name = rng.choice(names)
