@@ -40,6 +40,7 @@ from perfcap.app.report import ReportRequest, write_report
 from perfcap.app.true_views import ViewRequest, settled
 from perfcap.detect.segmenter import OnnxSegmenter
 from perfcap.errors import InputError
+from perfcap.io.actor import load_actor
 from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
 from perfcap.io.files import read_json
@@ -130,6 +131,9 @@ def _run(
     request: CaptureRequest, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
 ) -> int:
     started = time.perf_counter()
+    for name in request.actor:
+        if name != AUTO:
+            load_actor(name)  # one that cannot be read is told before people are looked for
     inputs = replace(read_inputs(request, work), files=call.inputs)
     if request.everybody:
         found = find_people(request, inputs)

@@ -119,6 +119,23 @@ def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: 
     assert error.mean() < 25
 
 
+def test_a_damaged_actor_is_told_before_anybody_is_looked_for(
+    dots: TakeFiles,
+    network: Path,
+    tmp_path: Path,
+    perfcap: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unwanted(*_: object, **__: object) -> None:
+        raise AssertionError("somebody was looked for")
+
+    monkeypatch.setattr("perfcap.app.capture.read_inputs", unwanted)
+    (tmp_path / "me.glb").write_bytes(b"glTF")
+    arguments = call(dots, network, tmp_path / "out")
+    arguments[arguments.index("--actor") + 1] = str(tmp_path / "me.glb")
+    assert "me.glb" in perfcap(arguments).refused()
+
+
 def test_people_who_are_not_there(
     dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
 ) -> None:
