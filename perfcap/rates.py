@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Protocol
 
 from perfcap.errors import InputError
 
 _FASTEST = 1e5  # frames a second, as for videos that are written
 
 
+class Timed(Protocol):
+    """Something that runs at so many frames a second; a ``Clip``."""
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+
+
 def frame_rate(value: Any, name: str = "rate") -> float:
-    """A number of frames a second: a plain one, or a tensor of one.
+    """A number of frames a second: a plain one, a tensor of one, or that of a clip.
 
     Args:
         value: as it was given.
@@ -20,6 +28,7 @@ def frame_rate(value: Any, name: str = "rate") -> float:
     Raises:
         InputError: it is none, not above 0, or faster than any video.
     """
+    value = getattr(value, "fps", value)
     try:
         rate = math.nan if isinstance(value, str | bytes) else float(value)
     except (TypeError, ValueError, RuntimeError):  # the last: a tensor of several

@@ -31,6 +31,7 @@ from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.look import Looked, look
+from perfcap.pipeline.notebook import notebook_progress
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.people import Scene, one_by_one
 from perfcap.pipeline.performance import Performance, StageReport
@@ -40,7 +41,7 @@ from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
 from perfcap.pipeline.trust import frame_evidence, judge_frames
-from perfcap.rates import frame_rate
+from perfcap.rates import Timed, frame_rate
 from perfcap.solve import Status
 
 # called with a stage's name, what is done and what there is to do
@@ -65,7 +66,7 @@ def capture(
     actor: Actor,
     cameras: Camera,
     detections: Detections,
-    rate: float,
+    rate: float | Timed,
     config: CaptureConfig | None = None,
     *,
     images: Images | None = None,
@@ -83,7 +84,7 @@ def capture(
     actor: Actor | Scene,
     cameras: Camera | None = None,
     detections: Detections | None = None,
-    rate: float | None = None,
+    rate: float | Timed | None = None,
     config: CaptureConfig | None = None,
     **options: Any,
 ) -> Performance | tuple[Performance, ...]:
@@ -98,7 +99,7 @@ def capture(
         actor: the rigged person; or a scene.
         cameras: C views, (C,) or (F, C), in pixels of the detections.
         detections: (F, C, 16).
-        rate: frames a second.
+        rate: frames a second, or the clip that has them.
         config: weights and sizes; the measured defaults when not given.
         images: the frames that were detected in, for the stages that refine pose and surface.
         until: the last stage to run; all that images, or their absence, allow when not given.
@@ -110,7 +111,8 @@ def capture(
             is in another, with y up and the floor that feet stand on at y = 0.
         workers: threads of the stages that look at images; all cores when not given. Results do
             not depend on it.
-        progress: told how far each stage is.
+        progress: told how far each stage is; in a notebook a line below the cell says so if nobody
+            else is told.
         checkpoint: keeps finished blocks of every stage; what it holds of an earlier call with the
             same arguments is not computed again, and the result has the same bits.
         **options: those named above, by keyword.
@@ -130,7 +132,7 @@ def _capture_person(
     actor: Actor,
     cameras: Camera,
     detections: Detections,
-    rate: float,
+    rate: float | Timed,
     config: CaptureConfig | None = None,
     *,
     images: Images | None = None,
@@ -157,7 +159,7 @@ def _capture_person(
             f"energies {', '.join(own)} are of the world of the cameras, which level=True leaves; "
             "give one or the other"
         )
-    clock = _Clock(progress or (lambda stage, done, total: None))
+    clock = _Clock(progress or notebook_progress() or (lambda stage, done, total: None))
     kept = checkpoint or NO_CHECKPOINT
     settings = config or CaptureConfig()
     start = _start(actor, cameras, detections, rate, settings, solve_bones, clock, kept)

@@ -6,6 +6,7 @@ import copy
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,6 +22,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.result_folder import finish, locked, replacing
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.floor import Floor
+from perfcap.pipeline.frame_table import LEVELS, frame_table, state
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
@@ -135,6 +137,27 @@ class Performance:
         """Landmarks in the world, (F, 16, 3), metres."""
         with torch.no_grad():
             return self.actor.joints(self.motion)
+
+    def to_pandas(self, first_frame: int = 0) -> Any:
+        """A ``pandas.DataFrame`` with a row for each frame; see ``frame_table`` for its columns.
+
+        Args:
+            first_frame: number of the motion's first frame in the video.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            pandas: Any = import_module("pandas")
+        except ImportError as error:
+            raise InputError("to_pandas needs pandas; run: pip install pandas") from error
+        rows = pandas.RangeIndex(first_frame, first_frame + self.frames, name="frame")
+        table = pandas.DataFrame(frame_table(self), index=rows)
+        return table.rename_axis(columns=LEVELS)
+
+    def state(self) -> Mapping[str, Tensor]:
+        """Motion, joints, trust and the rate as tensors under plain names, to be saved."""
+        return state(self)
 
     def bone_transforms(self) -> np.ndarray:
         """Rest-to-posed transforms of the template's bones, (F, B, 4, 4)."""
