@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Stage,
         capture,
     )
+    from perfcap.report import show
     from perfcap.solve import (
         Adam,
         Energy,
@@ -72,6 +73,7 @@ __all__ = [
     "read_cameras",
     "read_candidates",
     "read_detections",
+    "show",
 ]
 
 _HOMES = {
@@ -84,6 +86,7 @@ _HOMES = {
         *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "Person", "PoseRefiner"),
         *("Scene", "Stage", "capture"),
     ),
+    "perfcap.report": ("show",),
     "perfcap.solve": (
         *("Adam", "Energy", "Implicit", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
     ),

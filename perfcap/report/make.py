@@ -62,6 +62,17 @@ def make_report(
         InputError: no folder of a finished capture, damaged files, inputs that were given and
             cannot be used, or a place that cannot be written.
     """
+    page = build_page(folder, wanted, progress)
+    path = Path(folder) / PAGE
+    with writing(path) as file:
+        file.write(page.encode("utf-8"))
+    return path
+
+
+def build_page(
+    folder: str | Path, wanted: Wanted | None = None, progress: Progress | None = None
+) -> str:
+    """The page of a capture; see ``make_report``."""
     wanted = wanted or Wanted()
     tell = progress or (lambda name, done, total: None)
     result = read_result(folder)
@@ -70,7 +81,7 @@ def make_report(
     sources = find_sources(result, rows, wanted.places)
     model = build_model(result, rows)
     views = build_views(result, rows, sources, tell)
-    page = _page(
+    return _page(
         result,
         rows,
         model,
@@ -78,10 +89,6 @@ def make_report(
         Measured(sources, truth),
         [*notes, *model.notes, *sources.notes, *views.notes],
     )
-    path = result.folder / PAGE
-    with writing(path) as file:
-        file.write(page.encode("utf-8"))
-    return path
 
 
 def _rows(result: Result, wanted: Wanted) -> tuple[slice, list[str]]:
