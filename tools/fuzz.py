@@ -36,6 +36,7 @@ from fuzzing.corpus import targets  # noqa: E402
 from fuzzing.targets import Target, not_a_number, prepare  # noqa: E402
 
 LONGEST = 10  # s
+PATIENCE = 180  # s, by the clock: what only waits hangs, what starves on a busy machine does not
 MOST = 1 << 30  # bytes, and four times the file
 BATCH = 500  # cases of one process
 
@@ -82,7 +83,7 @@ def batch(known: list[Target], work: Path, seed: int, state: dict[str, Any], end
     with os.fdopen(reading, "rb", buffering=0) as pipe:
         buffer = b""
         while True:
-            if not select.select([pipe], [], [], LONGEST + 20)[0]:
+            if not select.select([pipe], [], [], PATIENCE)[0]:
                 os.kill(child, signal.SIGABRT)  # says where it is
                 break
             data = pipe.read(1 << 16)
