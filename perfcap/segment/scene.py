@@ -77,7 +77,13 @@ def sample_frames(start: int, stop: int, count: int) -> list[int]:
 
 
 def hide(model: Mask, clearance: float) -> Mask:
-    """Where a person may be: the model (H, W) and what is nearer to it than a share of its size."""
+    """Where people may be: a model (H, W) and what is nearer to it than a share of its size.
+
+    Of several models, (K, H, W), where any of them may be: each with a width of its own.
+    """
+    if model.ndim == 3:
+        anybody: Mask = np.any([hide(each, clearance) for each in model], 0)
+        return anybody
     rows, columns = np.nonzero(model.any(1))[0], np.nonzero(model.any(0))[0]
     if not len(rows):
         return np.zeros_like(model)
@@ -97,7 +103,7 @@ def survey(
 
     Args:
         images: (H, W, 3) RGB, in the order of time.
-        models: silhouettes of everybody modelled, (H, W).
+        models: silhouettes of everybody modelled, (H, W) or (K, H, W).
         plate: how a plate is made.
         settings: of the survey.
         workers: threads; all cores when None.

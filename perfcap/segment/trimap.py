@@ -116,7 +116,10 @@ class Trimap:
 
 
 def build_trimap(
-    model: Mask, bones: NDArray[np.floating], settings: TrimapSettings | None = None
+    model: Mask,
+    bones: NDArray[np.floating],
+    settings: TrimapSettings | None = None,
+    box: Box | None = None,
 ) -> Trimap:
     """Split an image into sure and probable foreground and background.
 
@@ -126,6 +129,7 @@ def build_trimap(
         model: the posed model's silhouette, (H, W); may be empty, then all is background.
         bones: line segments of its skeleton, (B, 2, 2) px; not finite ones are left out.
         settings: widths.
+        box: the part of the image to split; what the model and its surroundings need if None.
 
     Raises:
         InputError: arrays of other shapes.
@@ -146,7 +150,7 @@ def build_trimap(
         for share in (settings.outer, settings.inner, settings.margin)
     )
     pad = int(np.ceil(outer + margin)) + 1
-    box = (
+    box = box or (
         slice(max(int(rows[0]) - pad, 0), min(int(rows[-1]) + pad + 1, shape[0])),
         slice(max(int(columns[0]) - pad, 0), min(int(columns[-1]) + pad + 1, shape[1])),
     )
