@@ -83,7 +83,8 @@ class LabelField:
         colors = np.ascontiguousarray(image, np.float32)
         chosen = np.ascontiguousarray(open_)
         # what a pixel's labels have in common is no choice
-        above = np.minimum(nats - np.maximum(nats.min(0), -_MOST), _MOST)
+        least = nats.min(0)
+        above = np.minimum(nats - np.where(np.isfinite(least), least, 0), _MOST)
         links = np.zeros((*open_.shape, 4), np.int32)
         spread = _label_field_numba.mean_contrast(chosen, colors)
         weights = settings.contrast, settings.potts, 1 / (2 * max(spread, 1e-6))

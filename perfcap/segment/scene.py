@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from perfcap.segment.background import Plate, PlateSettings, build_plate
 from perfcap.segment.moving_scene import KeyFrame, MovingSettings, Samples
 from perfcap.segment.network_cue import CueTrust
+from perfcap.segment.part_colors import PartColors
 from perfcap.segment.registration import (
     RegistrationSettings,
     find_landmarks,
@@ -61,6 +62,7 @@ class Scene:
         used: samples that show the plate.
         samples: to make plates of, where the camera moves.
         trust: in a network's masks; None where there is none.
+        colors: of each of several people, where they are to be told apart.
     """
 
     plate: Plate | None
@@ -68,6 +70,7 @@ class Scene:
     used: int
     samples: Samples | None = None
     trust: CueTrust | None = None
+    colors: tuple[PartColors, ...] = ()
 
 
 def sample_frames(start: int, stop: int, count: int) -> list[int]:
