@@ -23,7 +23,6 @@ from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import SequenceSettings, extract_contour, survey
 from perfcap.segment.label_people import PeopleLabels, PeopleSettings, label_people
 from perfcap.segment.part_colors import learn_part_colors
-from perfcap.segment.people_trimap import own_trimaps
 from perfcap.segment.person_layer import PersonLayer
 from perfcap.segment.scene import Scene
 from perfcap.segment.sequence import Footage, segment_block
@@ -130,9 +129,8 @@ class PeopleSource(SilhouetteSource):
         for index, found in zip(
             chosen, segment_block(footage, chosen, block.scene, self.settings), strict=True
         ):
-            trimaps = own_trimaps(models[index], bones[index], self.settings.frame.trimap)
             drawn = layers[block.shown.start + index]
-            yield label_people(found, trimaps, drawn, block.scene.colors, self.labels)
+            yield label_people(found, drawn, block.scene.colors, self.labels)
 
     def layers(self, view: int, frame: int) -> list[PersonLayer]:
         """Everybody as if they were alone in one frame and view."""

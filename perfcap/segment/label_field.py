@@ -39,8 +39,8 @@ class FieldSettings:
         potts: nats, whatever their colours.
     """
 
-    contrast: float = 8.0
-    potts: float = 0.5
+    contrast: float = 5.0
+    potts: float = 0.2
 
 
 @dataclass(frozen=True)

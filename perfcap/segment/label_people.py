@@ -62,7 +62,6 @@ class PeopleLabels:
 
 def label_people(
     found: Segmentation,
-    trimaps: Sequence[Trimap],
     layers: Sequence[PersonLayer],
     colors: Sequence[PartColors],
     settings: PeopleSettings | None = None,
@@ -70,13 +69,12 @@ def label_people(
     """Tell the people of a foreground apart.
 
     Args:
-        found: everybody, of ``joined(trimaps)``.
-        trimaps: of each of K people, of one box (``own_trimaps``).
+        found: everybody, in regions ``joined`` from those of K people.
         layers: each as their model alone would be seen.
         colors: of each, in this view; empty to do without.
         settings: of the field.
     """
-    settings = settings or PeopleSettings()
+    settings, trimaps = settings or PeopleSettings(), found.trimap.people
     mask = found.mask[found.trimap.box]
     reach = np.stack([each.labels != BACKGROUND for each in trimaps])
     labels = np.where(mask, reach.argmax(0) + 1, 0).astype(np.uint8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from perfcap.segment.trimap import (
     Trimap,
     TrimapSettings,
     build_trimap,
+    extent,
 )
 
 # labels by how much they say for foreground
@@ -44,7 +46,7 @@ def trimap_of(
 
 def own_trimaps(
     models: Mask, bones: NDArray[np.floating], settings: TrimapSettings | None = None
-) -> list[Trimap]:
+) -> tuple[Trimap, ...]:
     """Regions around each of K people, all of the same box, which holds everybody.
 
     Widths are shares of each person's own size. Whoever is not in the image has size 0.
@@ -62,33 +64,22 @@ def own_trimaps(
             f"models: have shape {models.shape} beside {len(bones)} skeletons, expected masks "
             "(K, H, W) and bones (K, B, 2, 2) of K people"
         )
-    pairs = list(zip(models, bones, strict=True))
-    alone = [build_trimap(*pair, settings) for pair in pairs]
-    shown = [each.box for each in alone if each.size]
-    if len(shown) < 2:
-        (box,) = shown or (alone[0].box,)
-    else:
-        box = _around(shown)
-    return [
-        each if each.box == box else _moved(each, pair, settings, box)
-        for each, pair in zip(alone, pairs, strict=True)
-    ]
+    settings = settings or TrimapSettings()
+    boxes = [box for size, box in (extent(model, settings) for model in models) if size]
+    box = _around(boxes) if boxes else (slice(0, 0), slice(0, 0))
+    pairs = zip(models, bones, strict=True)
+    return tuple(build_trimap(*pair, settings, box) for pair in pairs)
 
 
 def joined(trimaps: Sequence[Trimap]) -> Trimap:
     """Regions of everybody: surely somebody, perhaps somebody, surely nobody.
 
-    Sizes are those of the largest person; the distance is that to the nearest outline. Of one
-    person it is that person's, unchanged.
+    Sizes are those of the largest person; the distance is that to the nearest outline.
     """
-    if len(trimaps) == 1:
-        return trimaps[0]
     largest = max(trimaps, key=lambda each: each.size)
     labels = _RANKED[np.max([_RANK[each.labels] for each in trimaps], 0)]
     distance = np.max([each.distance for each in trimaps], 0)
-    return Trimap(
-        labels, distance, largest.box, largest.shape, largest.size, largest.outer, largest.inner
-    )
+    return replace(largest, labels=labels, distance=distance, people=tuple(trimaps))
 
 
 def _around(boxes: Sequence[Box]) -> Box:
@@ -97,18 +88,3 @@ def _around(boxes: Sequence[Box]) -> Box:
         for axis in range(2)
     )
     return rows, columns
-
-
-def _moved(
-    trimap: Trimap,
-    pair: tuple[Mask, NDArray[np.floating]],
-    settings: TrimapSettings | None,
-    box: Box,
-) -> Trimap:
-    """The same person's regions of another box."""
-    if trimap.size:
-        return build_trimap(*pair, settings, box)
-    shape = box[0].stop - box[0].start, box[1].stop - box[1].start
-    labels = np.full(shape, BACKGROUND, np.uint8)
-    distance = np.full(shape, -np.inf, np.float32)
-    return Trimap(labels, distance, box, trimap.shape, 0.0, 0.0, 0.0)
