@@ -30,7 +30,8 @@ from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trust import boundary_trust
 from perfcap.workers import ordered_map
 
-_OUTLINE = 0.008  # m, deviation of outlines that poses do not explain: clothes, templates
+_SHARE = 0.6  # of the deviations of single frames: what neighbours in time say is not in them
+_OUTLINE = 0.005  # m, deviation of outlines that poses do not explain: clothes, templates
 _BESIDE = (1.5, 2.5)  # px outside of a boundary, where it is asked who is there
 
 
@@ -113,6 +114,7 @@ class PeopleSource(SilhouetteSource):
         labels: PeopleSettings | None = None,
     ) -> None:
         first = people[0]
+        settings = _shared_out(settings, len(people))
         super().__init__(first.actor, first.sight, reader, first.motion, settings, workers)
         self.people, self.labels = people, labels or PeopleSettings()
         self.parts = [torch.from_numpy(parts_of_triangles(each.actor)) for each in people]
@@ -147,7 +149,7 @@ class PeopleSource(SilhouetteSource):
         far = float(np.median(depth[inside])) if inside.any() else 1.0
         camera = person.sight.cameras.frames(span).select([view])
         focal = float(torch.linalg.det(camera.intrinsics[..., :2, :2]).abs().sqrt().mean())
-        unsure = person.deviations[frame].double().numpy(force=True)
+        unsure = _SHARE * person.deviations[frame].double().numpy(force=True)
         pixels = np.hypot(unsure, _OUTLINE) * focal / far
         doubt = float(np.hypot(unsure.mean(), 2 * _OUTLINE))
         return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt)
@@ -164,6 +166,14 @@ class PeopleSource(SilhouetteSource):
         """Lines of everybody's skeleton, (f, K, B, 2, 2) px; NaN behind the camera."""
         lines = [self._lines(each.actor, each.motion, view, frames) for each in self.people]
         return np.stack(lines, 1)
+
+
+def _shared_out(settings: SequenceSettings, count: int) -> SequenceSettings:
+    """As many pixels are looked at closely as of one person, whatever the number of people."""
+    coarse = settings.frame.coarse
+    if coarse is None:
+        return settings
+    return replace(settings, frame=replace(settings.frame, coarse=coarse / count**0.5))
 
 
 def _masks(layers: Sequence[PersonLayer]) -> Mask:

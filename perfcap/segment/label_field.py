@@ -27,6 +27,7 @@ Mask = NDArray[np.bool_]
 
 _UNIT = 256.0  # integer price of a nat
 _MOST = 200.0  # nats; keeps capacities and their sums within 32 bits
+_FORBIDDEN = round(_MOST * _UNIT)
 _TURNS = 5  # of all labels, at most
 
 
@@ -39,8 +40,8 @@ class FieldSettings:
         potts: nats, whatever their colours.
     """
 
-    contrast: float = 5.0
-    potts: float = 0.2
+    contrast: float = 3.0
+    potts: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class LabelField:
         return labels
 
     def _expanded(self, labels: Labels, label: int) -> Labels:
-        free = self.open & (labels != label)
+        free = self.open & (labels != label) & (self.price[label] < _FORBIDDEN)
         count = int(free.sum())
         if not count:
             return labels

@@ -25,6 +25,7 @@ Plane = NDArray[np.float32]
 Labels = NDArray[np.uint8]
 
 _MOST = 20.0  # nats in favour of a label that nothing contests
+_CLEAR = 11.0  # nats of shape that neither colours nor neighbours overrule
 _SIDE = 2  # px around contested pixels whose labels are looked at, too
 
 
@@ -85,14 +86,13 @@ def label_people(
     if contested.any():
         around = [each.seen_from(_outward(inner, found.trimap.box)) for each in layers]
         doubt = float(np.hypot.reduce([each.doubt for each in layers]))
-        image, open_ = found.image[inner], contested[inner]
-        nats[:, *inner] += _nats(image, around, doubt, colors, settings)
-        # the cut has decided where the background is: nothing open may become it
-        field = np.concatenate([np.full((1, *open_.shape), np.inf, np.float32), nats[:, *inner]])
-        start = np.where(open_, field.argmin(0), labels[inner]).astype(np.uint8)
-        pixels = image.astype(np.float32)
-        labels[inner] = LabelField.of(pixels, field, open_, settings.smoothness).solve(start)
-        ahead = _ahead(around, labels[inner], doubt)
+        nats[:, *inner] -= np.log(shape_prior(around, doubt))
+        image = found.image[inner].astype(np.float32)
+        solved = _solved(
+            image, nats[:, *inner], labels[inner], contested[inner], around, colors, settings
+        )
+        labels[inner] = solved
+        ahead = _ahead(around, solved, doubt)
     whole = np.zeros(found.trimap.shape, np.uint8)
     whole[found.trimap.box] = labels
     people = tuple(
@@ -102,25 +102,39 @@ def label_people(
     return PeopleLabels(whole, people, _outward(inner, found.trimap.box), ahead)
 
 
-def _nats(
-    image: NDArray[np.uint8],
+def _solved(
+    image: Plane,
+    nats: Plane,
+    labels: Labels,
+    contested: Mask,
     around: Sequence[Surroundings],
-    doubt: float,
     colors: Sequence[PartColors],
     settings: PeopleSettings,
-) -> Plane:
-    """What speaks against each person, (K, h, w)."""
-    nats = -np.log(shape_prior(around, doubt))
-    if colors:
-        pixels = image.reshape(-1, 3).astype(np.float32)
+) -> Labels:
+    """Labels (h, w) of the foreground, of which contested pixels are open.
+
+    Args:
+        image: (h, w, 3).
+        nats: what shapes say against each person, (K, h, w); what colours say is added in place.
+        labels: where the background is, and who is where nobody contests it.
+        contested: pixels that several people may reach.
+        around: everybody's models.
+        colors: of each; may be empty.
+        settings: of the field.
+    """
+    best = nats.min(0)
+    unsure = contested & ((nats < best + _CLEAR).sum(0) > 1)
+    if colors and unsure.any():
+        pixels = image[unsure]
         pairs = zip(colors, around, strict=True)
         density = np.stack(
-            [own.log_density(pixels, each.part.ravel(), settings.color) for own, each in pairs]
+            [own.log_density(pixels, each.part[unsure], settings.color) for own, each in pairs]
         )
-        below = np.maximum(density - density.max(0), -settings.color.limit)
-        nats = nats - below.reshape(nats.shape)
-    found: Plane = nats.astype(np.float32)
-    return found
+        nats[:, unsure] -= np.maximum(density - density.max(0), -settings.color.limit)
+    # the cut has decided where the background is: nothing open may become it
+    field = np.concatenate([np.full((1, *unsure.shape), np.inf, np.float32), nats])
+    start = np.where(contested, field.argmin(0), labels).astype(np.uint8)
+    return LabelField.of(image, field, unsure, settings.smoothness).solve(start)
 
 
 def _ahead(around: Sequence[Surroundings], labels: Labels, doubt: float) -> Plane:

@@ -62,11 +62,10 @@ class PartColors:
         if self.whole is None:
             return unknown
         found = self.whole.log_density(pixels)
-        for number in np.unique(part):
-            own = self.parts[number] if number >= 0 else None
-            if own is None:
+        for number, own in enumerate(self.parts):
+            chosen = np.flatnonzero(part == number)
+            if own is None or not len(chosen):
                 continue
-            chosen = part == number
             density = own.log_density(np.ascontiguousarray(pixels[chosen]))
             mixed = density + np.log(settings.own), found[chosen] + np.log(1 - settings.own)
             found[chosen] = np.logaddexp(*mixed)

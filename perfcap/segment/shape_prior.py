@@ -20,6 +20,7 @@ from perfcap.segment.person_layer import Surroundings
 Plane = NDArray[np.float32]
 
 _SLOPE = 1.8138  # of a logistic distribution of deviation one: pi / sqrt(3)
+_LOOSE, _WIDE = 0.05, 4.0  # share of outlines that are further off, as of skirts, and how much
 _LEAST = 1e-6  # probability of whatever is possible at all
 
 
@@ -37,6 +38,13 @@ def in_front(one: Surroundings, other: Surroundings, doubt: float) -> Plane:
     return found
 
 
+def _covers(deviations: Plane) -> Plane:
+    """Probability that an outline covers a pixel so many deviations inside of it."""
+    close, loose = (expit(_SLOPE * deviations / width) for width in (1.0, _WIDE))
+    covered: Plane = (1 - _LOOSE) * close + _LOOSE * loose
+    return covered
+
+
 def shape_prior(people: Sequence[Surroundings], doubt: float) -> Plane:
     """Probability that a pixel of anybody is one of each person, (K, h, w), of sum one.
 
@@ -44,7 +52,7 @@ def shape_prior(people: Sequence[Surroundings], doubt: float) -> Plane:
         people: K models around the pixels.
         doubt: deviation of the difference of two depths, m.
     """
-    covers = [expit(_SLOPE * each.distance / each.spread) for each in people]
+    covers = [_covers(each.distance / each.spread) for each in people]
     shown = []
     for k, one in enumerate(people):
         free = covers[k]
