@@ -166,7 +166,8 @@ def _alone(
     inside = labels > 0
     # against whoever else is there; against the background where nobody else may be
     evidence = np.where(inside, np.minimum(better, _MOST), found.evidence)
-    evidence = np.where(inside & own, np.minimum(evidence, found.evidence), evidence)
+    open_ = inside & own & found.trimap.band
+    evidence = np.where(open_, np.minimum(evidence, found.evidence), evidence)
     regions = trimap.labels.copy()
     regions[contested & (regions != BACKGROUND)] = PROBABLE_FOREGROUND
     report = replace(found.report, person=trimap.size > 0, cropped=trimap.cropped)
