@@ -64,9 +64,10 @@ def capture(
     """Motion and surface of one person from detections and images (Xu et al. 2018), or of several.
 
     One view or several, fixed cameras or moving: the same stages. Computes in the type and on the
-    device of the detections. Of a ``Scene`` with several people, who are captured one by one, the
-    results are in their order; it has cameras, detections, rate, images and ``solve_bones`` of its
-    own. One person is a tuple of one, with the same bits.
+    device of the detections. Of a ``Scene`` with several people the results are in their order:
+    motions are found one by one, silhouettes together (Liu et al. 2013, Sec. 5). It has cameras,
+    detections, rate, images and ``solve_bones`` of its own. One person is a tuple of one, with the
+    same bits.
 
     Args:
         actor: the rigged person; or a scene.

@@ -87,6 +87,24 @@ def test_surfaces_meet_their_silhouettes(found: tuple[Performance, ...]) -> None
         assert each.surface is not None and each.surface.frames == 10
 
 
+def test_a_border_is_an_outline_of_the_nearer_alone(found: tuple[Performance, ...]) -> None:
+    labels = labels_of(found[0])
+    center = CROWD.cameras.to_camera(CROWD.joints.mean(2, keepdim=True).flatten(0, 1))
+    far = center[..., 0, 2].reshape(2, 10, 3)  # K F C
+    trusted: dict[bool, list[float]] = {True: [], False: []}
+    for k, each in enumerate(found):
+        assert each.refinement is not None
+        for frame, view in np.ndindex(10, 3):
+            line = each.refinement.evidence.contours(frame)[view]
+            column, row = np.rint(line.points + 2 * line.normals).astype(int).T.clip(0, 199)
+            beside = labels[view, frame][row, column] == 2 - k
+            nearer = bool(far[k, frame, view] < far[1 - k, frame, view])
+            if abs(far[k, frame, view] - far[1 - k, frame, view]) > 0.3:
+                trusted[nearer] += line.confidence[beside].tolist()
+    assert len(trusted[True]) > 100 < len(trusted[False])
+    assert np.mean(trusted[False]) < 0.05 and np.mean(trusted[True]) > 0.3
+
+
 def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> None:
     """A surface that is right overlaps by as much, whether or not somebody stands before it."""
     (one, _) = found
