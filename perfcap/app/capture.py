@@ -263,10 +263,11 @@ def _known_result(folder: Path, request: CaptureRequest, call: Call) -> int | No
 def _expected(request: CaptureRequest, folder: Path) -> tuple[str, ...]:
     """Files of a whole result of this request."""
     found = (DETECTIONS,) if any(networks_of(request)) else ()
-    if is_several(folder):
-        names = [f"{place.name}/{name}" for place in people_of(folder) for name in FILES]
-        return (*names, SCENE, *((OVERLAY,) if request.overlay else ()), *found)
     surface = (SURFACE,) if Stage[request.until.upper()].needs_images else ()
+    if is_several(folder):
+        own = (*FILES, *surface)
+        names = [f"{place.name}/{name}" for place in people_of(folder) for name in own]
+        return (*names, SCENE, *((OVERLAY,) if request.overlay else ()), *found)
     body = PERSONAL if request.actor == (AUTO,) else ()
     return (*FILES, *_videos(request), *found, *body, *surface)
 

@@ -28,14 +28,14 @@ from perfcap.app.people_files import CapturedScene, write_scene
 from perfcap.detect.association import Association, associate
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
-from perfcap.io.result_folder import replacing
+from perfcap.io.mask_files import view_folders
+from perfcap.io.result_folder import replacing, require_places
 from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.stage import Stage
-
-_LAST = Stage.TRACK_MOTION  # what looks at images knows one person
 
 _LOG = logging.getLogger(__name__)
 
@@ -126,12 +126,11 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
     for each in everybody:
         refuse_wrong(each)
     notes = [*crowd.inputs.warnings, *crowd.found.notes, *matching.notes, *_untold(crowd, matching)]
-    until = min(Stage[request.until.upper()], _LAST)
-    if until is not Stage[request.until.upper()]:
-        notes.append("several people: their motion is captured from joints, not from images yet")
-    notes += _doubts(everybody, bool(request.detectors))
+    until = Stage[request.until.upper()]
+    notes += _doubts(everybody, until.needs_images, bool(request.detectors))
     for line in notes:
         _LOG.warning("%s", line)
+    require_places(folder, view_folders(list(crowd.inputs.rig.names)))
     people, told = [], []
     for number, (one, each) in enumerate(zip(chosen, everybody, strict=True)):
         generic = crowd.generic[number % len(crowd.generic)]
@@ -177,9 +176,9 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
     return [f"{others} of {len(crowd.found.people)} people have no --actor; they are left out"]
 
 
-def _doubts(everybody: Sequence[Inputs], detected: bool) -> list[str]:
+def _doubts(everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
     """What may be wrong with the inputs; of one person, where it is not of all."""
-    lines = [doubts(each, needs_images=False, detected=detected) for each in everybody]
+    lines = [doubts(each, needs_images=images, detected=detected) for each in everybody]
     common = set(lines[0]).intersection(*lines[1:])
     found = [line for line in lines[0] if line in common]
     for number, own in enumerate(lines, 1):
@@ -197,7 +196,11 @@ def _perform(
     torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=find_device(request.device))
     moved = tuple(replace(each, detections=each.detections.to(like)) for each in people)
-    scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps)
+    images = None
+    if until.needs_images:
+        cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
+        images = Images(inputs.clip, cameras, examined=True)
+    scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps, images)
     with progress_bars() as tell:
         config = settings_of(request)
         found = capture(scene, config=config, until=until, progress=tell, checkpoint=work)

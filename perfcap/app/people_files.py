@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,9 @@ from perfcap.detect.association import BONE_NAMES, Association, tracked_bones
 from perfcap.io.atomic import writing
 from perfcap.io.detections import save_candidates, save_detections
 from perfcap.io.gltf_merge import merge_characters
+from perfcap.io.mask_files import save_masks
 from perfcap.io.people_folder import person_folder, write_people
-from perfcap.io.result_folder import DETECTIONS, OVERLAY, REPORT, SCENE
+from perfcap.io.result_folder import DETECTIONS, MASKS, OVERLAY, REPORT, SCENE
 from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.people_overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
@@ -80,6 +81,7 @@ def write_scene(
         with progress_bars() as tell:
             shown = inputs.clip, inputs.pixel_map, partial(tell, "overlay"), work.kept("overlay")
             save_people_overlay(folder / OVERLAY, scene.people, *shown)
+    _write_masks(folder, scene)
     write_people(folder, _who(request, scene))
     with writing(folder / "config.yaml") as file:
         settings = plain(asdict(scene.people[0].config))
@@ -110,6 +112,17 @@ def _write_person(
     }
     run = {"request": own, **about}
     write_result(performance, place, inputs.clip.start, run, inputs.rig.names)
+
+
+def _write_masks(folder: Path, scene: CapturedScene) -> None:
+    """Who is where in every view, where images were looked at."""
+    refinement = scene.people[0].refinement
+    if refinement is None:
+        return
+    everybody = replace(refinement.evidence.silhouettes, person=None)
+    names = scene.inputs.rig.names
+    masks = {name: everybody.png(view) for view, name in enumerate(names)}
+    save_masks(folder / MASKS, masks, scene.inputs.clip.start)
 
 
 def _actor(request: CaptureRequest, number: int) -> str:

@@ -40,7 +40,7 @@ class Evidence:
     """Silhouettes of a clip with what is known about them; a few kilobytes a frame and view.
 
     Attributes:
-        silhouettes: F frames of C views, one person.
+        silhouettes: F frames of C views; of several people they show one.
         confidence: of the points of each mask's contour, uint8, ``[frame][view]``.
         reports: what each segmentation relied on, ``[frame][view]``.
         pixel_unit: one percent of the person's height in each view, (C,), pixels of the masks.
@@ -52,11 +52,16 @@ class Evidence:
     pixel_unit: Tensor
 
     @classmethod
-    def collect(cls, views: Sequence[Sequence[MaskRecord]], heights: Tensor) -> Self:
-        """From records ``[view][frame]`` and the person's height in each view, (C,) px."""
+    def collect(
+        cls, views: Sequence[Sequence[MaskRecord]], heights: Tensor, person: int | None = None
+    ) -> Self:
+        """From records ``[view][frame]`` and the person's height in each view, (C,) px.
+
+        Of several people in the same pictures, ``person`` says whose they are: a label from 1 on.
+        """
         rows = list(zip(*views, strict=True))
         return cls(
-            Silhouettes(tuple(tuple(record.png for record in row) for row in rows)),
+            Silhouettes(tuple(tuple(record.png for record in row) for row in rows), person),
             tuple(tuple(record.confidence for record in row) for row in rows),
             tuple(tuple(record.report for record in row) for row in rows),
             0.01 * heights,
@@ -71,6 +76,12 @@ class Evidence:
     def masks(self, frame: int) -> list[Mask]:
         """The person in every view, (H, W) each."""
         return [self.silhouettes.mask(frame, view) for view in range(self.silhouettes.views)]
+
+    def unknown(self, frame: int) -> list[Mask] | None:
+        """Where somebody else is seen, who may hide the person; None if one person is known."""
+        if self.silhouettes.person is None:
+            return None
+        return [self.silhouettes.others(frame, view) for view in range(self.silhouettes.views)]
 
     def contours(self, frame: int) -> list[Contour]:
         """The masks' contours in every view, with their confidence."""

@@ -205,9 +205,12 @@ class SilhouetteSource:
 
     def _bones(self, view: int, frames: range) -> NDArray[np.float64]:
         """Lines of the skeleton, (f, B, 2, 2) px; NaN behind the camera."""
+        return self._lines(self.actor, self.motion, view, frames)
+
+    def _lines(self, actor: Actor, motion: Motion, view: int, frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)
         with torch.no_grad():
-            joints = self.actor.joints(self.motion[span])
+            joints = actor.joints(motion[span])
             return project_bones(self.sight.cameras.frames(span).select([view]), joints)
 
 

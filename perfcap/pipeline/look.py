@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -13,6 +14,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, StageContext, image_heights, refine
 from perfcap.pipeline.refine_contours import ContourRefinement, refine_contours
+from perfcap.pipeline.refine_people import Moving, refine_people
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 
@@ -59,17 +61,70 @@ def look(
     if images is None or not until.needs_images:
         return Looked(motion)
     images = images.checked()
-    contours: ContourRefinement | None = None
     with torch.no_grad():
-        if config.contours.enabled:
-            heights = image_heights(problem, motion, images)
-            given = (config.contours, workers)
-            with stage("refine_contours") as tell:
-                contours = refine_contours(
-                    problem, images, heights, motion, *given, tell, checkpoint
-                )
-            motion = contours.motion
+        contours = _contours(problem, motion, images, config, stage, workers, checkpoint)
+        motion = motion if contours is None else contours.motion
         if not config.segment:
             return Looked(motion, SkinnedSurface(problem.actor, motion), contours)
         found = refine(problem, motion, images, config, until, stage, workers, checkpoint)
     return Looked(found.motion, found.vertices, contours, found)
+
+
+def look_at_people(
+    people: Sequence[Moving],
+    images: Images,
+    configs: Sequence[CaptureConfig],
+    until: Stage,
+    stage: StageContext,
+    workers: int | None,
+    checkpoint: Checkpoint,
+) -> tuple[Looked, ...]:
+    """The same of several people, who are found in the images together.
+
+    Args:
+        people: with their motions, (F,) each.
+        images: F frames and the cameras in their pixels.
+        configs: settings of each; those of images are the first one's.
+        until: the last stage, which needs images.
+        stage: entered around every stage of everybody.
+        workers: threads; all cores when not given.
+        checkpoint: keeps finished blocks of these.
+    """
+    images, config = images.checked(), configs[0]
+    with torch.no_grad():
+        contours = [
+            _contours(
+                *(each.problem, each.motion, images, own), each.stage, workers, each.checkpoint
+            )
+            for each, own in zip(people, configs, strict=True)
+        ]
+        moved = [
+            each if found is None else replace(each, motion=found.motion)
+            for each, found in zip(people, contours, strict=True)
+        ]
+        if not config.segment:
+            return tuple(
+                Looked(each.motion, SkinnedSurface(each.problem.actor, each.motion), lines)
+                for each, lines in zip(moved, contours, strict=True)
+            )
+        refined = refine_people(moved, images, config, until, stage, workers, checkpoint)
+    pairs = zip(refined, contours, strict=True)
+    return tuple(Looked(each.motion, each.vertices, lines, each) for each, lines in pairs)
+
+
+def _contours(
+    problem: ClipProblem,
+    motion: Motion,
+    images: Images,
+    config: CaptureConfig,
+    stage: StageContext,
+    workers: int | None,
+    checkpoint: Checkpoint,
+) -> ContourRefinement | None:
+    """A motion (F,) refined by edges, where the preset has that."""
+    if not config.contours.enabled:
+        return None
+    heights = image_heights(problem, motion, images)
+    with stage("refine_contours") as tell:
+        given = heights, motion, config.contours, workers, tell, checkpoint
+        return refine_contours(problem, images, *given)

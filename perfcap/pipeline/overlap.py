@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
-from perfcap.pipeline.evidence import Evidence, Mask
+from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
 
@@ -23,15 +23,21 @@ def blocks(start: int, stop: int) -> list[range]:
 
 
 def frame_overlaps(
-    drawn: Sequence[Sequence[View]], masks: Sequence[Sequence[Mask]]
+    drawn: Sequence[Sequence[View]], evidence: Evidence, frames: range
 ) -> NDArray[np.float64]:
     """Intersection over union of drawn surfaces ``[f][C]`` with masks, the mean over views, (f,).
 
-    A view in which there is neither counts as 1.
+    A view in which there is neither counts as 1. What somebody else hides counts for nothing.
     """
-    rows = zip(drawn, masks, strict=True)
-    pairs = (zip(views, of_frame, strict=True) for views, of_frame in rows)
-    return np.array([np.mean([mask_overlap(v.mask, m).iou for v, m in row]) for row in pairs])
+    pairs = zip(drawn, frames, strict=True)
+    return np.array([np.mean(list(_overlaps(views, evidence, f))) for views, f in pairs])
+
+
+def _overlaps(drawn: Sequence[View], evidence: Evidence, frame: int) -> Iterator[float]:
+    unknown = evidence.unknown(frame)
+    for number, (view, mask) in enumerate(zip(drawn, evidence.masks(frame), strict=True)):
+        seen = view.mask if unknown is None else view.mask & ~unknown[number]
+        yield mask_overlap(seen, mask).iou
 
 
 def clip_overlaps(
@@ -45,7 +51,7 @@ def clip_overlaps(
 
     def overlaps(frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)
-        return frame_overlaps(sight.look(surface[span], span), [evidence.masks(f) for f in frames])
+        return frame_overlaps(sight.look(surface[span], span), evidence, frames)
 
     parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))

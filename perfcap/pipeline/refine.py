@@ -102,39 +102,89 @@ def refine(
         workers: threads; all cores when not given.
         checkpoint: keeps finished blocks of every stage.
     """
-    actor = problem.actor
-    faces = torch.as_tensor(actor.template.faces.copy())
-    cameras = images.cameras.to(motion.angles)
-    weld = actor.template.weld()[0]
-    sight = Sight(cameras, faces, weld)
-    heights = image_heights(problem, motion, images)
-    mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
+    own = Refiner.of(problem, motion, images, config, stage, workers, checkpoint)
+    evidence = own.extract("extract_silhouettes", motion, config.silhouettes.first)
+    pose = own.pose(evidence, motion)
+    evidence = own.extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
+    return own.finish(evidence, pose, until)
 
-    def extract(name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
-        with stage(name) as tell:
+
+@dataclass(frozen=True)
+class Refiner:
+    """The steps of ``refine``, and what they share.
+
+    Attributes:
+        problem: what the motion was found from.
+        images: F frames and the cameras in their pixels.
+        config: settings of all stages.
+        stage: entered around every stage.
+        workers: threads; all cores when None.
+        checkpoint: keeps finished blocks of every stage.
+        sight: of the actor's mesh.
+        heights: of the upright person in each image, (C,) px.
+    """
+
+    problem: ClipProblem
+    images: Images
+    config: CaptureConfig
+    stage: StageContext
+    workers: int | None
+    checkpoint: Checkpoint
+    sight: Sight
+    heights: Tensor
+
+    @classmethod
+    def of(
+        cls,
+        problem: ClipProblem,
+        motion: Motion,
+        images: Images,
+        config: CaptureConfig,
+        stage: StageContext,
+        workers: int | None,
+        checkpoint: Checkpoint,
+    ) -> Refiner:
+        """Of a person and a motion, (F,)."""
+        template = problem.actor.template
+        faces = torch.as_tensor(template.faces.copy())
+        sight = Sight(images.cameras.to(motion.angles), faces, template.weld()[0])
+        heights = image_heights(problem, motion, images)
+        return cls(problem, images, config, stage, workers, checkpoint, sight, heights)
+
+    def extract(self, name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
+        """Silhouettes about a motion, (F,)."""
+        with self.stage(name) as tell:
             return extract_silhouettes(
-                actor,
-                *(sight, images.reader, motion, heights, settings, workers, tell, checkpoint),
+                self.problem.actor,
+                *(self.sight, self.images.reader, motion, self.heights, settings),
+                *(self.workers, tell, self.checkpoint),
                 name=name,
-                network=images.segmenter,
+                network=self.images.segmenter,
             )
 
-    evidence = extract("extract_silhouettes", motion, config.silhouettes.first)
-    with stage("refine_pose") as tell:
-        settings = config.refine_pose
-        pose = refine_pose(problem, sight, evidence, motion, settings, workers, tell, checkpoint)
-    evidence = extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
-    if until < Stage.REFINE_SURFACE:
-        vertices = SkinnedSurface(actor, pose.motion)
-        return Refinement(pose.motion, evidence, pose, None, vertices, mesh)
-    with stage("refine_surface") as tell:
-        sight = Sight(cameras, faces, weld, limb_of_triangles(actor))  # limbs keep their width
-        graph = DeformationGraph.build(actor.vertices, faces, config.refine_surface.nodes)
-        surface = refine_surface(
-            *(actor, graph, sight, evidence, pose.motion),
-            *(config.refine_surface, workers, tell, checkpoint),
-        )
-    return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
+    def pose(self, evidence: Evidence, motion: Motion) -> PoseRefinement:
+        """A motion (F,) pulled towards silhouettes."""
+        with self.stage("refine_pose") as tell:
+            settings, given = self.config.refine_pose, (self.workers, tell, self.checkpoint)
+            return refine_pose(self.problem, self.sight, evidence, motion, settings, *given)
+
+    def finish(self, evidence: Evidence, pose: PoseRefinement, until: Stage) -> Refinement:
+        """The surface pulled towards silhouettes, as far as ``until`` says."""
+        actor, settings = self.problem.actor, self.config.refine_surface
+        mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
+        if until < Stage.REFINE_SURFACE:
+            vertices = SkinnedSurface(actor, pose.motion)
+            return Refinement(pose.motion, evidence, pose, None, vertices, mesh)
+        with self.stage("refine_surface") as tell:
+            limbs = limb_of_triangles(actor)  # they keep their width
+            faces = self.sight.faces
+            sight = Sight(self.sight.cameras, faces, actor.template.weld()[0], limbs)
+            graph = DeformationGraph.build(actor.vertices, faces, settings.nodes)
+            surface = refine_surface(
+                *(actor, graph, sight, evidence, pose.motion),
+                *(settings, self.workers, tell, self.checkpoint),
+            )
+        return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 
 
 def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tensor:

@@ -217,11 +217,10 @@ class _Solver:
         span = slice(frames.start, frames.stop)
         graph, sight = self.surface.graph, self.sight
         canonical = deformed = self.surface[span]
-        masks = [self.evidence.masks(f) for f in frames]
         contours = [self.evidence.contours(f) for f in frames]
         deformation = graph.identity(canonical)
         drawn = sight.look(canonical, span)
-        before = frame_overlaps(drawn, masks)
+        before = frame_overlaps(drawn, self.evidence, frames)
         for weight in self.rigidity:
             pairs = self._pairs(drawn, contours, canonical)
             objective = self._objective(canonical, pairs, span, weight)
@@ -232,7 +231,8 @@ class _Solver:
             drawn = sight.look(deformed, span)
         folds = find_folds(canonical, deformed, sight.faces).share.numpy(force=True)
         seen = np.array([any(len(line) for line in row) for row in contours])
-        kept = seen & (frame_overlaps(drawn, masks) >= before) & (folds <= self.config.folds)
+        better = frame_overlaps(drawn, self.evidence, frames) >= before
+        kept = seen & better & (folds <= self.config.folds)
         return deformation, _Outcome(before, kept, folds)
 
     def _pairs(

@@ -157,7 +157,7 @@ def _spread(
     energies: list[Energy[Motion]], problem: ClipProblem, motion: Motion, reach: int
 ) -> Tensor:
     """Largest deviation of a joint about the mean of all, (F,), metres."""
-    curvature = torch.stack([_curvature(energy, motion) for energy in energies]).sum(0)
+    curvature = torch.stack([frame_curvature(energy, motion) for energy in energies]).sum(0)
     total = _around(curvature, reach)
     scale = total.diagonal(dim1=-2, dim2=-1).amax(-1)[:, None, None]
     eye = torch.eye(total.shape[-1]).to(total)
@@ -169,7 +169,7 @@ def _spread(
     return largest
 
 
-def _curvature(energy: Energy[Motion], motion: Motion) -> Tensor:
+def frame_curvature(energy: Energy[Motion], motion: Motion) -> Tensor:
     """Gauss-Newton matrix of an energy in each frame, (F, D, D)."""
     linear = energy.linearize(motion)
     slope = energy.kernel.slope(linear.residual.squared_norm())

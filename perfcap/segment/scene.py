@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from perfcap.segment.background import Plate, PlateSettings, build_plate
 from perfcap.segment.moving_scene import KeyFrame, MovingSettings, Samples
 from perfcap.segment.network_cue import CueTrust
+from perfcap.segment.part_colors import PartColors
 from perfcap.segment.registration import (
     RegistrationSettings,
     find_landmarks,
@@ -61,6 +62,7 @@ class Scene:
         used: samples that show the plate.
         samples: to make plates of, where the camera moves.
         trust: in a network's masks; None where there is none.
+        colors: of each of several people, where they are to be told apart.
     """
 
     plate: Plate | None
@@ -68,6 +70,7 @@ class Scene:
     used: int
     samples: Samples | None = None
     trust: CueTrust | None = None
+    colors: tuple[PartColors, ...] = ()
 
 
 def sample_frames(start: int, stop: int, count: int) -> list[int]:
@@ -77,7 +80,13 @@ def sample_frames(start: int, stop: int, count: int) -> list[int]:
 
 
 def hide(model: Mask, clearance: float) -> Mask:
-    """Where a person may be: the model (H, W) and what is nearer to it than a share of its size."""
+    """Where people may be: a model (H, W) and what is nearer to it than a share of its size.
+
+    Of several models, (K, H, W), where any of them may be: each with a width of its own.
+    """
+    if model.ndim == 3:
+        anybody: Mask = np.any([hide(each, clearance) for each in model], 0)
+        return anybody
     rows, columns = np.nonzero(model.any(1))[0], np.nonzero(model.any(0))[0]
     if not len(rows):
         return np.zeros_like(model)
@@ -97,7 +106,7 @@ def survey(
 
     Args:
         images: (H, W, 3) RGB, in the order of time.
-        models: silhouettes of everybody modelled, (H, W).
+        models: silhouettes of everybody modelled, (H, W) or (K, H, W).
         plate: how a plate is made.
         settings: of the survey.
         workers: threads; all cores when None.

@@ -1,4 +1,4 @@
-"""The person in consecutive frames of one view.
+"""The person, or everybody, in consecutive frames of one view.
 
 Every frame is segmented on its own, from what its surroundings in time show: the result does not
 depend on who works on which frames, nor on how many work at once. Colours can be carried from
@@ -22,9 +22,10 @@ from perfcap.segment.grabcut import Segmentation, segment
 from perfcap.segment.motion_cue import CutSettings, is_cut
 from perfcap.segment.moving_scene import KeyFrame
 from perfcap.segment.network_cue import PersonNetwork
+from perfcap.segment.people_trimap import trimap_of
 from perfcap.segment.scene import Scene, SceneSettings, hide, key_frame, registered_neighbors
 from perfcap.segment.settings import GrabCutSettings
-from perfcap.segment.trimap import Mask, Trimap, build_trimap
+from perfcap.segment.trimap import Mask, Trimap
 
 Image = NDArray[np.uint8]
 
@@ -54,8 +55,9 @@ class Footage:
 
     Attributes:
         images: (H, W, 3) RGB each.
-        models: silhouettes (H, W) of the person's posed model.
-        bones: (n, B, 2, 2) px; the last one is the spine, from neck to hips.
+        models: silhouettes (H, W) of the person's posed model, or (K, H, W) of everybody's.
+        bones: (n, B, 2, 2) px, or (n, K, B, 2, 2); the last one of a person is the spine, from
+            neck to hips.
     """
 
     images: Sequence[Image]
@@ -79,6 +81,8 @@ def segment_block(
 ) -> Iterator[Segmentation]:
     """Segment some frames of a stretch, in order.
 
+    Several models are found together, as one foreground: ``label_people`` says who is where in it.
+
     Args:
         footage: the frames, and one before and after for the motion cue, which need not be there.
             Of these, models are not looked at.
@@ -90,7 +94,7 @@ def segment_block(
     settings = settings or SequenceSettings()
     cuts = _cuts(footage.images, settings.cut)
     trimaps = {
-        index: build_trimap(footage.models[index], footage.bones[index], settings.frame.trimap)
+        index: trimap_of(footage.models[index], footage.bones[index], settings.frame.trimap)
         for index in wanted
     }
     surroundings = _Surroundings(footage, trimaps, cuts, scene, settings)

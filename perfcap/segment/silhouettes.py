@@ -76,6 +76,12 @@ class Silhouettes:
         mask: Mask = self.labels(frame, view) == person
         return mask
 
+    def others(self, frame: int, view: int = 0) -> Mask:
+        """Where anybody but the person shown is, (H, W); nowhere if everybody is shown."""
+        labels = decode_labels(self.encoded[frame][view])
+        elsewhere: Mask = (labels > 0) & (labels != self.person) & (self.person is not None)
+        return elsewhere
+
     def png(self, view: int = 0) -> Iterator[bytes]:
         """Files of a view's frames in order, as they are to be written."""
         for frame in range(len(self)):

@@ -60,6 +60,7 @@ class Trimap:
         size: of the person, px; 0 if nobody is in the image.
         outer: width of the uncertain band outside the model, px.
         inner: and inside it, px.
+        people: of several people, the regions around each, in the same box; empty of one.
     """
 
     labels: Labels
@@ -69,6 +70,7 @@ class Trimap:
     size: float
     outer: float
     inner: float
+    people: tuple[Trimap, ...] = ()
 
     @property
     def band(self) -> Mask:
@@ -116,7 +118,10 @@ class Trimap:
 
 
 def build_trimap(
-    model: Mask, bones: NDArray[np.floating], settings: TrimapSettings | None = None
+    model: Mask,
+    bones: NDArray[np.floating],
+    settings: TrimapSettings | None = None,
+    box: Box | None = None,
 ) -> Trimap:
     """Split an image into sure and probable foreground and background.
 
@@ -126,6 +131,7 @@ def build_trimap(
         model: the posed model's silhouette, (H, W); may be empty, then all is background.
         bones: line segments of its skeleton, (B, 2, 2) px; not finite ones are left out.
         settings: widths.
+        box: the part of the image to split; what the model and its surroundings need if None.
 
     Raises:
         InputError: arrays of other shapes.
@@ -133,29 +139,40 @@ def build_trimap(
     settings = settings or TrimapSettings()
     _check(model, bones)
     shape = (model.shape[0], model.shape[1])
-    rows, columns = np.nonzero(model.any(1))[0], np.nonzero(model.any(0))[0]
-    if not len(rows):
-        nothing = np.zeros((0, 0))
-        empty = (slice(0, 0), slice(0, 0))
-        return Trimap(
-            nothing.astype(np.uint8), nothing.astype(np.float32), empty, shape, 0.0, 0.0, 0.0
-        )
-    size = float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)
-    outer, inner, margin = (
-        min(share * size, settings.limit)
-        for share in (settings.outer, settings.inner, settings.margin)
-    )
-    pad = int(np.ceil(outer + margin)) + 1
-    box = (
-        slice(max(int(rows[0]) - pad, 0), min(int(rows[-1]) + pad + 1, shape[0])),
-        slice(max(int(columns[0]) - pad, 0), min(int(columns[-1]) + pad + 1, shape[1])),
-    )
+    size, needed = extent(model, settings)
+    box = box or needed
+    if not size:
+        return _empty(box, shape)
+    outer, inner = (min(share * size, settings.limit) for share in (settings.outer, settings.inner))
     distance = signed_distance(model[box])
     labels = _regions(distance, outer, inner)
     depth = -np.inf if settings.skeleton is None else min(settings.skeleton * size, settings.limit)
     corner = np.array([box[1].start, box[0].start])
     labels[draw_bones(bones - corner, labels.shape) & (distance > depth)] = FOREGROUND
     return Trimap(labels, distance, box, shape, size, outer, inner)
+
+
+def extent(model: Mask, settings: TrimapSettings) -> tuple[float, Box]:
+    """Size of a model (H, W) in px, and the box that it and its surroundings need."""
+    rows, columns = np.nonzero(model.any(1))[0], np.nonzero(model.any(0))[0]
+    if not len(rows):
+        return 0.0, (slice(0, 0), slice(0, 0))
+    size = float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)
+    outer, margin = (
+        min(share * size, settings.limit) for share in (settings.outer, settings.margin)
+    )
+    pad = int(np.ceil(outer + margin)) + 1
+    return size, (
+        slice(max(int(rows[0]) - pad, 0), min(int(rows[-1]) + pad + 1, model.shape[0])),
+        slice(max(int(columns[0]) - pad, 0), min(int(columns[-1]) + pad + 1, model.shape[1])),
+    )
+
+
+def _empty(box: Box, shape: tuple[int, int]) -> Trimap:
+    """Background alone."""
+    part = box[0].stop - box[0].start, box[1].stop - box[1].start
+    far = np.full(part, -np.inf, np.float32)
+    return Trimap(np.full(part, BACKGROUND, np.uint8), far, box, shape, 0.0, 0.0, 0.0)
 
 
 def _regions(distance: NDArray[np.float32], outer: float, inner: float) -> Labels:
@@ -193,6 +210,8 @@ def _clip(
     """The part of a segment whose coordinates stay below ``_FAR``, None if there is none."""
     low, high = 0.0, 1.0
     step = end - start
+    if max(np.abs(start).max(), np.abs(end).max()) < _FAR / 2:  # as most are
+        return start, start + step
     for axis in range(2):
         if step[axis] == 0:
             if abs(start[axis]) > _FAR:

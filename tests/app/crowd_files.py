@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from crowds import RATE, Crowd
+from numpy.typing import NDArray
 from takes import camera_entry, write_actor, write_json, write_video
 
 from perfcap.io.detections import save_candidates
+from perfcap.io.video_writer import VideoWriter
 
 SIZE = 120  # px of the square images
 
@@ -40,22 +42,39 @@ class CrowdFiles:
     def command(
         self, out: Path, *more: object, actors: Sequence[object] | None = None
     ) -> list[str]:
-        """Arguments of ``perfcap``, with other actors where some are given."""
+        """Arguments of ``perfcap``, with other actors where some are given.
+
+        Images show nobody: it ends at the motion, unless ``more`` says how far.
+        """
         chosen = self.actors if actors is None else actors
         parts = ["capture", *self.videos, "--actor", *chosen, "--out", out, *more]
+        parts += [] if "--until" in more else ["--until", "track_motion"]
         parts += ["--cameras", self.folder / "cameras.json"]
         parts += ["--detections", self.folder / "detections.npz"]
         return [str(part) for part in parts]
 
 
-def write_crowd(folder: Path, crowd: Crowd) -> CrowdFiles:
-    """Everything a capture reads; its truth, the people in another order, beside it."""
+def write_crowd(
+    folder: Path, crowd: Crowd, pictures: NDArray[np.uint8] | None = None
+) -> CrowdFiles:
+    """Everything a capture reads; its truth, the people in another order, beside it.
+
+    Args:
+        folder: made if missing.
+        crowd: of people.
+        pictures: of the videos, (C, F, H, W, 3); a room with nobody in it if None.
+    """
     folder.mkdir(exist_ok=True)
     files = CrowdFiles(folder, crowd)
     for actor, path in zip(crowd.actors, files.actors, strict=True):
         write_actor(path, actor.template)
-    for path in files.videos:
-        write_video(path, crowd.candidates.frame_count, (SIZE, SIZE), RATE)
+    for view, path in enumerate(files.videos):
+        if pictures is None:
+            write_video(path, crowd.candidates.frame_count, (SIZE, SIZE), RATE)
+            continue
+        with VideoWriter(path, RATE, preset="ultrafast") as writer:
+            for picture in pictures[view]:
+                writer.write(picture)
     views = {path.stem: camera_entry(crowd.cameras, c) for c, path in enumerate(files.videos)}
     write_json(folder / "cameras.json", {"fps": RATE, "views": views})
     save_candidates(folder / "detections.npz", crowd.candidates, tuple(views))

@@ -62,7 +62,6 @@ def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> 
     assert run["people"] == 2 and run["complete"] and run["request"]["actor"] == [
         str(path) for path in pair.actors
     ]  # fmt: skip
-    assert any("from joints, not from images" in line for line in run["warnings"])
 
 
 def test_everybody_moves_in_one_file(captured: Path) -> None:

@@ -75,3 +75,10 @@ def test_nothing():
     assert len(empty) == 0
     assert empty.views == 0
     assert list(empty.png()) == []
+
+
+def test_everybody_but_one(clip):
+    for person in (1, 2):
+        others = clip.of(person).others(1, 1)
+        np.testing.assert_array_equal(others, labels(1, 1) == 3 - person)
+    assert not clip.others(1, 1).any()

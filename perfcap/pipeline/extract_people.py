@@ -1,0 +1,204 @@
+"""Silhouettes of several people, found together in every frame and view (Liu 2013, Sec. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
+from perfcap.pipeline.extract_silhouettes import FrameBlock, SilhouetteSource
+from perfcap.pipeline.images import FrameReader
+from perfcap.pipeline.pose_spread import parts_of_triangles
+from perfcap.pipeline.sight import Sight
+from perfcap.pipeline.track_motion import Progress
+from perfcap.segment import SequenceSettings, extract_contour, survey
+from perfcap.segment.label_people import PeopleLabels, PeopleSettings, label_people
+from perfcap.segment.part_colors import learn_part_colors
+from perfcap.segment.person_layer import PersonLayer
+from perfcap.segment.scene import Scene
+from perfcap.segment.sequence import Footage, segment_block
+from perfcap.segment.silhouettes import encode_labels
+from perfcap.segment.trust import boundary_trust
+from perfcap.workers import ordered_map
+
+_SHARE = 0.6  # of the deviations of single frames: what neighbours in time say is not in them
+_OUTLINE = 0.005  # m, deviation of outlines that poses do not explain: clothes, templates
+_BESIDE = (1.5, 2.5)  # px outside of a boundary, where it is asked who is there
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One of several people who are to be found in images.
+
+    Attributes:
+        actor: the person.
+        sight: cameras in the pixels of the images.
+        motion: where the person is, (F,).
+        deviations: of each body part, (F, P) m, see ``part_deviations``.
+        heights: of the upright person in each view, (C,) px.
+    """
+
+    actor: Actor
+    sight: Sight
+    motion: Motion
+    deviations: Tensor
+    heights: Tensor
+
+
+def extract_people(
+    people: Sequence[Seen],
+    reader: FrameReader,
+    settings: SequenceSettings,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint = NO_CHECKPOINT,
+    name: str = "extract_silhouettes",
+    labels: PeopleSettings | None = None,
+) -> tuple[Evidence, ...]:
+    """Segment a clip, view after view, block after block; the evidence about each person.
+
+    Args:
+        people: K of them, in the same F frames and C views.
+        reader: the frames.
+        settings: of the foreground's segmentation.
+        workers: threads; all cores when not given. The result does not depend on it.
+        progress: called with (frames done, frames), summed over views.
+        checkpoint: keeps finished blocks.
+        name: under which it keeps them.
+        labels: how people are told apart.
+    """
+    source = PeopleSource(people, reader, settings, workers, labels)
+
+    def records(block: FrameBlock) -> list[MaskRecord]:
+        found = []
+        for labels in source.label(block):
+            png = encode_labels(labels.labels)
+            found += [_record(labels, number, png) for number in range(len(people))]
+        return found
+
+    sight, motion = people[0].sight, people[0].motion
+    total = motion.frames * sight.views
+    views: list[list[MaskRecord]] = []
+    for view in range(sight.views):
+        done: list[MaskRecord] = []
+        kept, count = checkpoint.kept(f"{name}_{view}"), source.block_count
+        for part in kept.rest(RECORDS, records, partial(source.blocks, view), count, workers):
+            done += part
+            if progress is not None:
+                progress(view * motion.frames + len(done) // len(people), total)
+        views.append(done)
+    return tuple(
+        Evidence.collect([view[k :: len(people)] for view in views], each.heights, k + 1)
+        for k, each in enumerate(people)
+    )
+
+
+class PeopleSource(SilhouetteSource):
+    """Blocks of a clip, and what the models of everybody say about them."""
+
+    def __init__(
+        self,
+        people: Sequence[Seen],
+        reader: FrameReader,
+        settings: SequenceSettings,
+        workers: int | None = 1,
+        labels: PeopleSettings | None = None,
+    ) -> None:
+        first = people[0]
+        settings = _shared_out(settings, len(people))
+        super().__init__(first.actor, first.sight, reader, first.motion, settings, workers)
+        self.people, self.labels = people, labels or PeopleSettings()
+        self.parts = [torch.from_numpy(parts_of_triangles(each.actor)) for each in people]
+
+    def label(self, block: FrameBlock) -> Iterator[PeopleLabels]:
+        """Who is where in the wanted frames of a block."""
+        layers = {frame: self.layers(block.view, frame) for frame in block.wanted}
+        nobody = np.zeros((len(self.people), *self.sight.cameras.size[block.view]), np.bool_)
+        models = [_masks(layers[f]) if f in layers else nobody for f in block.shown]
+        bones = self._bones(block.view, block.shown)
+        footage = Footage(list(block.images), models, bones)
+        first = block.wanted.start - block.shown.start
+        chosen = range(first, first + len(block.wanted))
+        for index, found in zip(
+            chosen, segment_block(footage, chosen, block.scene, self.settings), strict=True
+        ):
+            drawn = layers[block.shown.start + index]
+            yield label_people(found, drawn, block.scene.colors, self.labels)
+
+    def layers(self, view: int, frame: int) -> list[PersonLayer]:
+        """Everybody as if they were alone in one frame and view."""
+        return [self._layer(number, view, frame) for number in range(len(self.people))]
+
+    def _layer(self, number: int, view: int, frame: int) -> PersonLayer:
+        person, span = self.people[number], slice(frame, frame + 1)
+        with torch.no_grad():
+            vertices = person.actor.surface(person.motion[span])
+            drawn = person.sight.look(vertices, span, (view,))[0][0]
+        parts = drawn.labels.label(self.parts[number], -1).numpy()
+        depth = drawn.labels.depth.numpy()
+        inside = np.isfinite(depth)
+        far = float(np.median(depth[inside])) if inside.any() else 1.0
+        camera = person.sight.cameras.frames(span).select([view])
+        focal = float(torch.linalg.det(camera.intrinsics[..., :2, :2]).abs().sqrt().mean())
+        unsure = _SHARE * person.deviations[frame].double().numpy(force=True)
+        pixels = np.hypot(unsure, _OUTLINE) * focal / far
+        doubt = float(np.hypot(unsure.mean(), 2 * _OUTLINE))
+        return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt)
+
+    def _survey(self, view: int, frames: list[int]) -> Scene:
+        images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
+        layers = list(ordered_map(partial(self.layers, view), frames, self.workers))
+        plate, scene = self.settings.frame.plate, self.settings.scene
+        found = survey(images, [_masks(each) for each in layers], plate, scene, self.workers)
+        samples = zip(images, layers, strict=True)
+        return replace(found, colors=learn_part_colors(samples, self.labels.color))
+
+    def _bones(self, view: int, frames: range) -> NDArray[np.float64]:
+        """Lines of everybody's skeleton, (f, K, B, 2, 2) px; NaN behind the camera."""
+        lines = [self._lines(each.actor, each.motion, view, frames) for each in self.people]
+        return np.stack(lines, 1)
+
+
+def _shared_out(settings: SequenceSettings, count: int) -> SequenceSettings:
+    """As many pixels are looked at closely as of one person, whatever the number of people."""
+    coarse = settings.frame.coarse
+    if coarse is None:
+        return settings
+    return replace(settings, frame=replace(settings.frame, coarse=coarse / count**0.5))
+
+
+def _masks(layers: Sequence[PersonLayer]) -> Mask:
+    return np.stack([each.mask for each in layers])
+
+
+def _record(found: PeopleLabels, number: int, png: bytes) -> MaskRecord:
+    alone = found.people[number]
+
+    def trust(points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        own = boundary_trust(alone, points, normals)
+        sides = [_sampled(found, number, points + side * normals) for side in _BESIDE]
+        lowest: NDArray[np.float64] = own * np.min(sides, 0)
+        return lowest
+
+    contour = extract_contour(alone.mask, trust)
+    return MaskRecord(png, encode_confidence(contour.confidence), alone.report)
+
+
+def _sampled(found: PeopleLabels, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How probably a person is nearer than who is seen at points (N, 2) px, (N,)."""
+    plane = found.ahead[number]
+    column, row = np.rint(points).astype(np.int64).T
+    row, column = row - found.box[0].start, column - found.box[1].start
+    inside = (row >= 0) & (row < plane.shape[0]) & (column >= 0) & (column < plane.shape[1])
+    ahead = np.ones(len(points))
+    ahead[inside] = plane[row[inside], column[inside]]
+    return ahead

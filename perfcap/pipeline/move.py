@@ -1,0 +1,230 @@
+"""A person's motion from joints: the stages of a capture before images are looked at."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.forks import note_threads
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.bone_lengths import solve_bone_lengths
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
+from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
+from perfcap.pipeline.clock import Clock, Progress
+from perfcap.pipeline.doubts import doubts
+from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.image_checks import examine_images
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.input_checks import require_matching
+from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.joint_paths import known_poses
+from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
+from perfcap.pipeline.look import Looked
+from perfcap.pipeline.notebook import notebook_progress
+from perfcap.pipeline.objective import person_height, views_with_person
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.track_motion import WindowReport
+from perfcap.pipeline.track_twice import track_twice
+from perfcap.pipeline.trust import frame_evidence, judge_frames
+from perfcap.rates import Timed, frame_rate
+from perfcap.solve import Status
+
+
+def move(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float | Timed,
+    config: CaptureConfig | None = None,
+    *,
+    images: Images | None = None,
+    until: Stage | None = None,
+    energies: Mapping[str, Term] | None = None,
+    solve_bones: bool = False,
+    level: bool = False,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Moved:
+    """The stages before images are looked at; arguments as of ``capture``."""
+    note_threads()
+    rate = frame_rate(rate)
+    require_matching(cameras, detections, images)
+    detections = detections.to(detections.joints2d)  # 3D joints may be of another type
+    until = _last_stage(until, images)
+    told: tuple[str, ...] = ()
+    if images is not None and until.needs_images and not images.examined:
+        told = examine_images(images, cameras, detections)
+    own = own_terms(energies)
+    if own and level:
+        raise InputError(
+            f"energies {', '.join(own)} are of the world of the cameras, which level=True leaves; "
+            "give one or the other"
+        )
+    clock = Clock(progress or notebook_progress() or (lambda stage, done, total: None))
+    kept = checkpoint or NO_CHECKPOINT
+    settings = config or CaptureConfig()
+    start = _start(actor, cameras, detections, rate, settings, solve_bones, clock, kept)
+    problem, motion = replace(start.problem, terms=own), start.motion
+    windows: list[WindowReport] = []
+    if until >= Stage.TRACK_MOTION:
+        with clock.stage("track_motion") as tell:
+            motion, windows, problem = track_twice(problem, motion, tell, kept)
+    judged = start.problem
+    if level:
+        transform = to_level(problem)
+        motion = moved_motion(motion, transform)
+        problem, judged = (moved_problem(each, transform) for each in (problem, judged))
+        if images is not None:
+            images = replace(images, cameras=moved_cameras(images.cameras, transform))
+    about = images, until, clock, kept
+    return Moved(start, detections, problem, judged, motion, windows, *about, told)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A person whose motion is known from joints.
+
+    Attributes:
+        start: each frame on its own.
+        detections: as given.
+        problem: of the motion.
+        judged: the same before a first solve.
+        motion: (F,).
+        windows: how their solves went.
+        images: in the world of the motion.
+        until: the last stage.
+        clock: of the stages.
+        kept: finished work.
+        told: of the images, before anything was computed.
+    """
+
+    start: _Start
+    detections: Detections
+    problem: ClipProblem
+    judged: ClipProblem
+    motion: Motion
+    windows: list[WindowReport]
+    images: Images | None
+    until: Stage
+    clock: Clock
+    kept: Checkpoint
+    told: tuple[str, ...] = ()
+
+    def unlooked(self) -> Performance:
+        """The result of joints alone."""
+        return self.performance(Looked(self.motion))
+
+    def performance(self, looked: Looked) -> Performance:
+        """The result, with what images added."""
+        start, problem = self.start, self.problem
+        return Performance(
+            actor=problem.actor,
+            cameras=problem.cameras,
+            detections=self.detections,
+            motion=looked.motion,
+            rate=problem.rate,
+            config=start.config,
+            gaps=tuple(ranges(~start.seen)),
+            windows=tuple(self.windows),
+            stages=tuple(self.clock.stages),
+            bone_scales=start.bones,
+            warnings=(
+                *self.told,
+                *_blind_views(self.detections),
+                *_warnings(self.windows),
+                *doubts(looked),
+            ),
+            surface=looked.surface,
+            refinement=looked.refinement,
+            contours=looked.contours,
+            floor=None if problem.standing is None else problem.standing.floor,
+            contact=None if problem.standing is None else problem.standing.feet,
+            trust=judge_frames(frame_evidence(self.judged, looked.motion)),
+        )
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Each frame on its own, and all that is needed to go on.
+
+    Attributes:
+        problem: of the motion.
+        motion: (F,).
+        seen: frames in which the person was detected, (F,).
+        config: with weights that suit the detections.
+        bones: logarithms of the bone lengths' scales, (S,), where they were solved.
+    """
+
+    problem: ClipProblem
+    motion: Motion
+    seen: Tensor
+    config: CaptureConfig
+    bones: Tensor | None
+
+
+def _start(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float,
+    config: CaptureConfig,
+    solve_bones: bool,
+    clock: Clock,
+    checkpoint: Checkpoint,
+) -> _Start:
+    like = detections.joints2d
+    cameras = cameras.to(like)
+    actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
+    pixel_unit = 0.01 * person_height(detections)
+    pose = relaxed(config.pose, detections, pixel_unit)
+    bones: Tensor | None = None
+    if solve_bones:
+        with clock.stage("bone_lengths"):
+            kept = checkpoint.kept("bone_lengths")
+            solved = partial(solve_bone_lengths, actor, cameras, detections, pose, pixel_unit)
+            (bones,) = kept.once(tensors(like), lambda: (solved(),))
+            actor = actor.resized(bones)
+    with clock.stage("initialize"):
+        prepared = prepare(actor, cameras, detections, pose.position.gate)
+        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit, checkpoint)
+    poses = known_poses(actor, pose, prepared.detections)
+    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate, poses=poses)
+    return _Start(problem, motion, seen, replace(config, pose=pose), bones)
+
+
+def _last_stage(until: Stage | None, images: Images | None) -> Stage:
+    if until is None:
+        return Stage.TRACK_MOTION if images is None else Stage.REFINE_SURFACE
+    if until.needs_images and images is None:
+        raise InputError(
+            f"until is {until.name.lower()}, which looks at images, and there are none; give "
+            "images, or end at track_motion"
+        )
+    return until
+
+
+def _blind_views(detections: Detections) -> Iterator[str]:
+    for view in torch.nonzero(~views_with_person(detections)).flatten().tolist():
+        yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
+
+
+def _warnings(windows: list[WindowReport]) -> Iterator[str]:
+    for report in windows:
+        if report.status == Status.NOT_FINITE:
+            yield (
+                f"frames {report.window.start} to {report.window.stop - 1} could not be solved: "
+                f"{report.status.sentence}"
+            )

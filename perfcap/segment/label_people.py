@@ -1,0 +1,199 @@
+"""Which person each pixel of a foreground shows (Liu et al. 2013, Sec. 5).
+
+The foreground, everybody against the background, is one binary cut, as that of one person. Inside
+it, only pixels that more than one person may reach are open: there a field of K labels decides,
+with the probability of each person's shape, their colours part by part, and edges of the image. So
+one person's labels are the cut itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.segment.grabcut import Segmentation
+from perfcap.segment.label_field import FieldSettings, LabelField
+from perfcap.segment.part_colors import PartColors, PartColorSettings
+from perfcap.segment.person_layer import PersonLayer, Surroundings
+from perfcap.segment.shape_prior import in_front, shape_prior
+from perfcap.segment.trimap import BACKGROUND, PROBABLE_FOREGROUND, Box, Mask, Trimap
+
+Plane = NDArray[np.float32]
+Labels = NDArray[np.uint8]
+
+_MOST = 20.0  # nats in favour of a label that nothing contests
+_CLEAR = 11.0  # nats of shape that neither colours nor neighbours overrule
+_SIDE = 2  # px around contested pixels whose labels are looked at, too
+
+
+@dataclass(frozen=True)
+class PeopleSettings:
+    """How the people of a foreground are told apart.
+
+    Attributes:
+        smoothness: prices of neighbours.
+        color: what colours say.
+    """
+
+    smoothness: FieldSettings = field(default_factory=FieldSettings)
+    color: PartColorSettings = field(default_factory=PartColorSettings)
+
+
+@dataclass(frozen=True)
+class PeopleLabels:
+    """Who is where in one frame and view.
+
+    Attributes:
+        labels: (H, W), 0 background, k the k-th person.
+        people: each person's own segmentation, as if they had been alone; its evidence speaks for
+            the person and against the background and everybody else.
+        box: of the contested pixels.
+        ahead: probability that each person is nearer to the camera than who is seen there,
+            (K, h, w) in ``box``; one where nobody else is.
+    """
+
+    labels: Labels
+    people: tuple[Segmentation, ...]
+    box: Box
+    ahead: Plane
+
+
+def label_people(
+    found: Segmentation,
+    layers: Sequence[PersonLayer],
+    colors: Sequence[PartColors],
+    settings: PeopleSettings | None = None,
+) -> PeopleLabels:
+    """Tell the people of a foreground apart.
+
+    Args:
+        found: everybody, in regions ``joined`` from those of K people.
+        layers: each as their model alone would be seen.
+        colors: of each, in this view; empty to do without.
+        settings: of the field.
+    """
+    settings, trimaps = settings or PeopleSettings(), found.trimap.people
+    mask = found.mask[found.trimap.box]
+    reach = np.stack([each.labels != BACKGROUND for each in trimaps])
+    labels = np.where(mask, reach.argmax(0) + 1, 0).astype(np.uint8)
+    nats = np.where(reach, np.float32(0), np.float32(np.inf))
+    contested = mask & (reach.sum(0) > 1)
+    inner = _bounds(contested)
+    ahead = np.ones((len(trimaps), *contested[inner].shape), np.float32)
+    if contested.any():
+        around = [each.seen_from(_outward(inner, found.trimap.box)) for each in layers]
+        doubt = float(np.hypot.reduce([each.doubt for each in layers]))
+        nats[:, *inner] -= np.log(shape_prior(around, doubt))
+        image = found.image[inner].astype(np.float32)
+        solved = _solved(
+            image, nats[:, *inner], labels[inner], contested[inner], around, colors, settings
+        )
+        labels[inner] = solved
+        ahead = _ahead(around, solved, doubt)
+    whole = np.zeros(found.trimap.shape, np.uint8)
+    whole[found.trimap.box] = labels
+    people = tuple(
+        _alone(found, trimap, labels, nats, contested, number)
+        for number, trimap in enumerate(trimaps)
+    )
+    return PeopleLabels(whole, people, _outward(inner, found.trimap.box), ahead)
+
+
+def _solved(
+    image: Plane,
+    nats: Plane,
+    labels: Labels,
+    contested: Mask,
+    around: Sequence[Surroundings],
+    colors: Sequence[PartColors],
+    settings: PeopleSettings,
+) -> Labels:
+    """Labels (h, w) of the foreground, of which contested pixels are open.
+
+    Args:
+        image: (h, w, 3).
+        nats: what shapes say against each person, (K, h, w); what colours say is added in place.
+        labels: where the background is, and who is where nobody contests it.
+        contested: pixels that several people may reach.
+        around: everybody's models.
+        colors: of each; may be empty.
+        settings: of the field.
+    """
+    best = nats.min(0)
+    unsure = contested & ((nats < best + _CLEAR).sum(0) > 1)
+    if colors and unsure.any():
+        pixels = image[unsure]
+        pairs = zip(colors, around, strict=True)
+        density = np.stack(
+            [own.log_density(pixels, each.part[unsure], settings.color) for own, each in pairs]
+        )
+        nats[:, unsure] -= np.maximum(density - density.max(0), -settings.color.limit)
+    # the cut has decided where the background is: nothing open may become it
+    field = np.concatenate([np.full((1, *unsure.shape), np.inf, np.float32), nats])
+    start = np.where(contested, field.argmin(0), labels).astype(np.uint8)
+    return LabelField.of(image, field, unsure, settings.smoothness).solve(start)
+
+
+def _ahead(around: Sequence[Surroundings], labels: Labels, doubt: float) -> Plane:
+    """How probably each is nearer than who is seen, (K, h, w)."""
+    ahead = np.ones((len(around), *labels.shape), np.float32)
+    for k, one in enumerate(around):
+        for j, other in enumerate(around):
+            if j != k:
+                chosen = labels == j + 1
+                ahead[k][chosen] = in_front(one, other, doubt)[chosen]
+    return ahead
+
+
+def _alone(
+    found: Segmentation,
+    trimap: Trimap,
+    labels: Labels,
+    nats: Plane,
+    contested: Mask,
+    number: int,
+) -> Segmentation:
+    """One person's part of a segmentation of everybody."""
+    own = labels == number + 1
+    if len(nats) == 1:
+        return found
+    others = np.delete(nats, number, 0).min(0)
+    with np.errstate(invalid="ignore"):
+        better = np.nan_to_num(np.clip(others - nats[number], -_MOST, _MOST), nan=0.0)
+    inside = labels > 0
+    # against whoever else is there; against the background where nobody else may be
+    evidence = np.where(inside, np.minimum(better, _MOST), found.evidence)
+    open_ = inside & own & found.trimap.band
+    evidence = np.where(open_, np.minimum(evidence, found.evidence), evidence)
+    regions = trimap.labels.copy()
+    regions[contested & (regions != BACKGROUND)] = PROBABLE_FOREGROUND
+    report = replace(found.report, person=trimap.size > 0, cropped=trimap.cropped)
+    mask = np.zeros(trimap.shape, np.bool_)
+    mask[trimap.box] = own
+    if not trimap.size:
+        return replace(found, mask=mask, trimap=trimap, evidence=evidence, report=report)
+    return replace(
+        found, mask=mask, trimap=replace(trimap, labels=regions), evidence=evidence, report=report
+    )
+
+
+def _bounds(chosen: Mask) -> Box:
+    """What holds all chosen pixels, and a little around them."""
+    rows, columns = np.nonzero(chosen.any(1))[0], np.nonzero(chosen.any(0))[0]
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return (
+        slice(max(int(rows[0]) - _SIDE, 0), min(int(rows[-1]) + _SIDE + 1, chosen.shape[0])),
+        slice(max(int(columns[0]) - _SIDE, 0), min(int(columns[-1]) + _SIDE + 1, chosen.shape[1])),
+    )
+
+
+def _outward(inner: Box, box: Box) -> Box:
+    """Rows and columns of a part of the image as those of the image."""
+    return (
+        slice(inner[0].start + box[0].start, inner[0].stop + box[0].start),
+        slice(inner[1].start + box[1].start, inner[1].stop + box[1].start),
+    )

@@ -1,0 +1,84 @@
+"""``perfcap capture`` of several people whom images show."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from crowd_files import SIZE, CrowdFiles, write_crowd
+from crowds import make_crowd
+from painted_crowd import PaintedCrowd
+from runs import Command
+
+from perfcap.cli import main
+from perfcap.io.people_folder import people_of
+from perfcap.io.result import read_result
+
+CROWD = make_crowd(3, frames=6, views=3, size=SIZE, noise=6.0)
+PAINTED = PaintedCrowd(CROWD)
+WHOLE = ("--until", "refine_surface", "--no-overlay")
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> CrowdFiles:
+    return write_crowd(tmp_path_factory.mktemp("painted"), CROWD, PAINTED.pictures)
+
+
+@pytest.fixture(scope="module")
+def captured(pair: CrowdFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("captured") / "both"
+    with pytest.raises(SystemExit) as exit_:
+        main(pair.command(out, *WHOLE))
+    assert exit_.value.code == 0
+    return out
+
+
+def masks_of(folder: Path, view: int) -> list[np.ndarray]:
+    paths = sorted((folder / "masks" / f"cam{view + 1}").glob("*.png"))
+    return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
+
+
+def test_masks_say_who_is_where(captured: Path) -> None:
+    for view in range(3):
+        everybody = np.array(masks_of(captured, view))
+        truth = PAINTED.labels[view]
+        given = (truth > 0) & (everybody > 0)
+        assert (everybody == truth)[given].mean() > 0.96
+        assert given.sum() > 0.85 * (truth > 0).sum()
+        for number, folder in enumerate(people_of(captured), 1):
+            own = np.array(masks_of(folder, view))
+            np.testing.assert_array_equal(own, everybody == number)
+
+
+def test_each_is_a_whole_result(captured: Path) -> None:
+    for number, folder in enumerate(people_of(captured)):
+        result = read_result(folder)
+        error = np.linalg.norm(result.joints - CROWD.joints[number].numpy(), axis=-1)
+        assert 1000 * error.mean() < 40
+        with np.load(folder / "surface.npz") as surface:
+            assert len(surface["vertices"]) == 6
+        report = json.loads((folder / "run.json").read_text())
+        assert {"pose", "surface", "mask_confidence"} <= set(report["refinement"])
+        stages = report["stages"]
+        assert {"extract_silhouettes", "refine_pose", "refine_surface"} <= set(stages)
+
+
+def test_resume_and_what_is_left(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    before = (captured / "run.json").stat().st_mtime_ns
+    assert perfcap(pair.command(captured, *WHOLE, "--resume")).code == 0
+    assert (captured / "run.json").stat().st_mtime_ns == before
+    for folder in people_of(captured):
+        (folder / "surface.npz").rename(folder / "elsewhere.npz")
+    again = perfcap(pair.command(captured, *WHOLE, "--resume"))
+    assert "holds a result already" in again.refused()
+    for folder in people_of(captured):
+        (folder / "elsewhere.npz").rename(folder / "surface.npz")
+    # joints alone leave no masks behind
+    shorter = ("--until", "track_motion", "--no-overlay", "--overwrite")
+    assert perfcap(pair.command(captured, *shorter)).code == 0
+    assert not (captured / "masks").exists()
+    assert not any((folder / "masks").exists() for folder in people_of(captured))
+    assert not any((folder / "surface.npz").exists() for folder in people_of(captured))

@@ -1,0 +1,166 @@
+"""Several people in images: who is where, what is hidden, and what it does to their poses."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from crowds import RATE, make_crowd
+from painted_crowd import PaintedCrowd
+
+import perfcap
+from perfcap.detect.association import associate
+from perfcap.pipeline import CaptureConfig
+from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.overlap import frame_overlaps
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surface_config import RefineSurfaceConfig
+
+CROWD = make_crowd(3, frames=10, views=3, size=200, noise=9.0)
+PAINTED = PaintedCrowd(CROWD)
+CONFIG = CaptureConfig(refine_surface=RefineSurfaceConfig(nodes=100))
+
+
+def scene() -> perfcap.Scene:
+    found = associate(CROWD.cameras, CROWD.candidates, RATE)
+    owners, _ = CROWD.matched(found.slots)
+    people = sorted(zip(owners, found.people, strict=True), key=lambda pair: pair[0])
+    cast = tuple(perfcap.Person(CROWD.actors[k], seen) for k, seen in people)
+    return perfcap.Scene(CROWD.cameras, cast, RATE, Images(PAINTED, CROWD.cameras))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("kept")
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> tuple[Performance, ...]:
+    return perfcap.capture(scene(), config=CONFIG, checkpoint=Checkpoint(folder), workers=1)
+
+
+def labels_of(performance: Performance) -> np.ndarray:
+    assert performance.refinement is not None
+    silhouettes = replace(performance.refinement.evidence.silhouettes, person=None)
+    frames, views = range(len(silhouettes)), range(silhouettes.views)
+    return np.array([[silhouettes.labels(f, v) for f in frames] for v in views])
+
+
+def test_pixels_come_to_whom_they_show(found: tuple[Performance, ...]) -> None:
+    labels, truth = labels_of(found[0]), PAINTED.labels
+    there = truth > 0
+    assert (truth == 1).sum() > 1000 < (truth == 2).sum()
+    assert (labels == truth)[there].mean() > 0.95
+    given = there & (labels > 0)
+    assert (labels == truth)[given].mean() > 0.985
+    assert (labels > 0)[~there].mean() < 0.02
+
+
+def test_silhouettes_of_one_leave_out_the_other(found: tuple[Performance, ...]) -> None:
+    labels = labels_of(found[0])
+    for k, each in enumerate(found, 1):
+        assert each.refinement is not None
+        evidence = each.refinement.evidence
+        for frame in (0, 5):
+            unknown = evidence.unknown(frame)
+            assert unknown is not None
+            for view, (mask, other) in enumerate(zip(evidence.masks(frame), unknown, strict=True)):
+                np.testing.assert_array_equal(mask, labels[view, frame] == k)
+                np.testing.assert_array_equal(other, labels[view, frame] == 3 - k)
+
+
+def test_images_bring_joints_nearer_to_the_truth(found: tuple[Performance, ...]) -> None:
+    before = perfcap.capture(replace(scene(), images=None), config=CONFIG)
+    for k, (one, other) in enumerate(zip(before, found, strict=True)):
+        errors = [(each.joints() - CROWD.joints[k]).norm(dim=-1).mean() for each in (one, other)]
+        assert errors[1] < 0.95 * errors[0]
+
+
+def test_surfaces_meet_their_silhouettes(found: tuple[Performance, ...]) -> None:
+    for each in found:
+        assert each.refinement is not None and each.refinement.surface is not None
+        surface = each.refinement.surface
+        assert surface.after.mean() >= surface.before.mean() > 0.8
+        assert each.surface is not None and each.surface.frames == 10
+
+
+def test_a_border_is_an_outline_of_the_nearer_alone(found: tuple[Performance, ...]) -> None:
+    labels = labels_of(found[0])
+    center = CROWD.cameras.to_camera(CROWD.joints.mean(2, keepdim=True).flatten(0, 1))
+    far = center[..., 0, 2].reshape(2, 10, 3)  # K F C
+    trusted: dict[bool, list[float]] = {True: [], False: []}
+    for k, each in enumerate(found):
+        assert each.refinement is not None
+        for frame, view in np.ndindex(10, 3):
+            line = each.refinement.evidence.contours(frame)[view]
+            column, row = np.rint(line.points + 2 * line.normals).astype(int).T.clip(0, 199)
+            beside = labels[view, frame][row, column] == 2 - k
+            nearer = bool(far[k, frame, view] < far[1 - k, frame, view])
+            if abs(far[k, frame, view] - far[1 - k, frame, view]) > 0.3:
+                trusted[nearer] += line.confidence[beside].tolist()
+    assert len(trusted[True]) > 100 < len(trusted[False])
+    assert np.mean(trusted[False]) < 0.05 and np.mean(trusted[True]) > 0.3
+
+
+def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> None:
+    """A surface that is right overlaps by as much, whether or not somebody stands before it."""
+    (one, _) = found
+    assert one.refinement is not None
+    evidence = one.refinement.evidence
+    hidden = np.array([PAINTED.labels[v, f] == 2 for f in range(10) for v in range(3)])
+    assert hidden.any((1, 2)).all()
+
+    class Drawn:
+        def __init__(self, mask: np.ndarray) -> None:
+            self.mask = mask
+
+    frame = 5
+    known = [Drawn(m) for m in evidence.masks(frame)]
+    unknown = evidence.unknown(frame)
+    assert unknown is not None
+    through = [Drawn(d.mask | u) for d, u in zip(known, unknown, strict=True)]
+    for drawn in (known, through):
+        assert frame_overlaps([drawn], evidence, range(frame, frame + 1)) == [1.0]  # type: ignore[list-item]
+
+
+def test_what_was_done_is_not_done_again(folder: Path, found: tuple[Performance, ...]) -> None:
+    told: list[str] = []
+    again = perfcap.capture(
+        scene(), config=CONFIG, checkpoint=Checkpoint(folder), workers=2,
+        progress=lambda stage, *_: told.append(stage),
+    )  # fmt: skip
+    for one, other in zip(found, again, strict=True):
+        assert torch.equal(one.motion.angles, other.motion.angles)
+        assert one.surface is not None and other.surface is not None
+        assert torch.equal(one.surface[0:10], other.surface[0:10])
+    np.testing.assert_array_equal(labels_of(found[0]), labels_of(again[1]))
+    assert "extract_silhouettes" in told and "person 2: refine_surface" in told
+    names = {path.name for path in folder.iterdir()}
+    assert "extract_silhouettes_0.log" in names and "person1_refine_pose.log" in names
+
+
+def test_stages_share_the_time_of_what_they_share(found: tuple[Performance, ...]) -> None:
+    one, other = ({s.name: s.cpu for s in each.stages} for each in found)
+    assert list(one) == list(other)
+    assert one["extract_silhouettes"] == other["extract_silhouettes"]
+    assert one["refine_pose"] != other["refine_pose"]
+
+
+def test_one_person_of_a_scene_with_images_has_the_same_bits() -> None:
+    whole = scene()
+    person, images = whole.people[0], whole.images
+    options = {"config": CONFIG, "until": Stage.REFINE_POSE, "workers": 1}
+    (inside,) = perfcap.capture(replace(whole, people=(person,)), **options)
+    alone = perfcap.capture(
+        person.actor, CROWD.cameras, person.detections, RATE, images=images, **options
+    )
+    assert torch.equal(inside.motion.angles, alone.motion.angles)
+    assert inside.refinement is not None and alone.refinement is not None
+    for frame in range(10):
+        pair = inside.refinement.evidence, alone.refinement.evidence
+        masks = [each.masks(frame) for each in pair]
+        np.testing.assert_array_equal(*masks)
+        assert all(each.unknown(frame) is None for each in pair)
