@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         Scene,
         Stage,
         capture,
+        refine_jointly,
     )
     from perfcap.solve import (
         Adam,
@@ -72,6 +73,7 @@ __all__ = [
     "read_cameras",
     "read_candidates",
     "read_detections",
+    "refine_jointly",
 ]
 
 _HOMES = {
@@ -82,7 +84,7 @@ _HOMES = {
     "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_candidates", "read_detections"),
     "perfcap.pipeline": (
         *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "Person", "PoseRefiner"),
-        *("Scene", "Stage", "capture"),
+        *("Scene", "Stage", "capture", "refine_jointly"),
     ),
     "perfcap.solve": (
         *("Adam", "Energy", "Implicit", "LevenbergMarquardt", "Objective", "Residual", "Solution"),
