@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         Scene,
         Stage,
         capture,
+        refine_jointly,
     )
     from perfcap.report import show
     from perfcap.solve import (
@@ -73,6 +74,7 @@ __all__ = [
     "read_cameras",
     "read_candidates",
     "read_detections",
+    "refine_jointly",
     "show",
 ]
 
@@ -84,7 +86,7 @@ _HOMES = {
     "perfcap.io": ("Clip", "load_actor", "read_cameras", "read_candidates", "read_detections"),
     "perfcap.pipeline": (
         *("MONOPERFCAP", "CaptureConfig", "Images", "Performance", "Person", "PoseRefiner"),
-        *("Scene", "Stage", "capture"),
+        *("Scene", "Stage", "capture", "refine_jointly"),
     ),
     "perfcap.report": ("show",),
     "perfcap.solve": (

@@ -6,6 +6,7 @@ from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.bone_map import BoneMap, map_bones
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.deformed_surface import DeformedSurface
 from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
@@ -27,6 +28,7 @@ __all__ = [
     "BoneMap",
     "Deformation",
     "DeformationGraph",
+    "DeformedSurface",
     "EmbeddedPoints",
     "GaussianCentres",
     "Hinge",

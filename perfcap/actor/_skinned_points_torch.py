@@ -50,7 +50,7 @@ class Unknowns(NamedTuple):
 
 def place(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:
     """Points (*b, F, N, 3) of joint motions (*b, F, J, 8), as dual quaternions, rest to posed."""
-    blend = _parts(skin, chosen, table).sum(-2)
+    blend = blended(skin, chosen, table)
     return _weigh(chosen, _move(blend, skin.vertices[chosen.corners]))
 
 
@@ -70,6 +70,11 @@ def linearize(
     for share, joint in zip(shares.flatten(-4, -3).unbind(-3), joints.unbind(-1), strict=True):
         jacobian = jacobian + (directions @ share @ twists) * unknowns.moved[joint].unsqueeze(-2)
     return _weigh(chosen, posed), jacobian
+
+
+def blended(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:
+    """Dual quaternions of the corners, not yet of unit length, (*b, F, N, S, 8)."""
+    return _parts(skin, chosen, table).sum(-2)
 
 
 def _parts(skin: Skin, chosen: Chosen, table: Tensor) -> Tensor:

@@ -55,10 +55,16 @@ class Actor(nn.Module):
         landmarks: Tensor = self.skeleton(motion).landmarks
         return landmarks
 
-    def surface(self, motion: Motion) -> Tensor:
-        """Vertices in the world, (*b, F, V, 3), metres, by dual quaternion skinning (MPC-4)."""
+    def surface(self, motion: Motion, rest: Tensor | None = None) -> Tensor:
+        """Vertices in the world, (*b, F, V, 3), metres, by dual quaternion skinning (MPC-4).
+
+        Args:
+            motion: (*b, F).
+            rest: other vertices at rest, (*b, F, V, 3), metres; the template's if not given.
+        """
         rotation, translation = self.joint_transforms(motion)
-        return dual_quaternion_blend(self.vertices, self.skin, rotation, translation)
+        vertices = self.vertices if rest is None else rest
+        return dual_quaternion_blend(vertices, self.skin, rotation, translation)
 
     def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""

@@ -56,7 +56,7 @@ class SkinnedPoints(nn.Module):
 
     def forward(self, motion: Motion) -> Tensor:
         """Points in the world, (*b, F, N, 3), metres."""
-        table = _table(*self.actor.joint_transforms(motion))
+        table = joint_table(*self.actor.joint_transforms(motion))
         points: Tensor = self._twin(table).place(self._skin(), self._chosen(motion), table)
         return points
 
@@ -75,7 +75,7 @@ class SkinnedPoints(nn.Module):
             shared: None: the surface is that of an actor whose bones are known.
         """
         rotation, translation = self.actor.joint_transforms(motion)
-        table, chosen = _table(rotation, translation), self._chosen(motion)
+        table, chosen = joint_table(rotation, translation), self._chosen(motion)
         if directions is None:
             directions = torch.eye(3).to(table).expand(*chosen.corners.shape[:-1], 3, 3)
         unknowns = self._unknowns(motion, rotation, translation)
@@ -116,7 +116,7 @@ class SkinnedPoints(nn.Module):
         return Chosen(self.corners.expand(shape), self.weights.expand(shape))
 
 
-def _table(rotation: Tensor, translation: Tensor) -> Tensor:
+def joint_table(rotation: Tensor, translation: Tensor) -> Tensor:
     """Rigid motions of joints as rows (*b, F, J, 8), real then dual part."""
     motion = DualQuaternion.from_rigid(rotation, translation)
     return torch.cat((motion.real, motion.dual), -1)

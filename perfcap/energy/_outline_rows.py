@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from perfcap.render.soft_silhouette import CoverageDerivative
+from perfcap.solve.kernels import Kernel
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,35 @@ class OutlineRows:
         views = len(self.rest)
         none = pulled.new_zeros(views, pulled.shape[-1])
         return none.index_add(0, view, pulled), self.rest.index_add(0, view, square)
+
+    def summed(
+        self, camera: Tensor, points: Tensor, kernel: Kernel
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Value (), half gradient (D,) and half curvature (D, D) of all views, reweighted.
+
+        Args:
+            camera: derivative of the vertices' pixels in where they are, (C, N, 2, 3).
+            points: derivative of the vertices in the unknowns, (N, 3, D).
+            kernel: acts on the squared residual of a view.
+        """
+        strength, value = self._robust(kernel)
+        products = strength[self.view, None, None] * self.products  # E 5 5
+        # brought to the vertices' places first: each has few rows, however many edges it ends
+        chain = camera[self.view.unsqueeze(-1), self.ends]  # E 2 2 3
+        blocks = products[:, :4, :4].reshape(-1, 2, 2, 2, 2)
+        inner = torch.einsum("eipa,eipjq,ejqb->eiajb", chain, blocks, chain)  # E 2 3 2 3
+        pull = torch.einsum("eipa,eip->eia", chain, products[:, :4, 4].reshape(-1, 2, 2))
+        ends = self.ends.flatten()
+        moved = inner.flatten(1, 2).flatten(2) @ points[ends].view(-1, 6, points.shape[-1])
+        square = torch.zeros_like(points).index_add_(0, ends, moved.view(-1, 3, moved.shape[-1]))
+        slope = points.new_zeros(len(points), 3).index_add_(0, ends, pull.flatten(0, 1))
+        flat = points.flatten(0, 1)
+        return value, slope.flatten() @ flat, flat.mT @ square.flatten(0, 1)
+
+    def _robust(self, kernel: Kernel) -> tuple[Tensor, Tensor]:
+        """Slope of the kernel at each view (C,), and the value of all."""
+        squares = self.rest.index_add(0, self.view, self.products[:, 4, 4])
+        return kernel.slope(squares), kernel.value(squares).sum()
 
     def contract(self, derivative: Tensor) -> Tensor:
         """Products of rows in D other unknowns, (C, D + 1, D + 1), the residual last.

@@ -68,7 +68,7 @@ class Reprojection(Energy[Motion]):
         """Compiled, for detections of the motion's own shape; see ``OffersBlocks``."""
         seen = self.detections
         own = seen.joints2d, seen.confidence2d, self.scale
-        fits = seen.confidence2d.shape[:-2] == motion.angles.shape[:-1]
+        fits = seen.confidence2d.shape[:-2] == motion.coordinates().frame.shape[:-1]
         if not (fits and is_plain(curvature, gradient, *own) and is_plain(self.weight)):
             return None
         from perfcap.energy import _reprojection_numba

@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.energy._outline_rows import OutlineRows, square_root
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_plain
 from perfcap.geometry.product import multiply_views
 from perfcap.render.soft_silhouette import SoftSilhouette, require_size
 from perfcap.solve.energy import (
@@ -56,8 +57,8 @@ class SilhouetteOverlap(Energy[Any]):
         kernel: acts on the squared norm of a view.
         points: chosen points of the surface, made of vertices (*b, F, N, 1) and weights of the
             same shape, with the derivatives that the method needs: ``partial(SkinnedPoints,
-            actor)``, ``partial(EmbeddedPoints, graph, posed)`` or, of a ``ShapedPoints``,
-            ``chosen``. Without it ``linearize``
+            actor)``, ``partial(EmbeddedPoints, graph, posed)``, of a ``DeformedSurface`` its
+            ``points``, or, of a ``ShapedPoints``, ``chosen``. Without it ``linearize``
             differentiates the whole surface, which is much slower.
 
     Raises:
@@ -111,6 +112,31 @@ class SilhouetteOverlap(Energy[Any]):
         root = square_root(products).view(*slope.shape[:-3], *products.shape[-2:])
         of_frame, of_shared = _split(root[..., :-1], state)
         return Linearization(Residual(root[..., -1]), of_frame, of_shared)
+
+    def add_to_blocks(self, state: Any, curvature: Tensor, gradient: Tensor) -> Tensor | None:
+        """Products of outline rows, where points tell what each of them sees; see ``OffersBlocks``.
+
+        For states of many unknowns, whose square roots would cost more than all else.
+        """
+        plain = is_plain(curvature, gradient, self.masks, self.scale, self.weight)
+        if state.shared_sizes or not plain or not getattr(self.points, "in_parts", False):
+            return None
+        assert self.points is not None
+        frames = self._outline_rows(state)
+        vertices = self._used(frames, state).unsqueeze(-1)
+        parts = self.points(vertices, torch.ones_like(vertices)).linearize_parts(state)
+        camera = self.cameras.linearize(parts.points)[1].flatten(0, -5)  # P C N 2 3
+        lead = state.coordinates().frame.shape[:-1]
+        weight = self.weight.to(gradient)
+        each = (weight.unsqueeze(-1) if weight.ndim else weight).expand(lead).flatten()
+        blocks, pulls = curvature.flatten(0, 1), gradient.flatten(0, 1)
+        values = []
+        for frame, (rows, own) in enumerate(zip(frames, parts.frames(), strict=True)):
+            value, pull, square = rows.summed(camera[frame], own.dense(), self.kernel)
+            blocks[frame] += each[frame] * square
+            pulls[frame] += each[frame] * pull
+            values.append(each[frame] * value)
+        return torch.stack(values).view(len(curvature), -1).sum(-1)
 
     def gradient(self, state: Any) -> tuple[Tensor, Tensor | None]:
         """Half the gradient, (*b, F, D) and (*b, S'), differentiable in all that it is made of.

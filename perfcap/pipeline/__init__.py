@@ -15,6 +15,12 @@ from perfcap.pipeline.free_view import draw_free_view, save_free_view
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.joint_motion import JointMotion
+from perfcap.pipeline.joint_refinement import (
+    JointConfig,
+    JointRefinement,
+    refine_jointly,
+    resized,
+)
 from perfcap.pipeline.objective import angle_bounds, pose_objective, trajectory_prior
 from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.people import Person, Scene
@@ -35,7 +41,9 @@ __all__ = [
     "CaptureConfig",
     "FrameNumbers",
     "Images",
+    "JointConfig",
     "JointMotion",
+    "JointRefinement",
     "Performance",
     "Person",
     "PoseConfig",
@@ -62,6 +70,8 @@ __all__ = [
     "draw_free_view",
     "orbit",
     "pose_objective",
+    "refine_jointly",
+    "resized",
     "retarget",
     "save_free_view",
     "save_overlay",

@@ -3,6 +3,7 @@
 from perfcap.solve.adam import Adam
 from perfcap.solve.adjoint import Adjoint, Detached, Implicit, Unrolled
 from perfcap.solve.bounds import Bounds
+from perfcap.solve.compound import Compound, of_part
 from perfcap.solve.dense import ResidualFunction, Vector
 from perfcap.solve.energy import (
     Coupling,
@@ -30,6 +31,7 @@ __all__ = [
     "Adjoint",
     "BlockLinearization",
     "Bounds",
+    "Compound",
     "Coupling",
     "Detached",
     "Energy",
@@ -57,5 +59,6 @@ __all__ = [
     "Vector",
     "WindowEnergy",
     "forward_mode",
+    "of_part",
     "solve",
 ]

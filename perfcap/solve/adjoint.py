@@ -22,7 +22,9 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds
+from perfcap.solve.damping import added_damping, damping_scale
 from perfcap.solve.energy import Objective, StateType
+from perfcap.solve.exact_inverse import ProductInverse
 from perfcap.solve.implicit_step import (
     ReducedInverse,
     attach,
@@ -38,6 +40,7 @@ from perfcap.solve.solution import Sensitivity, Solution, Status
 from perfcap.solve.stationarity import gradient, hessian
 from perfcap.solve.unrolled_steps import record, replay
 
+_EXACT = int(Sensitivity.EXACT)
 _FAILED = (Status.STALLED, Status.NOT_FINITE)
 
 
@@ -75,18 +78,21 @@ class Implicit(Adjoint):
         hessian: "full" is exact at a minimum; "gauss_newton" leaves out second derivatives of
             residuals and kernels, is a little cheaper and always positive. Where the full Hessian
             is not positive definite, Gauss-Newton's takes its place.
+            "products" never writes the Hessian down: conjugate gradients multiply by it, two
+            gradients of the energies a product. It is exact for silhouettes too, whose second
+            derivatives nobody has in closed form, and the choice for hundreds of unknowns a frame.
         damping: added to the Hessian, relative to the curvature of the data, to shorten gradients
             along what the data hardly see.
     """
 
-    hessian: Literal["full", "gauss_newton"] = "full"
+    hessian: Literal["full", "gauss_newton", "products"] = "full"
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.hessian not in ("full", "gauss_newton") or not self.damping >= 0:
+        if self.hessian not in ("full", "gauss_newton", "products") or not self.damping >= 0:
             raise InputError(
                 f"Implicit has hessian {self.hessian!r} and damping {self.damping}; expected "
-                "'full' or 'gauss_newton', and a damping from 0 on"
+                "'full', 'gauss_newton' or 'products', and a damping from 0 on"
             )
 
     def solve(  # noqa: D102
@@ -113,12 +119,18 @@ class Implicit(Adjoint):
 
     def _inverse(
         self, objective: Objective, state: StateType, bounds: Bounds | None, good: Tensor
-    ) -> ReducedInverse:
+    ) -> ReducedInverse | ProductInverse:
         equations = assemble(objective, state)
         good = good & equations.finite()
         exact = hessian(objective, state, equations) if self.hessian == "full" else None
         free = free_unknowns(state, bounds, equations.gradient(), equations.layout)
-        return invert(exact, equations, free, good, self.damping)
+        inverse = invert(exact, equations, free, good, self.damping)
+        if self.hessian != "products":
+            return inverse
+        kind = torch.where(inverse.sensitivity == Sensitivity.ZERO, Sensitivity.ZERO, _EXACT)
+        ones = torch.ones_like(free[:, 0])
+        added = self.damping * added_damping(ones, damping_scale(equations))
+        return ProductInverse(replace(inverse, sensitivity=kind), objective, state, added)
 
 
 @dataclass(frozen=True)

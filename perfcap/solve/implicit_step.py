@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
@@ -117,7 +117,18 @@ def _restrict(matrix: Tensor, free: Tensor) -> Tensor:
     return torch.where(both > 0, matrix, 0) + torch.diag_embed(1 - free)
 
 
-def attach(rows: Tensor, inverse: ReducedInverse) -> Tensor:
+class Inverse(Protocol):
+    """What the derivative of a solution needs of a Hessian."""
+
+    @property
+    def free(self) -> Tensor:
+        """1 where a coordinate may move, else 0, (B, N)."""
+
+    def solve(self, rows: Tensor) -> Tensor:
+        """The inverse, which is symmetric, times rows (B, N)."""
+
+
+def attach(rows: Tensor, inverse: Inverse) -> Tensor:
     """Zeros (B, N) with the derivative of ``- inverse @ rows``."""
     step: Tensor = _Attach.apply(rows, inverse)  # type: ignore[no-untyped-call]
     return step
@@ -125,7 +136,7 @@ def attach(rows: Tensor, inverse: ReducedInverse) -> Tensor:
 
 class _Attach(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, rows: Tensor, inverse: ReducedInverse) -> Tensor:
+    def forward(ctx: Any, rows: Tensor, inverse: Inverse) -> Tensor:
         ctx.inverse = inverse
         # a saved tensor, so that a second backward pass fails as torch's own operations do
         ctx.save_for_backward(inverse.free)

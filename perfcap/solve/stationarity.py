@@ -37,12 +37,7 @@ def gradient(objective: Objective, state: State, layout: Layout) -> Tensor:
     frame = torch.zeros_like(state.coordinates().frame)
     shared = torch.zeros_like(state.coordinates().shared)
     for energy in _energies(objective):
-        if isinstance(energy, OffersGradient):
-            own, of_shared = energy.gradient(state)
-        elif isinstance(energy, WindowEnergy):
-            own, of_shared = _window_gradient(energy, state), None
-        else:
-            own, of_shared = _frame_gradient(energy, state)
+        own, of_shared = energy_gradient(energy, state)
         frame = frame + own
         if of_shared is not None:
             shared = _added(shared, layout.seen(energy.sees), of_shared)
@@ -50,6 +45,15 @@ def gradient(objective: Objective, state: State, layout: Layout) -> Tensor:
     if not layout.shared_dim:
         return rows
     return torch.cat((rows, layout.per_element(shared)), -1)
+
+
+def energy_gradient(energy: Energy[Any], state: State) -> tuple[Tensor, Tensor | None]:
+    """Half the gradient of one energy, (*b, F, D) and (*b, S'), None where nothing is shared."""
+    if isinstance(energy, OffersGradient):
+        return energy.gradient(state)
+    if isinstance(energy, WindowEnergy):
+        return _window_gradient(energy, state), None
+    return _frame_gradient(energy, state)
 
 
 def _added(whole: Tensor, columns: slice | list[int], part: Tensor) -> Tensor:

@@ -194,7 +194,7 @@ def test_bend_of_kernels(kernel: Kernel) -> None:
 
 def test_bad_settings_are_named() -> None:
     objective, state, bounds = problem()
-    with pytest.raises(InputError, match="expected 'full' or 'gauss_newton'"):
+    with pytest.raises(InputError, match="expected 'full', 'gauss_newton' or 'products'"):
         Implicit("newton")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="damping from 0 on"):
         Implicit(damping=math.nan)

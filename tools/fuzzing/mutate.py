@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import math
@@ -78,7 +79,7 @@ def _change(rng: Random, holder: Any, key: Any, places: list[Any]) -> None:
     elif kind == 4 and isinstance(holder[key], list):
         holder[key] = holder[key][: rng.randrange(len(holder[key]) + 1)]
     else:
-        holder[key] = value(rng)
+        holder[key] = copy.deepcopy(value(rng))  # of its own: it may be changed further
 
 
 def text(rng: Random, content: str) -> str:

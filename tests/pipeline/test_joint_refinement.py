@@ -1,0 +1,73 @@
+"""The stage that refines motion and surface at once, on a small capture."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from joint_problem import F64
+from synthetic import actor, cameras, random_motion
+
+from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.pipeline import JointConfig, Performance, capture, refine_jointly, resized
+from perfcap.render.soft_silhouette import SoftSilhouette
+from perfcap.solve import LevenbergMarquardt
+
+ACTOR, FRAMES, SIZE = actor(), 3, 64
+VIEWS = cameras(2, SIZE, distance=3.0)
+QUICK = JointConfig(nodes=8, bands=(4.0,), method=LevenbergMarquardt(max_steps=4))
+
+
+def still() -> Motion:
+    pose = random_motion(ACTOR.skeleton, 1, (), seed=3)
+    return pose[torch.zeros(FRAMES, dtype=torch.long)]
+
+
+@pytest.fixture(scope="module")
+def start() -> Performance:
+    pixels = VIEWS.project(ACTOR.joints(still()))
+    return capture(ACTOR, VIEWS, Detections.from_joints(pixels, torch.ones(FRAMES, 2, 16)), 30.0)
+
+
+@pytest.fixture(scope="module")
+def masks() -> torch.Tensor:
+    silhouette = SoftSilhouette(torch.tensor(ACTOR.template.faces), (SIZE, SIZE))
+    return silhouette.seen_by(VIEWS, ACTOR.surface(still())).clone()
+
+
+def test_motion_and_surface_come_from_one_solve(start: Performance, masks: torch.Tensor) -> None:
+    found = refine_jointly(start, masks, config=QUICK)
+    assert found.frames == FRAMES
+    assert found.vertices().shape == (FRAMES, len(ACTOR.vertices), 3)
+    torch.testing.assert_close(found[0:1], found.vertices()[:1])
+    (_, solution), *others = found.windows
+    assert not others
+    assert {"joints2d", "trajectory", "silhouettes", "rigidity"} <= set(solution.terms)
+    assert not found.vertices().requires_grad
+
+
+def test_gradients_reach_masks_and_detections(start: Performance, masks: torch.Tensor) -> None:
+    soft = (0.1 + 0.8 * masks).requires_grad_()
+    pixels = start.detections.joints2d.clone().requires_grad_()
+    seen = Detections.from_joints(pixels, start.detections.confidence2d)
+    found = refine_jointly(start, soft, detections=seen, config=QUICK)
+    for slope in torch.autograd.grad(found.vertices().square().sum(), (soft, pixels)):
+        assert bool(slope.isfinite().all()) and bool(slope.any())
+
+
+def test_cameras_are_made_as_large_as_masks() -> None:
+    half = resized(VIEWS, (SIZE // 2, SIZE // 2))
+    point = torch.tensor([[[0.1, 1.2, 0.2]]], dtype=F64)
+    # pixel centres are integers
+    torch.testing.assert_close(half.project(point), (VIEWS.project(point) + 0.5) / 2 - 0.5)
+
+
+def test_masks_of_other_frames_are_refused(start: Performance, masks: torch.Tensor) -> None:
+    with pytest.raises(InputError, match="the frames and views of the capture"):
+        refine_jointly(start, masks[:2], config=QUICK)
+    with pytest.raises(InputError, match="expected 0 to 1"):
+        refine_jointly(start, 2 * masks, config=QUICK)
+    other = Detections.from_joints(torch.zeros(2, 2, 16, 2, dtype=F64), torch.ones(2, 2, 16))
+    with pytest.raises(InputError, match="the same frames and views"):
+        refine_jointly(start, masks, detections=other, config=QUICK)
