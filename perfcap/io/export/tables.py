@@ -31,7 +31,7 @@ def write_csv(folder: Path, recording: Recording, options: Options) -> None:
     unit = options.per_metre
     columns = [f"{name}_{axis}" for name in LANDMARKS for axis in "xyz"]
     landmarks = recording.landmarks.reshape(recording.frames, -1) * unit
-    _write(folder / f"{recording.name}_joints.csv", recording, columns, landmarks)
+    write_table(folder / f"{recording.name}_joints.csv", recording, columns, landmarks)
     motion = read_motion(recording)
     if motion is None:
         return
@@ -41,7 +41,7 @@ def write_csv(folder: Path, recording: Recording, options: Options) -> None:
     turn = aligned(torch.from_numpy(turn)).numpy()  # no jumps between q and -q
     values = np.concatenate([motion["root_translation"] * unit, turn, angles], axis=1)
     columns = [*(f"root_{axis}" for axis in "xyz"), *(f"root_q{axis}" for axis in "wxyz"), *names]
-    _write(folder / f"{recording.name}_angles.csv", recording, columns, values)
+    write_table(folder / f"{recording.name}_angles.csv", recording, columns, values)
 
 
 def write_npz(folder: Path, recording: Recording, options: Options) -> None:
@@ -107,7 +107,8 @@ def _scaled(transforms: Floats, options: Options) -> Floats:
     return scaled
 
 
-def _write(path: Path, recording: Recording, columns: Sequence[str], values: Floats) -> None:
+def write_table(path: Path, recording: Recording, columns: Sequence[str], values: Floats) -> None:
+    """A CSV with the number and time of each frame before its values, (F, columns)."""
     lines = [",".join(["frame", "time_s", *columns])]
     for number, time, row in zip(recording.numbers, recording.times, values, strict=True):
         lines.append(f"{number},{time:.9f}," + ",".join(f"{value:.9g}" for value in row))
