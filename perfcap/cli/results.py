@@ -74,7 +74,9 @@ class Export:
     folder: tyro.conf.Positional[Path]
     """Folder of a capture."""
     to: tuple[
-        Literal["glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv", "qpos"],
+        Literal[
+            "glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv", "osim", "qpos"
+        ],
         ...,
     ]
     """One or several formats; usd, usdz and c3d need an extra of perfcap."""
