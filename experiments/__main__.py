@@ -45,7 +45,7 @@ GROUPS = {
         "long_clip", "long_surface", "surface_speed", "deformation_speed", "silhouette_speed",
         "report_speed", "batch",
     ),
-    "Into other programs": ("export_check", "retarget"),
+    "Into other programs": ("export_check", "retarget", "robot_playback"),
     "All of them": ("all",),
 }  # fmt: skip
 

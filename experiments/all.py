@@ -31,6 +31,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "people_joints": ("--sequences", "dev_duo", "--no-fewer"),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
     "retarget": ("--frames", "20"),
+    "robot_playback": ("--frames", "20"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
     "solver_classics": (),
     "solver_speed": ("--windows", "2", "--slow", "0"),

@@ -77,7 +77,7 @@ def run(config: Experiment) -> Report:
     with tempfile.TemporaryDirectory() as scratch:
         for name, target in _targets(config.data, Path(scratch)):
             if config.picture is not None:
-                panels.append(_panel(name, target, clips[0][1]))
+                panels.append(panel(name, target, clips[0][1]))
             limbs, reach, slides, seconds, frames = [], [], [], 0.0, 0
             for clip, rig in clips:
                 joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
@@ -116,7 +116,7 @@ def run(config: Experiment) -> Report:
     return Report(tables)
 
 
-def _panel(name: str, target: Actor, rig: MovingRig) -> NDArray[np.uint8]:
+def panel(name: str, target: Actor, rig: MovingRig) -> NDArray[np.uint8]:
     """A frame of a clip on a target, as perfcap render draws it."""
     joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
     motion = retarget(rig.actor, joints, target, rig.rate).motion
@@ -132,7 +132,7 @@ def _panel(name: str, target: Actor, rig: MovingRig) -> NDArray[np.uint8]:
 
 def _clips(config: Experiment) -> Iterator[tuple[str, MovingRig]]:
     """Recorded motion of two sources, and the shipped demo's."""
-    yield "demo", _demo()
+    yield "demo", shipped_clip()
     cmu, bandai = (data_folder(config.data, f"mocap_{n}_bvh") for n in ("cmu", "bandai"))
     for name in CMU:  # at 120 a second, behind an inserted T-pose
         rig = read_moving_rig(cmu / f"{name}.bvh", slice(1, 1 + 4 * config.frames))
@@ -147,7 +147,7 @@ def _every(rig: MovingRig, step: int) -> MovingRig:
                    rate=rig.rate / step, frames=rig.frames[::step])  # fmt: skip
 
 
-def _demo() -> MovingRig:
+def shipped_clip() -> MovingRig:
     """The true motion of the shipped clip, on the shipped actor."""
     from perfcap.actor.motion import Motion
 

@@ -48,6 +48,10 @@ class Rig:
         bone_groups: name of the group whose length each bone shares: one for each joint's bone
             from its parent (the root's is ignored), then one for each landmark's from its joint.
             All bones share one group where it is empty.
+        roles: the joint that stands for each of the sixteen of a person, in their order, where
+            joints are others: those of a robot. Empty where they are a person's.
+        neutral: what turns those sixteen from rest to the anatomical neutral pose, (16, 3, 3);
+            None where angles of 0 do.
     """
 
     joints: tuple[str, ...]
@@ -58,6 +62,8 @@ class Rig:
     landmark_joints: tuple[int, ...]
     landmark_positions: Tensor
     bone_groups: tuple[str, ...] = ()
+    roles: tuple[int, ...] = ()
+    neutral: Tensor | None = None
 
     def __post_init__(self) -> None:
         if self.parents[:1] != (-1,) or min(self.parents[1:], default=0) < 0:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
 
@@ -39,7 +40,7 @@ def sole_skeleton(actor: Actor) -> Skeleton:
     groups = rig.bone_groups
     names, joints, places = [], [], []
     for side in SIDES:
-        ankle = rig.joints.index(f"{side[0]}_ankle")
+        ankle = _ankle(rig, side[0])
         names += [f"{side[0]}_{point}" for point in SOLE_POINTS]
         joints += [ankle] * len(SOLE_POINTS)
         places.append(_sole(actor, rig, side[0]))
@@ -58,13 +59,23 @@ def sole_skeleton(actor: Actor) -> Skeleton:
 
 def _sole(actor: Actor, rig: Rig, side: str) -> Tensor:
     """Rest positions of the points of a foot, (4, 3)."""
-    ankle = rig.positions[rig.joints.index(f"{side}_ankle")]
+    ankle = rig.positions[_ankle(rig, side)]
     toe = rig.landmark_positions[rig.landmarks.index(f"{side}_toe")].to(ankle)
+    vertices = _foot_vertices(actor, _ankle(rig, side))
+    if rig.neutral is None:
+        return _flat_sole(ankle, toe, vertices, side)
+    # a robot's foot may be drawn lifted or rolled: its sole is read as it stands
+    turn = rig.neutral[JOINTS.index(f"{side}_ankle")].to(ankle)
+    standing = (vertices - ankle) @ turn.mT + ankle
+    return (_flat_sole(ankle, turn @ (toe - ankle) + ankle, standing, side) - ankle) @ turn + ankle
+
+
+def _flat_sole(ankle: Tensor, toe: Tensor, vertices: Tensor, side: str) -> Tensor:
+    """Points of a foot (4, 3) that stands on the ground."""
     along = (toe - ankle) * toe.new_tensor([1.0, 0.0, 1.0])
     along = along / along.norm().clamp(min=1e-9)
     inward = 1.0 if side == "r" else -1.0  # the left is at +x
     across = inward * torch.linalg.cross(along.new_tensor([0.0, 1.0, 0.0]), along)
-    vertices = _foot_vertices(actor, rig.joints.index(f"{side}_ankle"))
     if len(vertices) >= _ENOUGH:
         ground = vertices[:, 1].min()
         near = vertices[vertices[:, 1] < ground + _THICK] - ankle
@@ -89,10 +100,20 @@ def _sole(actor: Actor, rig: Rig, side: str) -> Tensor:
 _ENDS = (0.0, _HALF_WIDTH, -_HALF_WIDTH, 0.0)
 
 
+def _ankle(rig: Rig, side: str) -> int:
+    """The joint that carries a toe; a robot calls it something else."""
+    return rig.landmark_joints[rig.landmarks.index(f"{side}_toe")]
+
+
 def _foot_vertices(actor: Actor, ankle: int) -> Tensor:
-    """Rest vertices that mostly move with an ankle, (N, 3); none of an actor without a mesh."""
+    """Rest vertices that mostly move with an ankle and what hangs on it, such as the toes of a
+    robot, (N, 3); none of an actor without a mesh.
+    """
     if getattr(actor, "skin", None) is None:
         return torch.zeros(0, 3)
     bones, weights, _ = actor.skin.rows()
-    owned = torch.where(bones == ankle, weights, 0).sum(-1) > _OWNED
+    foot = [ankle]
+    for joint, parent in enumerate(actor.skeleton.rig.parents):
+        foot += [joint] if parent in foot else []
+    owned = torch.where(torch.isin(bones, torch.tensor(foot)), weights, 0).sum(-1) > _OWNED
     return actor.vertices[owned].to(actor.skeleton.rig.positions)

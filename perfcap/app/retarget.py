@@ -50,6 +50,7 @@ from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
+_JUMP = 60.0  # degrees a frame, of a robot's hinge
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
@@ -113,7 +114,7 @@ def _retargeted(request: RetargetRequest) -> list[_Part]:
     mapping = None if request.source_mapping is None else read_mapping(request.source_mapping)
     people = list(named_people(request.source)) if request.source.is_dir() else []
     people = people or [(request.source, "")]
-    actors = [load_actor(name, request.mapping) for name in request.actor]
+    actors = [load_actor(name, request.mapping, robots=True) for name in request.actor]
     if len(actors) not in (1, len(people)):
         raise InputError(
             f"--actor: {len(actors)} actors for {len(people)} people; expected one for all, or one "
@@ -202,6 +203,9 @@ def _write_person(request: RetargetRequest, folder: Path, part: _Part) -> None:
         warnings=part.rig.notes,
     )
     about = _about(request) | {"retarget": part.scores.report() | {"scale": found.scale}}
+    if part.target.skeleton.rig.roles:
+        skeleton = part.target.skeleton
+        about["robot"] = {"root": skeleton.rig.joints[0], "joints": list(skeleton.angle_names)}
     write_result(performance, folder, int(part.rig.frames[0]), about)
 
 
@@ -225,6 +229,13 @@ def _doubts(part: _Part) -> Iterator[str]:
         yield (
             f"the hips move at {max(speeds):.0f} m/s, faster than any runner; check the unit of "
             "the source's places, and whether it jumps"
+        )
+    change = part.found.motion.angles.diff(dim=0).abs().amax(1, keepdim=True).rad2deg()
+    jumps = (change > _JUMP).flatten().nonzero().flatten().tolist()
+    if part.target.skeleton.rig.roles and jumps:
+        yield (
+            f"hinges jump by up to {float(change.max()):.0f} degrees, first in frame "
+            f"{int(part.rig.frames[jumps[0] + 1])}: limits leave no way between two poses"
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"

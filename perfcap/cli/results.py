@@ -73,7 +73,12 @@ class Export:
 
     folder: tyro.conf.Positional[Path]
     """Folder of a capture."""
-    to: tuple[Literal["glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv"], ...]
+    to: tuple[
+        Literal[
+            "glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv", "osim", "qpos"
+        ],
+        ...,
+    ]
     """One or several formats; usd, usdz and c3d need an extra of perfcap."""
     out: Path | None = None
     """Folder for the files; FOLDER/export if not given."""
@@ -108,8 +113,9 @@ class Retarget:
     source: tyro.conf.Positional[Path]
     """Folder of a capture, a .bvh, or a .glb, .gltf or .vrm with an animation."""
     actor: tuple[str, ...]
-    """Who shall move so: a shipped actor, a skinned .glb/.gltf/.vrm with any bones, or a folder
-    with actor.glb. Of several people one for all, or one each."""
+    """Who shall move so: a shipped actor, a skinned .glb/.gltf/.vrm with any bones, a folder with
+    actor.glb, or a humanoid robot as .urdf or .xml (MJCF). Of several people one for all, or one
+    each."""
     out: Path
     """Folder for the result, which all commands take that take a capture."""
     frames: str | None = None

@@ -24,6 +24,7 @@ from perfcap.io.actor_import import import_actor, mapping_rows, require_sound
 from perfcap.io.actor_mapping import read_mapping
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import require_readable_kind
+from perfcap.io.robot import is_robot, load_robot
 
 _LOG = logging.getLogger(__name__)
 
@@ -104,6 +105,8 @@ def examine(name: str | Path, mapping: str | Path | None = None) -> Examination:
         InputError: it cannot be read, or its joints cannot be found.
     """
     path = find_actor(name).path
+    if is_robot(path):
+        raise InputError(f"{path}: is a robot, which perfcap retarget takes; expected a character")
     manifest = _manifest(path)
     if mapping is None and manifest.joints:
         return _examine_built(path, manifest)
@@ -142,7 +145,9 @@ def _examine_built(path: Path, manifest: Manifest) -> Examination:
     )
 
 
-def load_actor(name: str | Path, mapping: str | Path | None = None) -> Actor:
+def load_actor(
+    name: str | Path, mapping: str | Path | None = None, *, robots: bool = False
+) -> Actor:
     """The actor of a name or file (see ``find_actor``), in float64.
 
     A character of another program may have any bones, units and axes: see ``import_actor``.
@@ -150,12 +155,20 @@ def load_actor(name: str | Path, mapping: str | Path | None = None) -> Actor:
     Args:
         name: a shipped actor, a file or a folder.
         mapping: a file that names the bones of joints, where names and places do not tell.
+        robots: whether a URDF or MJCF will do, whose skeleton is its own: see ``load_robot``.
 
     Raises:
         InputError: it cannot be read, has no skin, lacks joints of the skeleton, or has faults
             that would spoil a capture.
     """
     path = find_actor(name).path
+    if is_robot(path):
+        if not robots:
+            raise InputError(
+                f"--actor {name}: is a robot, whose joints are no person's; capture a person, then "
+                "put the motion on it: perfcap retarget FOLDER --actor " + path.name
+            )
+        return load_robot(path, None if mapping is None else read_mapping(Path(mapping)))
     manifest = _manifest(path)
     if mapping is None and manifest.joints:
         return load_actor_folder(path.parent)

@@ -199,6 +199,7 @@ class RetargetConfig:
         change: of what contacts change, whose high frequencies have these deviations: m, degrees
             and degrees, of the place, the root's rotation and the angles.
         edge: cosines of a change that are low frequencies.
+        still: of the hinges of robots from the frame before, degrees.
         frames: solved at once.
         steps: of the solver.
     """
@@ -214,5 +215,6 @@ class RetargetConfig:
     depth: float = 0.002
     change: tuple[float, float, float] = (0.003, 0.5, 1.0)
     edge: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    still: float = 15.0
     frames: int = 128
     steps: int = 40

@@ -41,10 +41,15 @@ class JointMotion:
     position: Tensor
 
 
+def person_joints(skeleton: Skeleton) -> list[int]:
+    """Rows of a skeleton's joints that are the sixteen of a person, in their order."""
+    return list(skeleton.rig.roles) or list(range(len(JOINTS)))
+
+
 def leg_length(actor: Actor) -> float:
     """Of thigh, shank and the height of the ankle, mean of both sides, metres."""
     skeleton = actor.skeleton
-    at = {name: skeleton.rest_positions[JOINTS.index(name)] for name in JOINTS}
+    at = dict(zip(JOINTS, skeleton.rest_positions[person_joints(skeleton)], strict=True))
     sole = sole_skeleton(actor).rest_landmarks[-SOLES:, 1].min()
     sides = [
         (at[f"{s}_knee"] - at[f"{s}_hip"]).norm()
@@ -57,7 +62,7 @@ def leg_length(actor: Actor) -> float:
 
 def arm_length(skeleton: Skeleton) -> float:
     """Of upper arm and forearm, mean of both sides, metres."""
-    at = {name: skeleton.rest_positions[JOINTS.index(name)] for name in JOINTS}
+    at = dict(zip(JOINTS, skeleton.rest_positions[person_joints(skeleton)], strict=True))
     sides = [
         (at[f"{s}_elbow"] - at[f"{s}_shoulder"]).norm()
         + (at[f"{s}_wrist"] - at[f"{s}_elbow"]).norm()
@@ -68,24 +73,27 @@ def arm_length(skeleton: Skeleton) -> float:
 
 def neutral_turns(skeleton: Skeleton) -> Tensor:
     """Rotations of the joints from the rest pose to the anatomical neutral one, (16, 3, 3)."""
+    if skeleton.rig.neutral is not None:
+        return skeleton.rig.neutral.to(skeleton.rest_positions)
     rest = skeleton.rest_motion()
     rotation: Tensor = skeleton(replace(rest, angles=torch.zeros_like(rest.angles))).rotation
     return rotation[0]
 
 
 def wanted_turns(source: Actor, joints: JointMotion, target: Skeleton) -> Tensor:
-    """Rotations of the target's joints from its rest pose, (F, 16, 3, 3).
+    """Rotations of the target's joints of a person from its rest pose, (F, 16, 3, 3).
 
     As far from its neutral pose as the source is from its own, with limbs in exactly the source's
     directions.
     """
     like = target.rest_positions
+    rest = like[person_joints(target)]
     turned = joints.rotation.to(like) @ neutral_turns(source.skeleton).mT.to(like)
     wanted = turned @ neutral_turns(target)
     for start, end in LIMBS:
         a, b = JOINTS.index(start), JOINTS.index(end)
         aim = unit_vectors((joints.position[:, b] - joints.position[:, a]).to(like))
-        along = unit_vectors(target.rest_positions[b] - target.rest_positions[a])
+        along = unit_vectors(rest[b] - rest[a])
         wanted[:, a] = _least_turn(wanted[:, a] @ along, aim) @ wanted[:, a]
     return wanted
 

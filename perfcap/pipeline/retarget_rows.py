@@ -22,6 +22,7 @@ from perfcap.pipeline.joint_motion import (
     LIMBS,
     JointMotion,
     arm_length,
+    person_joints,
     unit_vectors,
     wanted_turns,
 )
@@ -65,21 +66,22 @@ class Rows:
         for joint, deviation in config.turns.items():
             for axis in range(AXES):
                 aim = wanted[:, JOINTS.index(joint), :, axis]
-                rows.add(
-                    origin_row(skeleton, joint) + 1 + axis, joint, aim, math.radians(deviation)
-                )
+                rows.add(rows.row(joint) + 1 + axis, joint, aim, math.radians(deviation))
         for start, end in LIMBS:
             length = rows.rest(start, end)
             aim = length * unit_vectors(place[:, JOINTS.index(end)] - place[:, JOINTS.index(start)])
-            rows.add(origin_row(skeleton, end), start, aim, math.radians(config.limbs) * length)
+            rows.add(rows.row(end), start, aim, math.radians(config.limbs) * length)
         ratio = arm_length(target.skeleton) / arm_length(source.skeleton)
         for start, end in ARMS:
             reach = place[:, JOINTS.index(end)] - place[:, JOINTS.index(start)]
-            rows.add(origin_row(skeleton, end), start, ratio * reach, config.reach)
+            rows.add(rows.row(end), start, ratio * reach, config.reach)
         apart = place[:, JOINTS.index("l_wrist")] - place[:, JOINTS.index("r_wrist")]
         near = (1 + (apart.norm(dim=-1) / config.near).square()).square().reciprocal()
-        rows.add(origin_row(skeleton, "l_wrist"), "r_wrist", ratio * apart, config.together, near)
-        rows.add(origin_row(skeleton, "pelvis"), None, begun.translation, config.root)
+        rows.add(rows.row("l_wrist"), "r_wrist", ratio * apart, config.together, near)
+        hips = begun.translation
+        if target.skeleton.rig.roles:  # whose root may be the chest
+            hips = target.skeleton(begun).position[:, person_joints(target.skeleton)[0]]
+        rows.add(rows.row("pelvis"), None, hips, config.root)
         return rows.done()
 
 
@@ -94,19 +96,26 @@ class _RowList:
         self.sure: list[Tensor] = []
         self.units: list[float] = []
 
+    def row(self, joint: str) -> int:
+        """Of a person's joint; its axes follow."""
+        rig = self.skeleton.rig
+        return origin_row(
+            self.skeleton, rig.joints[rig.roles[JOINTS.index(joint)]] if rig.roles else joint
+        )
+
     def add(
         self, end: int, start: str | None, aim: Tensor, unit: float, sure: Tensor | None = None
     ) -> None:
         """The vector from a joint, or the world's origin, to a landmark should be (F, 3)."""
         self.ends.append(end)
-        self.starts.append(None if start is None else origin_row(self.skeleton, start))
+        self.starts.append(None if start is None else self.row(start))
         self.aims.append(aim)
         self.sure.append(torch.ones_like(aim[:, 0]) if sure is None else sure)
         self.units.append(unit)
 
     def rest(self, start: str, end: str) -> float:
         """Length of a bone."""
-        at = self.skeleton.rest_positions
+        at = self.skeleton.rest_positions[person_joints(self.skeleton)]
         return float((at[JOINTS.index(end)] - at[JOINTS.index(start)]).norm())
 
     def done(self) -> Rows:

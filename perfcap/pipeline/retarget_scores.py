@@ -17,6 +17,7 @@ from perfcap.pipeline.joint_motion import (
     JointMotion,
     arm_length,
     carried_landmarks,
+    person_joints,
     unit_vectors,
 )
 from perfcap.pipeline.retargeting import Retargeted
@@ -73,10 +74,11 @@ def retarget_scores(
         rate: frames a second.
     """
     pose = target.skeleton(found.motion)
-    theirs = joints.position.to(pose.position)
-    cosine = (_along(pose.position) * _along(theirs)).sum(-1).clamp(-1, 1)
+    ours = pose.position[:, person_joints(target.skeleton)]
+    theirs = joints.position.to(ours)
+    cosine = (_along(ours) * _along(theirs)).sum(-1).clamp(-1, 1)
     ratio = arm_length(target.skeleton) / arm_length(source.skeleton)
-    reach = (_reach(pose.position) - ratio * _reach(theirs)).norm(dim=-1)
+    reach = (_reach(ours) - ratio * _reach(theirs)).norm(dim=-1)
     names = source.skeleton.rig.landmarks
     feet = [names.index(name) for name in _FEET]
     before = carried_landmarks(source.skeleton, joints)[:, feet]

@@ -23,6 +23,7 @@ from perfcap.actor.sole_points import sole_skeleton
 from perfcap.energy.trajectory_change import TrajectoryChange
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import matrix_to_rotvec
+from perfcap.pipeline.clearance import above_floor, grounded
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
@@ -31,10 +32,12 @@ from perfcap.pipeline.joint_motion import (
     JointMotion,
     carried_landmarks,
     leg_length,
+    person_joints,
     wanted_turns,
 )
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, soft_edge
+from perfcap.pipeline.pose_paths import in_turn
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.rates import frame_rate
@@ -96,7 +99,15 @@ def retarget(
     floor, sure = _contacts(source, joints, rate)
     rows = Rows.of(source, joints, target, begun, config)
     first = _each(target, rows, begun, config)
+    if target.skeleton.rig.roles:
+
+        def solved(energies: dict[str, Energy[Motion]], state: Motion) -> Motion:
+            return _solved(target, energies, state, config)
+
+        first = in_turn(rows, begun, first, math.radians(config.still), solved)
     if floor is None or config.contact.support > floor.support or not config.contact.enabled:
+        if target.skeleton.rig.roles and config.contact.enabled:
+            first = grounded(target, first)
         return Retargeted(first, None, None, scale)
     ground = replace(floor, height=scale * floor.height)
     skeleton = sole_skeleton(target)
@@ -105,19 +116,31 @@ def retarget(
     standing = stand_where(skeleton, soles, ground, sure, rate, config.contact, known)
     last = _standing(target, rows, first, standing, rate, config)
     level = replace(last, translation=last.translation - ground.height * ground.normal)
+    if target.skeleton.rig.roles:
+        level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
 
 
 def _placed(
     source: Actor, joints: JointMotion, target: Actor, wanted: Tensor, scale: float
 ) -> Motion:
-    """The target with its hips where the source's are, to scale, and its joints turned so."""
+    """The target with its hips where the source's are, to scale, and its joints turned so.
+
+    Of a robot only its root is turned: its hinges are not those of a person.
+    """
     skeleton = target.skeleton
+    rows = person_joints(skeleton)
     hips = [JOINTS.index(f"{side}_hip") for side in "lr"]
     middle = scale * joints.position[:, hips].mean(1).to(wanted)
-    offset = skeleton.rest_positions[hips].mean(0) - skeleton.rest_positions[0]
-    place = middle - wanted[:, 0] @ offset
-    return Motion(place, matrix_to_rotvec(wanted[:, 0]), joint_angles(skeleton, wanted))
+    rest = skeleton.rest_positions[[rows[hip] for hip in hips]]
+    turn = wanted[:, rows.index(0) if 0 in rows else 0]
+    place = middle - turn @ (rest.mean(0) - skeleton.rest_positions[0])
+    if skeleton.rig.roles:
+        still = skeleton.rest_angles.clamp(skeleton.lower, skeleton.upper)
+        angles = still.to(wanted).expand(len(wanted), -1).clone()
+    else:
+        angles = joint_angles(skeleton, wanted)
+    return Motion(place, matrix_to_rotvec(turn), angles)
 
 
 def _contacts(source: Actor, joints: JointMotion, rate: float) -> tuple[Floor, Tensor]:

@@ -51,7 +51,8 @@ def test_several_formats_at_once(folder: Path, perfcap: Command) -> None:
     assert outcome.code == 0 and not outcome.err
     name = folder.name
     written = {f"{name}{ending}" for ending in (".glb", ".bvh", "_obj", "_ply", ".trc", ".npz",
-                                                "_joints.csv", "_angles.csv")}  # fmt: skip
+                                                "_joints.csv", "_angles.csv",
+                                                "_ranges.csv")}  # fmt: skip
     assert {path.name for path in (folder / "export").iterdir()} == written
     assert len(list((folder / "export" / f"{name}_obj").glob("*.obj"))) == 4
     assert sorted(Path(line).name for line in outcome.out.splitlines()) == sorted(written)

@@ -217,8 +217,8 @@ def read_trc(path: Path) -> tuple[list[str], list[str], np.ndarray]:
 
 def test_trc(recording: Recording, tmp_path: Path) -> None:
     fields, names, rows = read_trc(write("trc", tmp_path, recording, unit="mm") / f"{NAME}.trc")
-    assert fields == ["30", "30", "12", "16", "mm", "30", "40", "12"] and names[0] == "head_top"
-    assert rows[:, 0].tolist() == list(range(40, 52))
+    assert fields == ["30", "30", "12", "16", "mm", "30", "41", "12"] and names[0] == "head_top"
+    assert rows[:, 0].tolist() == list(range(41, 53))  # counted from 1
     np.testing.assert_allclose(rows[:, 1], np.arange(40, 52) / 30, atol=1e-9)
     close(rows[:, 2:].reshape(12, 16, 3) / 1000, recording.landmarks, 1e-8)
     path = write("trc", tmp_path, recording, unit="m", markers="bones") / f"{NAME}.trc"
@@ -279,6 +279,12 @@ def test_csv(recording: Recording, tmp_path: Path) -> None:
         knee = motion["angle_names"].tolist().index("l_knee_flexion")
         close(angles["l_knee_flexion_deg"], np.degrees(motion["angles"][2:7, knee]), 1e-6)
         close(angles["root_x"], motion["root_translation"][2:7, 0], 1e-8)
+        of = np.degrees(motion["angles"][2:7, knee])
+    lines = (folder / f"{NAME}_ranges.csv").read_text().splitlines()
+    rows = {line.split(",")[0]: [float(v) for v in line.split(",")[1:]] for line in lines[1:]}
+    assert lines[0].startswith("angle,lower_deg,upper_deg,least_deg,most_deg")
+    assert len(rows) == len(lines) - 1
+    close(np.array(rows["l_knee_flexion"][2:]), [of.min(), of.max(), of.mean(), np.ptp(of)], 1e-6)
 
 
 @pytest.mark.parametrize("up", ["y", "z"])

@@ -10,7 +10,9 @@ from pathlib import Path
 from perfcap.errors import InputError
 from perfcap.io.export.markers import write_c3d, write_trc
 from perfcap.io.export.meshes import write_obj, write_ply
+from perfcap.io.export.opensim import write_osim
 from perfcap.io.export.options import Options
+from perfcap.io.export.qpos import write_qpos
 from perfcap.io.export.recording import Recording
 from perfcap.io.export.scene import write_glb
 from perfcap.io.export.skeleton import write_bvh
@@ -62,4 +64,6 @@ FORMATS: Mapping[str, Format] = {
     "c3d": Format(write_c3d, unit="mm", up="z", package="ezc3d", extra="mocap"),
     "npz": Format(write_npz),
     "csv": Format(write_csv),
+    "osim": Format(write_osim, fixed=True),
+    "qpos": Format(write_qpos, up="z", fixed=True),
 }

@@ -46,11 +46,12 @@ def choose_markers(recording: Recording, options: Options, clean: Callable[[str]
 
 
 def write_trc(folder: Path, recording: Recording, options: Options) -> None:
-    """Tab-separated text; frames and times are those of the video."""
+    """Tab-separated text; frames and times are those of the video, frames counted from 1."""
     markers = choose_markers(recording, options, word)
     name, rate = f"{recording.name}.trc", f"{recording.rate:.9g}"
     frames, count = markers.places.shape[:2]
-    values = (rate, rate, frames, count, options.unit, rate, recording.numbers[0], frames)
+    counted = recording.numbers + 1  # as the format does
+    values = (rate, rate, frames, count, options.unit, rate, counted[0], frames)
     axes = [f"{axis}{number + 1}" for number in range(count) for axis in "XYZ"]
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{word(name)}",
@@ -61,7 +62,7 @@ def write_trc(folder: Path, recording: Recording, options: Options) -> None:
     ]
     digits = _DECIMALS - round(np.log10(options.per_metre))
     for number, time, row in zip(
-        recording.numbers, recording.times, markers.places.reshape(frames, -1), strict=True
+        counted, recording.times, markers.places.reshape(frames, -1), strict=True
     ):
         lines.append(f"{number}\t{time:.9f}\t" + "\t".join(f"{x:.{digits}f}" for x in row))
     with writing(folder / name) as file:

@@ -31,7 +31,7 @@ def write_csv(folder: Path, recording: Recording, options: Options) -> None:
     unit = options.per_metre
     columns = [f"{name}_{axis}" for name in LANDMARKS for axis in "xyz"]
     landmarks = recording.landmarks.reshape(recording.frames, -1) * unit
-    _write(folder / f"{recording.name}_joints.csv", recording, columns, landmarks)
+    write_table(folder / f"{recording.name}_joints.csv", recording, columns, landmarks)
     motion = read_motion(recording)
     if motion is None:
         return
@@ -41,7 +41,27 @@ def write_csv(folder: Path, recording: Recording, options: Options) -> None:
     turn = aligned(torch.from_numpy(turn)).numpy()  # no jumps between q and -q
     values = np.concatenate([motion["root_translation"] * unit, turn, angles], axis=1)
     columns = [*(f"root_{axis}" for axis in "xyz"), *(f"root_q{axis}" for axis in "wxyz"), *names]
-    _write(folder / f"{recording.name}_angles.csv", recording, columns, values)
+    write_table(folder / f"{recording.name}_angles.csv", recording, columns, values)
+    _write_ranges(folder / f"{recording.name}_ranges.csv", recording, motion)
+
+
+def _write_ranges(path: Path, recording: Recording, motion: dict[str, NDArray[Any]]) -> None:
+    """Limits of each angle, and what of them the frames use, in degrees; a row an angle."""
+    names = ("angle_lower", "angle_upper")
+    source = recording.result.folder / "motion.npz"
+    found = read_archive(source, names, "the motion.npz of a capture")
+    angles, count = np.degrees(motion["angles"]), len(motion["angle_names"])
+    none = np.full(count, np.nan)
+    limits = [found[n] if found.get(n, none).shape == (count,) else none for n in names]
+    if any(limit.dtype.kind != "f" for limit in limits):
+        limits = [none, none]
+    least, most = angles.min(0), angles.max(0)
+    columns = (*np.degrees(limits), least, most, angles.mean(0), most - least)
+    lines = ["angle,lower_deg,upper_deg,least_deg,most_deg,mean_deg,range_deg"]
+    for name, *values in zip(motion["angle_names"].tolist(), *columns, strict=True):
+        lines.append(f"{name}," + ",".join(f"{value:.9g}" for value in values))
+    with writing(path) as file:
+        file.write(("\n".join(lines) + "\n").encode())
 
 
 def write_npz(folder: Path, recording: Recording, options: Options) -> None:
@@ -107,7 +127,8 @@ def _scaled(transforms: Floats, options: Options) -> Floats:
     return scaled
 
 
-def _write(path: Path, recording: Recording, columns: Sequence[str], values: Floats) -> None:
+def write_table(path: Path, recording: Recording, columns: Sequence[str], values: Floats) -> None:
+    """A CSV with the number and time of each frame before its values, (F, columns)."""
     lines = [",".join(["frame", "time_s", *columns])]
     for number, time, row in zip(recording.numbers, recording.times, values, strict=True):
         lines.append(f"{number},{time:.9f}," + ",".join(f"{value:.9g}" for value in row))
