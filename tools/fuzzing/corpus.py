@@ -12,6 +12,7 @@ import calibration_files
 import cv2
 import detection_files
 import numpy as np
+import robots
 import torch
 import trimesh
 from fuzzing import mutate
@@ -137,6 +138,11 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (clips / "a.csv").write_text("name,videos,actor\nwalk,a.mp4;b.mp4,sam\n,c.mp4,\n")
     moving = _new(root, "moving")
     (moving / "a.glb").write_bytes((root / "result" / "capture.glb").read_bytes())
+    humanoids = [_new(root, kind) for kind in ("robot_urdf", "robot_mjcf")]
+    for folder, (name, content) in zip(
+        humanoids, (("a.urdf", robots.urdf()), ("a.xml", robots.mjcf())), strict=True
+    ):
+        (folder / name).write_text(content)
     masks, pickles = _new(root, "masks"), _new(root, "pickles")
     picture = np.zeros((40, 30), np.uint8)
     picture[10:30, 5:20] = 1
@@ -155,9 +161,15 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
         Target("moving", moving, lambda f, _: _joints(f / "a.glb")),
         Target("moving_bvh", bvh, lambda f, _: _joints(f / "a.bvh")),
         Target("clip_list", clips, lambda f, _: _listed(f / "a.csv")),
+        *(Target(each.name, each, _robot) for each in humanoids),
         Target("masks", masks, lambda f, _: read_silhouette(f / "a.png")),
         Target("pickles", pickles, lambda f, _: (read_pickle(f / "a.pkl", "a test"), None)[1]),
     ]
+
+
+def _robot(folder: Path, _: Random) -> Any:
+    (path,) = folder.iterdir()
+    return load_actor(str(path)).template
 
 
 def _meshes(folder: Path, _: Random) -> Any:

@@ -25,7 +25,7 @@ _BY_SUFFIX: dict[str, Callable[[Random, bytes], bytes]] = {
 _MOST = 100  # frames of an array
 _TREES = (".json", ".gltf")
 _TEXTS = (".toml", ".yml", ".yaml", ".txt", ".obj", ".off", ".bvh", ".trc", ".calibration")
-_TEXTS += (".calib", ".cal", ".xml", ".csv")
+_TEXTS += (".calib", ".cal", ".xml", ".csv", ".urdf")
 
 
 @dataclass(frozen=True)
