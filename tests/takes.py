@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from synthetic import actor as person
@@ -170,7 +171,7 @@ class TakeFiles:
     def command(self, out: Path, *more: str, **changes: object) -> list[str]:
         """Arguments of ``perfcap``; ``changes`` replace videos, actor, cameras or detections.
 
-        Ends at the motion unless told otherwise: the images of these takes show nobody.
+        Ends at the motion unless told otherwise: the images of these takes show dots.
         """
         parts = {
             "actor": self.actor,
@@ -198,7 +199,7 @@ def write_take(
     take = replace(take, detections=detect(actor, take.cameras, take.truth, lifted))
     files = TakeFiles(folder, take)
     write_actor(files.actor, actor.template)
-    write_video(files.video, frames, size, take.rate)
+    write_video(files.video, frames, size, take.rate, seen=take.detections.joints2d[:, 0])
     write_json(files.camera, camera_entry(take.cameras))
     write_detections(files.detections, take.detections)
     write_truth(files.truth, take)
@@ -219,14 +220,25 @@ def write_actor(path: Path, template: Template) -> None:
 
 
 def write_video(
-    path: Path, frames: int, size: tuple[int, int], rate: float = 30.0, half: int = 20
+    path: Path,
+    frames: int,
+    size: tuple[int, int],
+    rate: float = 30.0,
+    half: int = 20,
+    seen: torch.Tensor | None = None,
 ) -> None:
-    """A room with a dark half, nobody in it; each frame is a little brighter than the last."""
+    """A room with a dark half; each frame is a little brighter than the last.
+
+    Nobody is in it, or a dot at each joint (F, 16, 2) that is ``seen``.
+    """
     room = np.full((*size, 3), 60, np.uint8)
     room[:, size[1] // 2 :] = half
     with VideoWriter(path, rate, preset="ultrafast") as writer:
         for i in range(frames):
-            writer.write(room + np.uint8(i % 128))
+            image = room + np.uint8(i % 128)
+            for x, y in () if seen is None else seen[i].round().int().tolist():
+                cv2.circle(image, (x, y), 3, (120, 40, 200), -1)
+            writer.write(image)
 
 
 def camera_entry(cameras: Camera, view: int = 0) -> dict[str, Any]:

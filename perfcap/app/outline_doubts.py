@@ -63,14 +63,15 @@ def outline_edges(chosen: ChosenFrames, masks: PersonMasks) -> list[OutlineEdges
 
 def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -> OutlineEdges:
     reach = max(4, round(_REACH * size))
-    total, count = np.zeros(2 * reach + 1), np.zeros(2 * reach + 1)
+    total, count = np.zeros(2 * reach), np.zeros(2 * reach)
     for frame in range(len(chosen)):
         image = chosen.read_view(view, frame, frame + 1)[0]
         height, width = image.shape[:2]
         mask = masks.inside[frame, view, :height, :width].numpy() > 0.5
         if mask.any() and not mask.all():
-            depth = np.rint(_depth(mask)).astype(np.int64)
-            near = np.abs(depth) <= reach
+            # pixels of straight outlines lie at halves of a pixel: one row of them to a bin
+            depth = np.floor(_depth(mask)).astype(np.int64)
+            near = (depth >= -reach) & (depth < reach)
             place = depth[near] + reach
             total += np.bincount(place, _gradient(image)[near], len(total))
             count += np.bincount(place, minlength=len(count))
@@ -79,7 +80,7 @@ def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -
     profile = total / count
     usual = max(float(np.median(profile)), 1e-9)
     best = int(profile.argmax())
-    return OutlineEdges(float(best - reach), float(profile[best]) / usual, size)
+    return OutlineEdges(best - reach + 0.5, float(profile[best]) / usual, size)
 
 
 def _depth(mask: NDArray[np.bool_]) -> Floats:

@@ -71,7 +71,7 @@ def test_where_the_edges_are(moved: int) -> None:
 
 def test_boxes_end_at_no_edges() -> None:
     boxes = torch.zeros(FRAMES, 1, HEIGHT, WIDTH, dtype=torch.bool)
-    boxes[..., 20:240, 30:170] = True
+    boxes[..., 10:250, 30:170] = True
     (line,) = outline_doubts(chosen(80), SimpleNamespace(inside=boxes))  # type: ignore[arg-type]
     assert "end at no edges" in line
 

@@ -197,7 +197,7 @@ def test_bone_lengths_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     def again_solved(*_: object) -> None:
         raise AssertionError("solved again")
 
-    monkeypatch.setattr("perfcap.pipeline.jobs.solve_bone_lengths", again_solved)
+    monkeypatch.setattr("perfcap.pipeline.move.solve_bone_lengths", again_solved)
     again = capture(*parts, solve_bones=True, checkpoint=Checkpoint(tmp_path))
     assert first.bone_scales is not None and again.bone_scales is not None
     assert torch.equal(first.bone_scales, again.bone_scales)
