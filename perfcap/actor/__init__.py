@@ -13,7 +13,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.point_differences import PointDifferences
 from perfcap.actor.points import Landmarks, Points
 from perfcap.actor.rig import Hinge, Rig
-from perfcap.actor.rig_reader import read_mjcf, read_urdf
+from perfcap.actor.rig_reader import read_urdf
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
@@ -48,6 +48,5 @@ __all__ = [
     "human_rig",
     "linear_blend",
     "map_bones",
-    "read_mjcf",
     "read_urdf",
 ]

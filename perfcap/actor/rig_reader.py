@@ -1,18 +1,15 @@
-"""Read skeletons of robotics and simulation files: URDF and MuJoCo's MJCF.
+"""Read the skeleton of a URDF file that marks a person's 16 landmarks.
 
-Links or bodies become joints, their hinges keep names and limits. The rest pose is the file's zero
-pose, in the file's own axes and in metres, and angles count from it. A rig for capture has a link,
-body or site for each of the 16 landmarks, by name; empty ones on fixed joints are the usual way
-to mark the top of the head or the toes.
+Links become joints, their hinges keep names and limits. The rest pose is the file's zero pose, in
+the file's own axes and in metres, and angles count from it. A link for each landmark, by name;
+empty ones on fixed joints are the usual way to mark the top of the head or the toes. Robots, which
+mark nothing, are actors of ``perfcap.io.robot``.
 
-URDF is read by pytorch-kinematics, whose reader works in float32: positions hold to 1e-7 m. MJCF is
-read by mujoco itself, because pytorch-kinematics takes one joint a body and ignores its position.
+The file is read by pytorch-kinematics, whose reader works in float32: positions hold to 1e-7 m.
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,11 +24,9 @@ from perfcap.errors import InputError
 
 BYTES_LIMIT = 4 * 2**20
 LINKS_LIMIT = 1000  # the URDF builder compares all pairs of joints and recurses down the tree
-_SAME_PLACE = 1e-6  # m
 _XML_DECLARATION = re.compile(r"\A\s*<\?xml[^>]*\?>")
 _DECLARATIONS = re.compile(r"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
-_OTHER_FILES = re.compile(r"<\s*include\b|\bfile\s*=", re.IGNORECASE)
-_LINKS = re.compile(r"<\s*(?:\w+:)?(?:joint|body|site)\b")
+_LINKS = re.compile(r"<\s*(?:\w+:)?joint\b")
 
 
 def read_urdf(path: str | Path) -> Rig:
@@ -42,7 +37,7 @@ def read_urdf(path: str | Path) -> Rig:
             for one of the landmarks.
     """
     path = Path(path)
-    text = _read_xml(path, "URDF")
+    text = _read_xml(path)
     try:
         import pytorch_kinematics
 
@@ -52,8 +47,7 @@ def read_urdf(path: str | Path) -> Rig:
         zero = torch.zeros(len(chain.get_joint_parameter_names()))
         poses = chain.forward_kinematics(zero)
     except Exception as error:  # the parser raises anything, from KeyError to AssertionError
-        expected = "a tree of links with revolute and fixed joints"
-        raise _unreadable(path, "URDF", expected, error) from error
+        raise _unreadable(path, error) from error
     frames = list(_walk(chain.find_frame(names[0])))
     joints = tuple(frame.name for frame, _ in frames)
     _refuse_sliding(path, [f.joint.name for f, _ in frames if f.joint.joint_type == "prismatic"])
@@ -77,77 +71,19 @@ def read_urdf(path: str | Path) -> Rig:
     )
 
 
-def read_mjcf(path: str | Path) -> Rig:
-    """The skeleton of a MuJoCo file without references to other files.
-
-    A free joint of the first body is left out, since the root of a rig moves freely anyway.
-
-    Raises:
-        InputError: the package mujoco is not installed; the file is no MJCF of bodies with hinges,
-            or has no body or site for one of the landmarks.
-    """
-    path = Path(path)
-    text = _read_xml(path, "MJCF")
-    if _OTHER_FILES.search(text):
-        raise InputError(
-            f"{path}: refers to other files; expected a self-contained MJCF: "
-            "remove its <include> and the <asset> files"
-        )
-    if importlib.util.find_spec("mujoco") is None:
-        raise InputError(f"{path}: MJCF needs the package mujoco: pip install mujoco")
-    mujoco = importlib.import_module("mujoco")
-    try:
-        model = mujoco.MjModel.from_xml_string(text)
-    except ValueError as error:
-        raise _unreadable(path, "MJCF", "a model that mujoco compiles", error) from error
-    state = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, state)
-    return _mujoco_rig(path, mujoco, model, state)
-
-
-def _mujoco_rig(path: Path, mujoco: Any, model: Any, state: Any) -> Rig:
-    """Bodies, hinges and marks of a compiled model at its zero pose."""
-    # the world is the root only where several bodies stand in it
-    first = 1 if list(model.body_parentid[1:]).count(0) == 1 else 0
-    names = tuple(model.body(i).name or f"body{i}" for i in range(first, model.nbody))
-    parents = [int(model.body_parentid[i]) - first if i > first else -1
-               for i in range(first, model.nbody)]  # fmt: skip
-    positions = torch.tensor(state.xpos[first:])
-    hinges: list[Hinge] = []
-    for index in range(model.njnt):
-        joint, body = model.joint(index), int(model.jnt_bodyid[index]) - first
-        name = joint.name or f"{names[body]}_{index}"
-        if joint.type[0] == int(mujoco.mjtJoint.mjJNT_FREE) and parents[body] <= 0:
-            continue
-        if joint.type[0] != int(mujoco.mjtJoint.mjJNT_HINGE):
-            _refuse_sliding(path, [name])
-        anchor = torch.tensor(state.xanchor[index])
-        if any(h.joint == names[body] for h in hinges):
-            _require_same_place(path, names[body], positions[body], anchor)
-        positions[body] = anchor
-        limits = joint.range - joint.qpos0 if joint.limited[0] else (0.0, 0.0)
-        hinges.append(_hinge(name, names[body], torch.tensor(state.xaxis[index]), limits))
-    marks = {n: (i, torch.tensor(state.xpos[first + i])) for i, n in enumerate(names)}
-    for index in range(model.nsite):
-        site = model.site(index)
-        place = torch.tensor(state.site_xpos[index])
-        marks[site.name] = (max(int(site.bodyid[0]) - first, 0), place)
-    return _rig(path, names, parents, positions, hinges, marks)
-
-
-def _read_xml(path: Path, kind: str) -> str:
+def _read_xml(path: Path) -> str:
     """Text of a small XML file that declares no entities, without its XML declaration."""
     if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a {kind} file")
+        raise InputError(f"{path}: no such file; expected a URDF file")
     size = path.stat().st_size
     if size > BYTES_LIMIT:
         raise InputError(
-            f"{path}: is {size} bytes, a {kind} may have {BYTES_LIMIT}; remove meshes and comments"
+            f"{path}: is {size} bytes, a URDF may have {BYTES_LIMIT}; remove meshes and comments"
         )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text; expected a {kind} file") from error
+        raise InputError(f"{path}: is not UTF-8 text; expected a URDF file") from error
     if _DECLARATIONS.search(text):
         raise InputError(f"{path}: declares a document type or entities; remove them")
     if len(_LINKS.findall(text)) > LINKS_LIMIT:
@@ -156,9 +92,12 @@ def _read_xml(path: Path, kind: str) -> str:
     return _XML_DECLARATION.sub("", text, count=1)
 
 
-def _unreadable(path: Path, kind: str, expected: str, error: Exception) -> InputError:
+def _unreadable(path: Path, error: Exception) -> InputError:
     reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-    return InputError(f"{path}: is no {kind} that can be read ({reason}); expected {expected}")
+    return InputError(
+        f"{path}: is no URDF that can be read ({reason}); expected a tree of links with revolute "
+        "and fixed joints"
+    )
 
 
 def _refuse_sliding(path: Path, names: Sequence[str]) -> None:
@@ -166,14 +105,6 @@ def _refuse_sliding(path: Path, names: Sequence[str]) -> None:
         raise InputError(
             f"{path}: joints {', '.join(names)} are no hinges; expected hinges and fixed joints "
             "only: write a ball joint as three hinges, and leave the root free"
-        )
-
-
-def _require_same_place(path: Path, body: str, here: Tensor, there: Tensor) -> None:
-    if (here - there).norm() > _SAME_PLACE:
-        raise InputError(
-            f"{path}: the hinges of {body} are {float((here - there).norm()):.4f} m apart; "
-            "expected hinges that meet: give each place a body of its own"
         )
 
 
@@ -189,7 +120,7 @@ def _walk(root: Any) -> Iterator[tuple[Any, int]]:
 
 def _hinge(name: str, joint: str, axis: Tensor, limits: Sequence[float]) -> Hinge:
     lower, upper = (float(limit) for limit in limits)
-    if lower >= upper:  # how both formats write a joint without limits
+    if lower >= upper:  # how joints without limits come
         lower, upper = -torch.inf, torch.inf
     return Hinge(name, joint, (float(axis[0]), float(axis[1]), float(axis[2])), lower, upper)
 

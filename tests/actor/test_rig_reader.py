@@ -1,6 +1,5 @@
 """Skeleton files, and pytorch-kinematics as an independent opinion on kinematics."""
 
-import importlib.util
 import math
 from pathlib import Path
 
@@ -12,11 +11,11 @@ from torch import Tensor
 from perfcap.actor.anatomy import human_rig
 from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Rig
-from perfcap.actor.rig_reader import read_mjcf, read_urdf
+from perfcap.actor.rig_reader import read_urdf
 from perfcap.actor.skeleton import Skeleton
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.geometry.rotation import matrix_to_quaternion, rotvec_to_matrix
+from perfcap.geometry.rotation import rotvec_to_matrix
 
 pk = pytest.importorskip("pytorch_kinematics")
 F64 = torch.float64
@@ -199,87 +198,3 @@ def test_an_encoding_cannot_hide_a_document_type(tmp_path: Path) -> None:
     path.write_text('<?xml version="1.0" encoding="UTF-7"?>+ADw-!DOCTYPE a+AD4-<robot/>')
     with pytest.raises(InputError, match="is no URDF"):
         read_urdf(path)
-
-
-def to_mjcf(rig: Rig, anchor: str = "0 0 0", free: str = "") -> str:
-    """The rig as a MuJoCo file: a body for each joint, with all its hinges, and one for C."""
-    tree = Skeleton(rig).tree
-
-    def bodies(parent: int) -> str:
-        rows = ""
-        for index, joint in enumerate(rig.joints):
-            if rig.parents[index] != parent:
-                continue
-            place = _numbers(tree.bone_vectors[index].tolist())
-            rows += f'<body name="{joint}_hinges" pos="{place}">{INERTIA}{free * (parent < 0)}'
-            for k, hinge in enumerate(h for h in rig.hinges if h.joint == joint):
-                rows += f'<joint name="{hinge.name}" axis="{_numbers(hinge.axis)}" '
-                rows += f'pos="{anchor if k else "0 0 0"}" '
-                rows += f'range="{_numbers((hinge.lower, hinge.upper))}"/>'
-            turn = _numbers(matrix_to_quaternion(tree.unrest[index]).tolist())
-            rows += f'<body name="{joint}" quat="{turn}">{INERTIA}{sites(index)}{bodies(index)}'
-            rows += "</body></body>"
-        return rows
-
-    def sites(joint: int) -> str:
-        bones = tree.bone_vectors[len(rig.joints) :].tolist()
-        return "".join(
-            f'<site name="{name}" pos="{_numbers(bone)}"/>'
-            for name, at, bone in zip(rig.landmarks, rig.landmark_joints, bones, strict=True)
-            if at == joint
-        )
-
-    compiler = '<compiler angle="radian" autolimits="true"/>'
-    return f"<mujoco>{compiler}<worldbody>{bodies(-1)}</worldbody></mujoco>"
-
-
-INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-
-
-@pytest.mark.parametrize("free", ["", "<freejoint/>"])
-def test_an_mjcf_comes_back_as_the_same_kinematics(
-    tmp_path: Path, skeleton: Skeleton, free: str
-) -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
-    path = tmp_path / "person.xml"
-    path.write_text(to_mjcf(skeleton.rig, free=free))
-    read = Skeleton(read_mjcf(path))
-    order = [skeleton.angle_names.index(name) for name in read.angle_names]
-    assert torch.allclose(read.upper, skeleton.upper[order])
-    motion = random_motion(skeleton, 10)
-    same = Motion(motion.translation, motion.rotation, motion.angles[:, order])
-    assert torch.allclose(read(same).landmarks, skeleton(motion).landmarks, atol=1e-9)
-
-
-def test_bad_mjcf_is_refused_in_one_line(tmp_path: Path, skeleton: Skeleton) -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
-    path = tmp_path / "person.xml"
-    for text, message in (
-        (to_mjcf(skeleton.rig, anchor="0 0.1 0"), "m apart"),
-        (to_mjcf(skeleton.rig).replace('site name="l_toe"', 'site name="foot"'), "named l_toe"),
-        (
-            to_mjcf(skeleton.rig).replace(INERTIA, INERTIA + '<joint type="ball"/>', 1),
-            "three hinges",
-        ),
-        ("<mujoco><worldbody><body/></worldbody></mujoco>", "no link named head_top"),
-        ("<mujoco>", "is no MJCF"),
-    ):
-        path.write_text(text)
-        with pytest.raises(InputError, match=message):
-            read_mjcf(path)
-
-
-def test_mjcf_says_what_to_install(tmp_path: Path) -> None:
-    if importlib.util.find_spec("mujoco") is not None:
-        pytest.skip("mujoco is installed")
-    path = tmp_path / "person.xml"
-    path.write_text("<mujoco/>")
-    with pytest.raises(InputError, match="pip install mujoco"):
-        read_mjcf(path)
-
-
-def test_mjcf_does_not_read_other_files(tmp_path: Path) -> None:
-    path = tmp_path / "person.xml"
-    path.write_text('<mujoco><include file="other.xml"/></mujoco>')
-    with pytest.raises(InputError, match="self-contained"):
-        read_mjcf(path)

@@ -78,6 +78,8 @@ def test_poses_that_contradict_are_expected_to_be_far_off() -> None:
     found = fuse_poses(given, detections(other)).deviation3d
     alone = fuse_poses(given, None).deviation3d
     assert found is not None and alone is not None
+    for errors in (found, alone):  # of people, in metres
+        assert errors.min() > 0.005 and errors.max() < 1.0
     assert found[3].min() > 3 * found[:3].max()
     assert found[4].min() > 1.5 * found[:3].max()
     assert (found[:3] < alone[:3]).all() and alone[4].min() > 2 * alone[0].max()

@@ -64,3 +64,13 @@ def test_smoothing_keeps_sums_and_what_lies_outside() -> None:
     far = vertices[:, 0] <= 0
     assert np.allclose(blurred[far], values[far])
     assert np.allclose(area @ blurred, area @ values)  # heat is moved, not lost
+
+
+def test_nothing_flows_to_what_is_left_out() -> None:
+    """Heat of one temperature stays where it is, whichever places are left out."""
+    vertices, faces = sphere()
+    matrix, area = laplacian(vertices, faces)
+    free = vertices[:, 0] > -0.3
+    heat = np.exp(4 * vertices[:, 2])
+    found = conduct(matrix, area, heat, np.full((len(vertices), 1), 0.7), free)
+    assert found.shape == (free.sum(), 1) and np.allclose(found, 0.7, atol=1e-9)
