@@ -84,7 +84,7 @@ def _film(
     rng: np.random.Generator,
     tilt: tuple[float, float],
 ) -> Tensor:
-    surfaces, joints = _moved(figure, recording, part)
+    surfaces, joints = moved(figure, recording, part)
     camera = _camera(joints, size, rng, tilt)
     texture = Texture.from_image(torch.from_numpy(figure.texture), figure.uv, figure.faces_uv)
     behind = torch.from_numpy(Backgrounds().draw(size, rng))
@@ -115,7 +115,7 @@ def exaggerated(recording: Recording, rng: np.random.Generator) -> Recording:
     return replace(recording, turns=torch.stack(turns, 1).to(recording.turns))
 
 
-def _moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tensor], Tensor]:
+def moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tensor], Tensor]:
     """Surfaces (V, 3) and landmarks (F, 16, 3), walking as far as their legs are long."""
     rest, path = rest_turns(figure), mid_hip(recording.landmarks[part])
     poses = [pose_figure(figure, figure.vertices, turns, rest) for turns in recording.turns[part]]

@@ -1,0 +1,432 @@
+"""Clothed people who move about a furnished room, filmed by one camera, with all of their truth.
+
+Nothing here is what captures were developed on: bodies, clothes, motions, rooms, lights, lenses and
+the shake of the hand that holds a camera are drawn at random, a clip for a number. Every third
+person wears a skirt that hangs as it will, which its template only skins to the legs. Cast shadows
+are drawn, and the whole is a compressed video.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from filmed_people import moved
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.template import Template
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.io.body_model import load_body_model
+from perfcap.io.clip import Clip
+from perfcap.io.video_writer import VideoWriter
+from perfcap.render import (
+    Lighting,
+    ProjectedMesh,
+    Texture,
+    look_at,
+    rasterize,
+    render,
+    shade_ground,
+    visibility,
+)
+from perfcap.train.backgrounds import Backgrounds, natural_color
+from perfcap.train.config import DetectorNoise
+from perfcap.train.detector_noise import corrupt
+from perfcap.train.figure import Figure, actor_figure, rest_turns
+from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_mesh
+from perfcap.train.wardrobe import Wardrobe, random_outfit
+
+Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+RATE = 30.0
+_STEP = 2  # recorded frames between those of a video
+_TEXTURE, _CLOTH = 512, 96  # px: texture of the body, rows below it for a skirt
+_LEGS = ("pelvis", "l_hip", "r_hip", "l_knee", "r_knee")  # what a skirt is skinned to
+_TILE = 0.25  # m, of the room's surfaces
+_NEAR = 0.1  # m: what is nearer to the camera is not drawn
+_REACH = 0.82  # of the image, that the motion fills
+_DEPTH_NOISE, _NOISE = 0.040, 0.020  # m, of 3D detections
+_KEPT = 0.8  # of that noise, from frame to frame
+
+
+@dataclass(frozen=True)
+class Staged:
+    """A clip on disk, what a capture may know of it, and what it may not.
+
+    Attributes:
+        name: number, motion, and what is special.
+        actor: the clothed person.
+        cameras: one view, (1,) or (F, 1) where it moves.
+        detections: (F, 1, 16), as detectors err.
+        clip: the video.
+        truth: landmarks, (F, 16, 3) m; for scoring only.
+        masks: (F, H, W); for scoring only.
+    """
+
+    name: str
+    actor: Actor
+    cameras: Camera
+    detections: Detections
+    clip: Clip
+    truth: Tensor
+    masks: Mask
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Something with a picture on it.
+
+    Attributes:
+        vertices: (V, 3) m.
+        faces: (T, 3).
+        texture: of them.
+        ground: whether shadows fall on it.
+    """
+
+    vertices: Tensor
+    faces: Tensor
+    texture: Texture
+    ground: bool = False
+
+
+@dataclass(frozen=True)
+class Dressed:
+    """A person and what is drawn of them."""
+
+    figure: Figure
+    skirt: Skirt | None
+    actor: Actor
+
+    def drawn(self, surface: Tensor, hips: Tensor, turn: Tensor) -> Tensor:
+        """Vertices (V, 3) of body and skirt in a pose."""
+        if self.skirt is None:
+            return surface
+        return torch.cat((surface, hang(self.skirt, self.figure, surface, hips, turn)))
+
+    @property
+    def faces(self) -> Tensor:
+        """Of body and skirt, (T, 3)."""
+        body = self.figure.faces
+        return (
+            body
+            if self.skirt is None
+            else torch.cat((body, skirt_mesh()[0] + len(self.figure.vertices)))
+        )
+
+    @property
+    def texture(self) -> Texture:
+        """Of both."""
+        uv, faces = _texture_places(self.figure, self.skirt is not None)
+        return Texture.from_image(torch.from_numpy(self.figure.texture), uv, faces)
+
+
+def staged(
+    folder: Path, library: MotionLibrary, number: int, frames: int, size: int, seed: int = 0
+) -> Staged:
+    """The clip of a number; every third person wears a skirt, every third camera is held by hand.
+
+    Args:
+        folder: where its video goes.
+        library: recorded motion.
+        number: of the clip.
+        frames: F.
+        size: of the square images, px.
+        seed: of a series of clips.
+    """
+    rng = np.random.default_rng([seed, number])
+    held = number % 3 == 2
+    person = _person(rng, skirted=number % 3 == 1)
+    fitting = [r for r in library.recordings if len(r.turns) > _STEP * frames]
+    recording = fitting[int(rng.integers(len(fitting)))]
+    start = int(rng.integers(len(recording.turns) - _STEP * frames))
+    part = slice(start, start + _STEP * frames, _STEP)
+    surfaces, joints = moved(person.figure, recording, part)
+    lowest = torch.stack([surface[:, 1].amin() for surface in surfaces]).amin()
+    up = torch.stack((lowest * 0, -lowest, lowest * 0))  # the floor is at 0
+    joints = joints + up
+    turns = recording.turns[part, 0] @ rest_turns(person.figure)[0]
+    drawn = [
+        person.drawn(surface + up, hips, turn)
+        for surface, hips, turn in zip(surfaces, mid_hip(joints), turns, strict=True)
+    ]
+    cameras = _cameras(joints, size, rng, held)
+    path = folder / f"staged{number}.mp4"
+    masks = _film(path, person, drawn, joints, cameras, rng)
+    what = ", held by hand" if held else ", in a skirt" if person.skirt is not None else ""
+    return Staged(
+        name=f"{number}: {recording.name}{what}",
+        actor=person.actor,
+        cameras=cameras,
+        detections=_detections(joints.double(), cameras, rng),
+        clip=Clip.open([str(path)]),
+        truth=joints.double(),
+        masks=masks,
+    )
+
+
+def _person(rng: np.random.Generator, skirted: bool) -> Dressed:
+    body = load_body_model()
+    wardrobe = Wardrobe.of(actor_figure(body.actor(torch.zeros(0, dtype=torch.float64)), _TEXTURE))
+    shape = torch.from_numpy(rng.normal(size=10).clip(-2, 2))
+    plain = body.template(shape)
+    outfit = random_outfit(rng)
+    figure = wardrobe.dress(actor_figure(Actor(plain), _TEXTURE), outfit, rng)
+    skirt = random_skirt(rng) if skirted else None
+    if skirt is not None:
+        width = figure.texture.shape[1]
+        across = np.abs(np.mgrid[:_CLOTH, :width]).reshape(2, -1).T / np.array([_CLOTH, width])
+        places = np.concatenate([0.8 * across[:, 1:], 0.7 * across[:, :1], 0 * across[:, :1]], 1)
+        paint = random_outfit(rng).paints[int(rng.integers(3, 5))]
+        cloth = paint.at(places.astype(np.float32), rng).reshape(_CLOTH, width, 3)
+        below = cloth.clip(0, 255).astype(np.uint8)
+        figure = replace(figure, texture=np.concatenate([figure.texture, below]))
+    return Dressed(figure, skirt, Actor(_template(plain, figure, skirt)))
+
+
+def _template(plain: Template, figure: Figure, skirt: Skirt | None) -> Template:
+    """What somebody would have scanned: the clothed person at rest, skinned as plain bodies are."""
+    welded, first = plain.weld()
+    vertices = figure.vertices.double().numpy()[welded]
+    faces, weights, bones = plain.faces, plain.weights, plain.weight_bones
+    if skirt is not None:
+        at = dict(zip(LANDMARKS, figure.landmarks, strict=True))
+        hips = 0.5 * (at["l_hip"] + at["r_hip"])
+        cloth = hang(skirt, figure, figure.vertices, hips, torch.eye(3)).double().numpy()
+        legs = torch.isin(
+            figure.owner,
+            torch.tensor(
+                [JOINTS.index(n) for n in ("pelvis", "l_hip", "r_hip", "l_knee", "r_knee")]
+            ),
+        ).numpy()
+        around = np.flatnonzero(legs)
+        near = figure.vertices.double().numpy()[around]
+        distance = np.linalg.norm(cloth[:, None] - near[None], axis=-1)
+        worn = first[around[distance.argmin(1)]]
+        faces = np.concatenate([faces, skirt_mesh()[0].numpy() + len(vertices)])
+        vertices = np.concatenate([vertices, cloth])
+        weights = np.concatenate([weights, weights[worn]])
+        bones = np.concatenate([bones, bones[worn]])
+    return replace(
+        plain,
+        vertices=vertices,
+        faces=faces,
+        weights=weights,
+        weight_bones=bones,
+        uv=None,
+        texture=None,
+        texture_mime=None,
+        name="staged",
+    )
+
+
+def _texture_places(figure: Figure, skirted: bool) -> tuple[Tensor, Tensor]:
+    """Corners of the texture (N, 2), and those of each face (T, 3)."""
+    if not skirted:
+        return figure.uv, figure.faces_uv
+    height = figure.texture.shape[0]
+    body = figure.uv * torch.tensor([1.0, (height - _CLOTH) / height])
+    low, high = (height - _CLOTH + 2) / height, (height - 2) / height
+    faces, uv = skirt_mesh()
+    cloth = uv * torch.tensor([1.0, high - low]) + torch.tensor([0.0, low])
+    return torch.cat((body, cloth)), torch.cat((figure.faces_uv, faces + len(body)))
+
+
+def _cameras(joints: Tensor, size: int, rng: np.random.Generator, held: bool) -> Camera:
+    """A camera that sees the whole motion, on a stand or in a hand."""
+    points = joints.flatten(0, 1)
+    centre = 0.5 * (points.amin(0) + points.amax(0))
+    focal = float(rng.uniform(0.9, 1.6)) * size
+    reach = float((points - centre).norm(dim=-1).max()) + 0.2
+    distance = max(1.8, 2 * reach * focal / (_REACH * size))
+    heading, tilt = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(0, 18))
+    ray = [math.cos(tilt) * math.sin(heading), math.sin(tilt), math.cos(tilt) * math.cos(heading)]
+    count = len(joints) if held else 1
+    sway = 0.04 * _shake(count, rng) if held else torch.zeros(1, 3)
+    roam = 0.06 * _shake(count, rng) if held else torch.zeros(1, 3)
+    eye = centre + distance * centre.new_tensor(ray) + sway
+    eye[:, 1] = eye[:, 1].clamp(min=0.3)
+    rotation, translation = look_at(eye, centre + roam, centre.new_tensor([[0.0, 1.0, 0.0]]))
+    roll = torch.zeros(count, 3)
+    roll[:, 2] = math.radians(1.0) * (_shake(count, rng)[:, 0] if held else 0.0)
+    turn = rotvec_to_matrix(roll)
+    rotation, translation = turn @ rotation, (turn @ translation[..., None]).squeeze(-1)
+    middle = 0.5 * (size - 1)
+    lens = centre.new_tensor([[focal, 0, middle], [0, focal, middle], [0, 0, 1]])
+    parts = [lens.expand(count, 3, 3), rotation, translation]
+    parts = [part.double()[:, None] if held else part.double() for part in parts]
+    return Camera(parts[0], parts[1], parts[2], size=((size, size),))
+
+
+def _shake(count: int, rng: np.random.Generator) -> Tensor:
+    """A hand's motion along three axes, (F, 3), deviation about one."""
+    time = np.arange(count)[:, None, None] / RATE
+    often = rng.uniform(0.2, 2.5, (1, 5, 3))
+    size = rng.normal(size=(1, 5, 3)) / np.sqrt(often)
+    waves = (size * np.sin(2 * np.pi * often * time + rng.uniform(0, 6.3, (1, 5, 3)))).sum(1)
+    return torch.from_numpy(waves / np.sqrt(2.5)).float()
+
+
+def _film(
+    path: Path,
+    person: Dressed,
+    drawn: Sequence[Tensor],
+    joints: Tensor,
+    cameras: Camera,
+    rng: np.random.Generator,
+) -> Mask:
+    """Draw, and return the true masks (F, H, W)."""
+    lighting = _lights(rng)
+    room = _room(joints, cameras, rng)
+    texture, faces, grain = person.texture, person.faces, rng.uniform(0.5, 5)
+    breath = 1 + 0.03 * _shake(len(drawn), rng)[:, 0].numpy() * (rng.random() < 0.5)
+    empty, masks = None, []
+    with VideoWriter(path, RATE) as writer:
+        for frame, surface in enumerate(drawn):
+            camera = _one(cameras, frame)
+            if empty is None or cameras.moving:
+                empty, floor = _empty(room, camera, lighting)
+            dark = shade_ground(empty, camera, surface, faces, lighting, sun=3, sky=6)
+            behind = torch.where(floor[..., None], dark, empty)
+            mesh = ProjectedMesh.seen_by(camera, surface, faces)
+            reached = visibility(surface, faces, lighting, 1, 6)
+            shown = render(mesh, texture, behind, lighting, reached)
+            noise = rng.normal(0, grain, (*camera.size[0], 1))
+            image = breath[frame] * shown.image.reshape(*camera.size[0], 3).numpy() + noise
+            writer.write(np.ascontiguousarray(image.clip(0, 255).astype(np.uint8)))
+            masks.append((shown.coverage.reshape(camera.size[0]) >= 0.5).numpy())
+    return np.stack(masks)
+
+
+def _one(cameras: Camera, frame: int) -> Camera:
+    """The camera of a frame, batch (1,)."""
+    if not cameras.moving:
+        return cameras.to(torch.float32)
+    now = (cameras.intrinsics, cameras.rotation, cameras.translation)
+    intrinsics, rotation, translation = (part[frame].float() for part in now)
+    return Camera(intrinsics, rotation, translation, size=cameras.size)
+
+
+def _lights(rng: np.random.Generator) -> Lighting:
+    """Between a bright window and an even sky."""
+    sun = float(rng.uniform(0.1, 0.9))
+    ambient, sky = 0.15, 1.15 - sun
+    towards = rng.normal(size=3)
+    tint = 1 + rng.normal(0, 0.04, (2, 3))
+    return Lighting(
+        ambient=(ambient,) * 3,
+        sky=tuple(float(v) for v in sky * tint[0]),  # type: ignore[arg-type]
+        sun=tuple(float(v) for v in sun * tint[1]),  # type: ignore[arg-type]
+        towards_sun=(float(towards[0]), 0.6 + abs(float(towards[1])), float(towards[2])),
+    )
+
+
+def _room(joints: Tensor, cameras: Camera, rng: np.random.Generator) -> list[Surface]:
+    """A floor, two walls behind, a picture on one of them, and things that stand about."""
+    points = joints.flatten(0, 1)
+    centre, reach = points.mean(0), float((points - points.mean(0)).norm(dim=-1).max())
+    camera = _one(cameras, 0)
+    ahead = camera.rotation[0, 2] * torch.tensor([1.0, 0.0, 1.0])
+    ahead = ahead / ahead.norm()
+    aside = torch.stack((ahead[2], ahead[0] * 0, -ahead[0]))
+    up = torch.tensor([0.0, 1.0, 0.0])
+    eye = -(camera.rotation[0].T @ camera.translation[0])
+    corner = eye * torch.tensor([1.0, 0.0, 1.0]) - 6 * aside
+    away = float((centre - eye) @ ahead) + reach + float(rng.uniform(0.5, 2.5))
+    tall, wide = 2 * away + 2.5, away + 6
+    parts = [
+        _panel(corner, (12, aside), (wide, ahead), rng, ground=True),
+        _panel(corner + away * ahead, (12, aside), (tall, up), rng),
+        _panel(corner + (away - 0.02) * ahead + float(rng.uniform(3, 8)) * aside
+               + float(rng.uniform(0.3, 1.2)) * up,
+               (float(rng.uniform(0.6, 1.8)), aside), (float(rng.uniform(0.6, 1.6)), up), rng),
+    ]  # fmt: skip
+    for _ in range(int(rng.integers(2, 6))):
+        sideways = float(rng.uniform(-1.0, 1.0)) * (reach + 1.5)
+        place = centre * torch.tensor([1.0, 0.0, 1.0]) + sideways * aside
+        place = place + (reach + float(rng.uniform(0.2, 0.5))) * ahead
+        width, height = float(rng.uniform(0.2, 0.9)), float(rng.uniform(0.3, 1.9))
+        parts.append(_panel(place, (width, aside), (height, up), rng))
+        parts.append(_panel(place, (height, up), (0.4, ahead), rng))
+    return parts
+
+
+def _panel(
+    corner: Tensor,
+    first: tuple[float, Tensor],
+    second: tuple[float, Tensor],
+    rng: np.random.Generator,
+    ground: bool = False,
+) -> Surface:
+    """A rectangle with something on it, in tiles that are cut off behind the camera."""
+    counts = [max(2, math.ceil(length / _TILE)) for length, _ in (first, second)]
+    a, b = (torch.linspace(0, 1, count + 1) for count in counts)
+    grid = torch.stack(torch.meshgrid(a, b, indexing="ij"), -1).reshape(-1, 2)
+    vertices = corner + sum(
+        grid[:, i : i + 1] * length * way for i, (length, way) in enumerate((first, second))
+    )
+    row, column = (torch.from_numpy(v.ravel()) for v in np.mgrid[: counts[0], : counts[1]])
+    at = row * (counts[1] + 1) + column
+    quads = torch.stack((at, at + 1, at + counts[1] + 1, at + counts[1] + 2), -1)
+    faces = torch.cat((quads[:, [0, 1, 2]], quads[:, [1, 3, 2]]))
+    picture = Backgrounds().draw(512, rng)
+    if rng.random() < 0.4:  # plain walls and floors
+        plain = np.full_like(picture, natural_color(rng).clip(40, 220).astype(np.uint8))
+        picture = cv2.addWeighted(plain, 0.85, picture, 0.15, 0)
+    uv = grid if max(first[0], second[0]) < 3 else 0.5 - 0.5 * torch.cos(2 * math.pi * grid)
+    return Surface(
+        vertices, faces, Texture.from_image(torch.from_numpy(picture), uv, faces), ground
+    )
+
+
+def _empty(room: Sequence[Surface], camera: Camera, lighting: Lighting) -> tuple[Tensor, Tensor]:
+    """The room without anybody (H, W, 3), and where its floor is seen."""
+    height, width = camera.size[0]
+    image = torch.full((height, width, 3), 120, dtype=torch.uint8)
+    depth = torch.full((height, width), torch.inf)
+    floor = torch.zeros(height, width, dtype=torch.bool)
+    for surface in room:
+        mesh = ProjectedMesh.seen_by(camera, surface.vertices, surface.faces)
+        whole = (mesh.depth[surface.faces] > _NEAR).all(-1)
+        if not bool(whole.any()):
+            continue
+        texture = replace(surface.texture, faces=surface.texture.faces[whole])
+        mesh = replace(mesh, faces=surface.faces[whole])
+        drawn = render(mesh, texture, image, lighting, supersampling=2).image
+        seen = rasterize(mesh.pixels, mesh.depth, mesh.faces, (height, width))
+        nearer = seen.mask & (seen.depth < depth)
+        image = torch.where(nearer[..., None], drawn.reshape(height, width, 3), image)
+        depth = torch.where(nearer, seen.depth.to(depth), depth)
+        floor = torch.where(nearer, surface.ground, floor)
+    return image, floor
+
+
+def _detections(joints: Tensor, cameras: Camera, rng: np.random.Generator) -> Detections:
+    """2D joints as detectors err, and 3D poses with noise that stays for some frames."""
+    generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
+    local = cameras.to_camera(joints)[:, 0]
+    pixels = cameras.project(joints)[:, 0]
+    unit = 0.01 * (pixels[..., 1].amax(-1) - pixels[..., 1].amin(-1)).quantile(0.9)
+    units = unit.expand(1, len(joints))
+    found, confidence = corrupt(pixels[None], units, DetectorNoise(), generator)
+    noise = torch.zeros_like(local)
+    size = torch.tensor([_NOISE, _NOISE, _DEPTH_NOISE], dtype=torch.float64)
+    for frame in range(len(local)):
+        fresh = torch.randn(local.shape[1:], generator=generator, dtype=torch.float64)
+        past = _KEPT * noise[frame - 1] if frame else torch.zeros_like(fresh)
+        noise[frame] = past + (math.sqrt(1 - _KEPT**2) if frame else 1.0) * fresh
+    poses = local - mid_hip(local).unsqueeze(-2) + size * noise
+    return Detections.from_joints(found[0][:, None], confidence[0][:, None], poses[:, None])
