@@ -15,7 +15,6 @@ from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import AUTO, cast
 from perfcap.app.capture_checks import (
     check_actor,
-    check_result,
     examined,
     made_up,
     wants_bones,
@@ -154,7 +153,7 @@ def _run(
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
     told = check_actor(inputs, chosen.actor, solve_bones)
     performance = _perform(request, chosen.actor, inputs, solve_bones, work)
-    more = (*performance.warnings, *told, *check_result(performance))
+    more = (*performance.warnings, *told)
     performance = replace(performance, lost=inputs.lost, warnings=more)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)

@@ -7,10 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from torch import Tensor
-
 from perfcap.actor.actor import Actor
-from perfcap.actor.motion import Motion
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -24,22 +21,16 @@ from perfcap.io.doctor import (
     examine_detections,
 )
 from perfcap.io.doctor.evidence import Scene
-from perfcap.io.doctor.finding import ranges
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
-FASTEST = 12.5
-"""m/s, of hips; no runner is faster."""
-
 _LOG = logging.getLogger(__name__)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
-_SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _TRIMS = 6  # rounds in which triangulation lets outliers go
-_FAR = 100.0  # m, from a camera: nobody is filmed from there
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
@@ -128,54 +119,6 @@ def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, .
         solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
     """
     return tuple(_size(inputs, actor, solve_bones))
-
-
-def check_result(performance: Performance) -> tuple[str, ...]:
-    """Warnings about what no person is: so tall, so far away, so fast."""
-    return (*_stature(performance), *_distance(performance), *_jumps(performance))
-
-
-def _jumps(performance: Performance) -> Iterator[str]:
-    """Where the hips are elsewhere a frame later: detections that went over to another person."""
-    speed = hip_speed(performance.motion, performance.rate)
-    fast = (speed > FASTEST).nonzero()[:, 0].tolist()
-    if fast:
-        where = ranges([frame + 1 for frame in fast])
-        yield (
-            f"the person jumps up to {float(speed.max()) / performance.rate:.2g} m within a frame "
-            f"(frames {where} of the capture, counted from 0); do detections go over to somebody "
-            "else there, or does the video cut?"
-        )
-
-
-def hip_speed(motion: Motion, rate: float) -> Tensor:
-    """Speed of the hips from each frame to the next, (F - 1,) m/s; none is above ``FASTEST``."""
-    speed: Tensor = motion.translation.diff(dim=0).norm(dim=-1) * rate
-    return speed
-
-
-def _stature(performance: Performance) -> Iterator[str]:
-    """Bones are solved in several views alone, whose calibration says how long they are."""
-    if performance.bone_scales is None:
-        return
-    rest = performance.actor.skeleton.rest_landmarks
-    height = float(rest[:, 1].max() - rest[:, 1].min())
-    if not _SOLVED[0] < height < _SOLVED[1]:
-        yield (
-            f"the person is {height:.3g} m tall by the cameras; expected {_SOLVED[0]} to "
-            f"{_SOLVED[1]}, check the units and focal lengths of the calibration"
-        )
-
-
-def _distance(performance: Performance) -> tuple[str, ...]:
-    local = performance.cameras.to_camera(performance.motion.translation.unsqueeze(-2))
-    distance = float(local[..., 0, 2].abs().median())
-    if not distance > _FAR:
-        return ()
-    return (
-        f"the person is {distance:.3g} m from the cameras; check the focal length and the units of "
-        "cameras and actor",
-    )
 
 
 def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:

@@ -13,7 +13,6 @@ import torch
 from perfcap.app.auto_actor import AUTO, Cast, cast
 from perfcap.app.capture_checks import (
     check_actor,
-    check_result,
     doubts,
     made_up,
     refuse_wrong,
@@ -139,8 +138,7 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
         told.append(check_actor(each, one.actor, solve_bones))
     captured = _perform(request, crowd.inputs, people, until, work)
     done = [
-        replace(each, lost=crowd.inputs.lost,
-                warnings=(*each.warnings, *more, *check_result(each)))
+        replace(each, lost=crowd.inputs.lost, warnings=(*each.warnings, *more))
         for each, more in zip(captured, told, strict=True)
     ]  # fmt: skip
     cast_of = tuple(chosen)

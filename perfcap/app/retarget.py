@@ -15,7 +15,6 @@ import yaml
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
-from perfcap.app.capture_checks import FASTEST, hip_speed
 from perfcap.app.capture_folder import spare_inputs
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
@@ -43,6 +42,7 @@ from perfcap.io.result_folder import (
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
 from perfcap.pipeline.performance import Performance, make_folder
+from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget

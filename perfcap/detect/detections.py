@@ -83,6 +83,21 @@ class Detections(Record):
             deviation3d=None if self.deviation3d is None else self.deviation3d[..., index, :],
         )
 
+    def finite(self) -> Self:
+        """The same with joints that are not finite as unseen ones, and such poses not trusted."""
+        known = self.joints2d.isfinite().all(-1) & self.confidence2d.isfinite()
+        poses, trusted = self.joints3d, self.trusted3d
+        if poses is not None:
+            trusted = trusted & poses.isfinite().all(-1).all(-1)
+            poses = torch.where(trusted[..., None, None], poses, poses.nan_to_num(0.0, 0.0, 0.0))
+        return replace(
+            self,
+            joints2d=torch.where(known[..., None], self.joints2d, 0),
+            confidence2d=torch.where(known, self.confidence2d, 0),
+            joints3d=poses,
+            trusted3d=trusted,
+        )
+
     def without_poses(self) -> Self:
         """The 2D joints alone."""
         nothing = torch.zeros_like(self.trusted3d)

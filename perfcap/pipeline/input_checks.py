@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
@@ -13,6 +14,9 @@ from perfcap.pipeline.images import Images
 _NORMALISED = 2.0  # pixels: nobody is so small
 _MIXED = 0.5  # of the focal lengths: at 1 a lens may have no inverse
 _LENSES = 1e-3, 1e9  # px
+_LAST_ROW = 1e-4
+_ROUNDING = 1e-3
+_WORLD = 1000.0  # m, from the origin
 _SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
 
 
@@ -41,7 +45,7 @@ def require_matching(cameras: Camera, detections: Detections, images: Images | N
         raise InputError(
             f"detections have joints2d {shape}: no frame or no view; expected one at least of each"
         )
-    _require_pixels(detections)
+    require_joints(detections)
     _require_cameras("cameras", cameras, detections)
     if images is None:
         return
@@ -54,7 +58,13 @@ def require_matching(cameras: Camera, detections: Detections, images: Images | N
         )
 
 
-def _require_pixels(detections: Detections) -> None:
+def require_joints(detections: Detections) -> None:
+    """Refuse 2D joints that are no pixels; those that are not finite count as unseen.
+
+    Raises:
+        InputError: all joints lie within two pixels, or a confidence is below 0 or above 1.
+    """
+    require_shares(detections.confidence2d)
     seen = detections.joints2d[detections.confidence2d > 0]
     if len(seen) and bool((seen.abs() <= _NORMALISED).all()):
         raise InputError(
@@ -63,12 +73,27 @@ def _require_pixels(detections: Detections) -> None:
         )
 
 
+def require_shares(confidence: Tensor) -> None:
+    """Refuse confidences of any shape that are not from 0 to 1; some may be no numbers.
+
+    Raises:
+        InputError: they are not.
+    """
+    if bool(((confidence < -_ROUNDING) | (confidence > 1 + _ROUNDING)).any()):
+        found = confidence[confidence.isfinite()]
+        raise InputError(
+            f"confidences are {float(found.min()):.3g} to {float(found.max()):.3g}, expected 0 to "
+            "1: divide percents by 100, and take the sigmoid of logits"
+        )
+
+
 def require_usable(what: str, cameras: Camera, frames: int) -> None:
     """Refuse cameras without a lens, or moving (F, C) but not one a frame; ``what`` names them.
 
     Raises:
-        InputError: a focal length is zero or no number, a rotation is none, or there are more or
-            fewer poses.
+        InputError: a focal length is not above zero, the last row of intrinsics is not 0 0 1, a
+            number is not finite, a translation is beyond a kilometre, a rotation is none, or there
+            are more or fewer poses.
     """
     parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
     if not all(part.is_floating_point() for part in parts):
@@ -77,11 +102,30 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
             f"{what} have intrinsics, rotation, translation of {kinds}; expected "
             "floating-point numbers"
         )
+    last = cameras.intrinsics[..., 2, :].detach().double()
+    if not bool(((last - last.new_tensor([0.0, 0.0, 1.0])).abs() < _LAST_ROW).all()):
+        raise InputError(
+            f"{what} have intrinsics with a last row of {last.reshape(-1, 3)[0].tolist()}, "
+            "expected 0 0 1: divide them by intrinsics[..., 2, 2], and look whether they are "
+            "transposed"
+        )
     focal = cameras.intrinsics[..., :2, :2].diagonal(dim1=-2, dim2=-1)
-    if not bool(((focal.abs() > _LENSES[0]) & (focal.abs() < _LENSES[1])).all()):
+    if not bool(((focal > _LENSES[0]) & (focal < _LENSES[1])).all()):
         raise InputError(
             f"{what} have focal lengths of {focal.flatten().tolist()[:8]} px, expected numbers "
-            "other than zero in intrinsics[..., 0, 0] and [..., 1, 1]"
+            "above zero in intrinsics[..., 0, 0] and [..., 1, 1], of cameras that look along +z"
+        )
+    given = (cameras.intrinsics, cameras.translation, cameras.distortion)
+    if not all(bool(part.isfinite().all()) for part in given if part is not None):
+        raise InputError(
+            f"{what} have numbers that are not finite in intrinsics, translation or distortion; "
+            "calibrate again, or leave these views out"
+        )
+    farthest = float(cameras.translation.detach().abs().max())
+    if farthest > _WORLD:
+        raise InputError(
+            f"{what} have translations of up to {farthest:.3g}, expected metres from an origin "
+            "near the person: divide millimetres by 1000"
         )
     lens = cameras.intrinsics[..., :2, :2].detach().double()
     skew = torch.stack((lens[..., 0, 1], lens[..., 1, 0])).abs().amax(0)

@@ -35,6 +35,7 @@ from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.result_doubts import result_doubts
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
@@ -62,7 +63,7 @@ def move(
     note_threads()
     rate = frame_rate(rate)
     require_matching(cameras, detections, images)
-    detections = detections.to(detections.joints2d)  # 3D joints may be of another type
+    detections = detections.to(detections.joints2d).finite()  # 3D joints may be of another type
     until = _last_stage(until, images)
     told: tuple[str, ...] = ()
     if images is not None and until.needs_images and not images.examined:
@@ -146,6 +147,13 @@ class Moved:
                 *_blind_views(self.detections),
                 *_warnings(self.windows),
                 *doubts(looked),
+                *result_doubts(
+                    problem.actor,
+                    problem.cameras,
+                    looked.motion,
+                    problem.rate,
+                    start.bones is not None,
+                ),
             ),
             surface=looked.surface,
             refinement=looked.refinement,

@@ -13,7 +13,7 @@ from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.pipeline.input_checks import require_usable
+from perfcap.pipeline.input_checks import require_joints, require_shares, require_usable
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
@@ -151,6 +151,8 @@ def _estimate(
             "set of the estimator"
         )
     require_usable("cameras", cameras, frames)
+    if "confidence2d" in given:
+        require_shares(given["confidence2d"])
     whole = (frames, views, len(LANDMARKS))
     pixels, seen = like.new_zeros(*whole, 2), like.new_zeros(whole)
     if "joints2d" in given:
@@ -158,6 +160,7 @@ def _estimate(
         confidence = given.get("confidence2d", torch.ones_like(flat[..., 0]))
         pixels, seen = map_to_landmarks(flat, confidence, joint_set)
     detections = Detections.from_joints(pixels, seen)
+    require_joints(detections)
     if "joints3d" not in given:
         return ClipEstimate(cameras, detections, None, like.new_zeros(whole))
     return _with_places(ClipEstimate(cameras, detections, None, seen), given, joint_set, placed)

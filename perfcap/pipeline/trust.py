@@ -236,7 +236,7 @@ def judge_frames(evidence: Tensor) -> Trust:
         for lifted, others in ((_BAD_LIFTED, _BAD), (_ERROR_LIFTED, _ERROR))
     )
     value, error = torch.sigmoid(-bad), error.exp()
-    spans = ranges(value < THRESHOLD)
+    spans = ranges(~(value >= THRESHOLD))  # what is no number is not trusted
     doubtful = tuple((a, b, _reason(evidence[a:b].mean(0))) for a, b in spans)
     return Trust(value, error, doubtful)
 

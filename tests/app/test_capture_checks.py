@@ -7,15 +7,13 @@ import pytest
 import torch
 from runs import Command
 from synthetic import cameras as circle
-from takes import TakeFiles, make_take, sway, write_detections
+from takes import TakeFiles, make_take, write_detections
 
-from perfcap.app.capture_checks import check_actor, check_result, refuse_wrong
+from perfcap.app.capture_checks import check_actor, refuse_wrong
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
-from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.presets import CaptureConfig
 
 
 def normalised(given: Detections) -> Detections:
@@ -85,41 +83,3 @@ def test_an_actor_of_another_size_is_told() -> None:
 
 def shape_of(actor: object) -> torch.Tensor:
     return torch.zeros(len(actor.skeleton.group_names), dtype=torch.float64)  # type: ignore[attr-defined]
-
-
-def test_a_person_four_kilometres_away_is_told() -> None:
-    take = make_take(4)
-    here = sway(take.actor, 4)
-    far = replace(here, translation=here.translation + 4000.0)
-    found = Performance(
-        take.actor, take.cameras, take.detections, far, take.rate, config=CaptureConfig()
-    )
-    (told,) = check_result(found)
-    assert "m from the cameras" in told
-    assert check_result(replace(found, motion=here)) == ()
-
-
-def test_a_person_who_jumps_to_another_is_told() -> None:
-    take = make_take(6)
-    here = sway(take.actor, 6)
-    there = here.translation.clone()
-    there[4:, 0] += 0.6
-    found = Performance(
-        take.actor, take.cameras, take.detections, here, take.rate, config=CaptureConfig()
-    )
-    assert check_result(found) == ()
-    (told,) = check_result(replace(found, motion=replace(here, translation=there)))
-    assert "jumps up to 0.6" in told and "(frames 4 of the capture, counted from 0)" in told
-
-
-def test_people_whom_the_cameras_make_too_tall_are_told() -> None:
-    take = make_take(4)
-    here = sway(take.actor, 4)
-    for factor, word in ((0.4, "tall by the cameras"), (-0.7, "tall by the cameras"), (0.0, "")):
-        scales = torch.full_like(shape_of(take.actor), factor)
-        sized = take.actor.resized(scales)
-        found = Performance(
-            sized, take.cameras, take.detections, here, take.rate, CaptureConfig(),
-            bone_scales=scales,
-        )  # fmt: skip
-        assert word in "".join(check_result(found)) and bool(check_result(found)) == bool(word)

@@ -1,6 +1,7 @@
 """URDF and MJCF humanoids as actors, and files that want to do harm."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +128,59 @@ def test_mapping_names_bodies(tmp_path: Path) -> None:
         load_actor(path, mapping, robots=True)
 
 
+def test_mapping_says_nothing_else_of_robots(tmp_path: Path) -> None:
+    path, mapping = robots.write(tmp_path)["urdf"], tmp_path / "map.toml"
+    for line in ("metres_per_unit = 0.001", 'head_top = "head"'):
+        mapping.write_text(line)
+        with pytest.raises(InputError, match=f"{line.split()[0]} cannot be said of a robot"):
+            load_actor(path, mapping, robots=True)
+
+
+def test_frames_are_part_of_what_is_in_them(tmp_path: Path) -> None:
+    """A frame moves bodies, joints and shapes as if they had been written so."""
+    place, inner = "0.1 0.2 0.3", "0 0 0.5"
+    frame = f'<frame pos="{place}" euler="0 0 90">'
+    joint, geom = '<joint name="j" axis="1 0 0" pos="0 0.1 0"/>', '<geom size="0.1" pos="1 0 0"/>'
+    moved = {
+        f'{frame}<body name="b" pos="{inner}">{joint}{geom}</body></frame>':
+            ([0.1, 0.2, 0.8], [0, 0.1, 0], [1, 0, 0], [1, 0, 0]),
+        f'<body name="b" pos="{inner}">{frame}{joint}{geom}</frame></body>':
+            ([0, 0, 0.5], [0, 0.2, 0.3], [0, 1, 0], [0.1, 1.2, 0.3]),
+    }  # fmt: skip
+    path = tmp_path / "arm.xml"
+    for text, (at, anchor, axis, middle) in moved.items():
+        path.write_text(
+            f'<mujoco><worldbody><frame><body name="a"><freejoint/>{text}</body></frame>'
+            "</worldbody></mujoco>"
+        )
+        body = read_robot(path).bodies[1]
+        np.testing.assert_allclose(body.pose[:3, 3], at, atol=1e-12)
+        np.testing.assert_allclose(body.hinges[0].anchor, anchor, atol=1e-12)
+        np.testing.assert_allclose(body.hinges[0].axis, axis, atol=1e-12)
+        np.testing.assert_allclose(body.shapes[0][0].mean(0), middle, atol=1e-3)
+
+
+def test_what_a_file_says_and_nothing_here_does_is_noted(tmp_path: Path) -> None:
+    knee = '<joint name="right_knee" type="revolute">'
+    mimic = robots.urdf().replace(knee, f'{knee}<mimic joint="left_knee"/>')
+    coupled = '<equality><joint joint1="right_knee" joint2="left_knee"/></equality>'
+    several = {
+        "a.urdf": (mimic, r"joints right_knee follow others \(<mimic>\)"),
+        "a.xml": (robots.mjcf().replace("</mujoco>", f"{coupled}</mujoco>"), "right_knee follow"),
+        "b.urdf": (re.sub(r"<limit[^>]*>", "", robots.urdf(), count=1), "have no <limit>"),
+        "b.xml": (robots.mjcf().replace('"degree"', '"radian"'), "look like degrees"),
+    }
+    for name, (text, words) in several.items():
+        (tmp_path / name).write_text(text)
+        (note,) = read_robot(tmp_path / name).notes
+        assert re.search(words, note)
+    plain = robots.write(tmp_path)
+    assert not any(read_robot(path).notes for path in plain.values())
+
+
 HOSTILE = {
+    '<mujoco><worldbody><body><freejoint/><attach model="m" body="b" prefix="p"/></body>'
+    "</worldbody></mujoco>": "mj_saveLastXML",
     '<!DOCTYPE r [<!ENTITY a "aaaa">]><robot name="&a;"/>': "document type or entities",
     "<robot>" + "<a>" * 200 + "</a>" * 200 + "</robot>": "nested more than",
     "<robot>" + "<a/>" * 30_000 + "</robot>": "more than 20000 elements",

@@ -1,5 +1,6 @@
 """What does not belong together is refused before anything is computed."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -107,6 +108,59 @@ def test_rotations_that_are_none(take: Take, change: float) -> None:
     rotation[1] *= change
     with pytest.raises(InputError, match="cameras have a rotation that is none"):
         capture(take.actor, replace(take.cameras, rotation=rotation), take.detections, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: replace(c, intrinsics=2 * c.intrinsics), "expected 0 0 1: divide"),
+        (lambda c: replace(c, intrinsics=c.intrinsics.mT.contiguous()), "transposed"),
+        (lambda c: replace(c, translation=1000 * c.translation), "divide millimetres by 1000"),
+        (lambda c: replace(c, translation=torch.nan * c.translation), "not finite"),
+        (lambda c: replace(c, distortion=torch.full((2, 5), torch.nan).double()), "not finite"),
+    ],
+)
+def test_cameras_of_other_conventions(
+    take: Take, change: Callable[[Camera], Camera], words: str
+) -> None:
+    cameras = change(take.cameras)
+    with pytest.raises(InputError, match=words):
+        capture(take.actor, cameras, take.detections, take.rate)
+    with pytest.raises(InputError, match=words):
+        PoseRefiner(take.actor)(cameras, take.detections.joints2d)
+
+
+@pytest.mark.parametrize("factor", [100.0, -1.0])
+def test_confidences_that_are_no_shares(take: Take, factor: float) -> None:
+    seen = take.detections
+    given = replace(seen, confidence2d=factor * seen.confidence2d)
+    with pytest.raises(InputError, match="expected 0 to 1"):
+        capture(take.actor, take.cameras, given, take.rate)
+    with pytest.raises(InputError, match="expected 0 to 1"):
+        PoseRefiner(take.actor)(take.cameras, given.joints2d, given.confidence2d)
+
+
+def test_normalised_joints_of_an_estimator(take: Take) -> None:
+    with pytest.raises(InputError, match="multiply normalised joints"):
+        PoseRefiner(take.actor)(take.cameras, take.detections.joints2d / 2000)
+
+
+def test_joints_that_are_no_numbers_are_unseen(take: Take) -> None:
+    seen = take.detections
+    assert seen.joints3d is not None
+    joints, poses, confidence = (
+        x.clone() for x in (seen.joints2d, seen.joints3d, seen.confidence2d)
+    )
+    joints[1, 0, 3], confidence[2, 1, 4], poses[3, 1, 5] = torch.nan, torch.nan, torch.inf
+    given = replace(seen, joints2d=joints, joints3d=poses, confidence2d=confidence)
+    sure, trusted = seen.confidence2d.clone(), seen.trusted3d.clone()
+    sure[1, 0, 3], sure[2, 1, 4], trusted[3, 1] = 0, 0, False
+    expected = replace(seen, confidence2d=sure, trusted3d=trusted)
+    found, same = (
+        capture(take.actor, take.cameras, each, take.rate).joints() for each in (given, expected)
+    )
+    assert found.isfinite().all()
+    torch.testing.assert_close(found, same)
 
 
 def test_normalised_joints(take: Take) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,9 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 
 Floats = NDArray[np.float64]
+
+
+_WIDEST = 4 * math.pi  # rad: limits farther apart are degrees, or none
 
 
 @dataclass(frozen=True)
@@ -108,4 +113,26 @@ class Robot:
         for body in bodies:
             if not np.isfinite(body.pose).all() or np.abs(body.pose).max() > 1e3:
                 raise InputError(f"{self.name}: {body.name} is at no place in metres")
-        return replace(self, bodies=bodies)
+        return replace(self, bodies=bodies, notes=(*self.notes, *self._degrees()))
+
+    def _degrees(self) -> Iterator[str]:
+        """That limits look like degrees."""
+        hinges = [hinge for body in self.bodies for hinge in body.hinges]
+        wide = [h for h in hinges if math.inf > h.upper - h.lower > _WIDEST]
+        if wide:
+            hinge = wide[0]
+            yield (
+                f"{self.name}: {len(wide)} of {len(hinges)} joints have limits such as "
+                f"{hinge.lower:.4g} to {hinge.upper:.4g} rad ({hinge.name!r:.40}); they look like "
+                "degrees and hold nothing back: write radians"
+            )
+
+
+def coupled_note(path: Path, names: Sequence[str], element: str) -> list[str]:
+    """That joints follow others, which nothing here makes them do."""
+    if not names:
+        return []
+    return [
+        f"{path}: joints {', '.join(names)[:200]} follow others ({element}), but are solved as if "
+        "they were free; set them from those before you play a motion"
+    ]

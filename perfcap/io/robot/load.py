@@ -75,7 +75,7 @@ def load_robot(path: str | Path, mapping: ActorMapping | None = None) -> Actor:
     robot = read_robot(path)
     for note in robot.notes:
         _LOG.warning("%s", note)
-    bodies = person_bodies(robot, (mapping or ActorMapping()).joints)
+    bodies = person_bodies(robot, _said(mapping or ActorMapping()))
     joints = _Joints(robot)
     pose = _upright(robot, bodies, joints)
     roles = tuple(joints.of_body[bodies[name]] for name in JOINTS)
@@ -107,6 +107,18 @@ def load_robot(path: str | Path, mapping: ActorMapping | None = None) -> Actor:
         landmarks={name: (joint, place) for name, (joint, place) in points.items()},
     )
     return Actor(template, rig)
+
+
+def _said(mapping: ActorMapping) -> Mapping[str, str]:
+    """What a mapping file may say of robots: bodies of joints."""
+    ends = sorted(set(mapping.joints) - set(JOINTS))
+    unit = [] if mapping.metres_per_unit is None else ["metres_per_unit"]
+    if ends or unit:
+        raise InputError(
+            f"--mapping: {', '.join([*unit, *ends])} cannot be said of a robot, which is in metres "
+            "and whose shapes tell where its head and toes end; name bodies of joints only"
+        )
+    return mapping.joints
 
 
 def _neutral(at: Floats) -> Floats:

@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from perfcap.errors import InputError
 from perfcap.io.robot import shapes
-from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge
+from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge, coupled_note
 from perfcap.io.robot.elements import Element, inside, numbers, read_xml, unit
 from perfcap.io.robot.mjcf_defaults import MAIN, Rules, least_turn, read_rules, with_includes
 
 _FLAT = ("plane", "hfield", "sdf")
+_COLLIDES = ("contype", "conaffinity")
+_MADE = ("attach", "replicate")
 
 
 def read_mjcf_robot(path: Path, root: Element | None = None) -> Robot:
@@ -28,33 +31,61 @@ def read_mjcf_robot(path: Path, root: Element | None = None) -> Robot:
     """
     root = with_includes(path, read_xml(path, "an MJCF") if root is None else root)
     rules = read_rules(path, root)
-    tops = [body for world in root.findall("worldbody") for body in world.findall("body")]
-    tops = [body for body in tops if any(True for _ in body.iter("joint"))] or tops
+    tops = [top for w in root.findall("worldbody") for top in _parts(path, w, "body", MAIN, rules)]
+    tops = [top for top in tops if any(True for _ in top.element.iter("joint"))] or tops
     if len(tops) != 1:
         raise InputError(f"{path}: has {len(tops)} bodies with joints in its world; expected one")
     bodies: list[Body] = []
     left_out: set[str] = set()
-    waiting = [(tops[0], -1, MAIN)]
+    waiting = [(tops[0], -1)]
     while waiting:
-        element, parent, inherited = waiting.pop()
-        inherited = element.get("childclass", inherited)
+        part, parent = waiting.pop()
+        element, inherited = part.element, part.element.get("childclass", part.inherited)
         hinges = tuple(_hinges(path, element, inherited, rules, parent < 0))
-        found = tuple(_surfaces(element, inherited, rules, left_out))
-        index = len(bodies)
-        bodies.append(Body(element.get("name", ""), parent, rules.pose(element), hinges, found))
-        waiting += [(b, index, inherited) for b in reversed(element.findall("body"))]
-    notes: tuple[str, ...] = ()
+        found = tuple(_surfaces(path, element, inherited, rules, left_out))
+        index, pose = len(bodies), part.pose @ rules.pose(element)
+        bodies.append(Body(element.get("name", ""), parent, pose, hinges, found))
+        below = list(_parts(path, element, "body", inherited, rules))
+        waiting += [(each, index) for each in reversed(below)]
+    notes = []
     if left_out:
         kinds = ", ".join(sorted(left_out))
-        notes = (f"{path}: its shapes of {kinds} are not read; the robot is drawn without them",)
-    return Robot(root.get("model") or path.stem, tuple(bodies), notes).checked()
+        notes.append(f"{path}: its shapes of {kinds} are not read; the robot is drawn without them")
+    coupled = [j.get("joint1", "") for e in root.findall("equality") for j in e.findall("joint")]
+    notes += coupled_note(path, coupled, "<equality>")
+    return Robot(root.get("model") or path.stem, tuple(bodies), tuple(notes)).checked()
+
+
+@dataclass(frozen=True)
+class _Part:
+    """An element of a body, what frames around it do to it (4, 4), and the class it inherits."""
+
+    element: Element
+    pose: Floats
+    inherited: str
+
+
+def _parts(path: Path, element: Element, tag: str, inherited: str, rules: Rules) -> Iterator[_Part]:
+    """Children of a name, in frames or not."""
+    for child in element:
+        if child.tag == tag:
+            yield _Part(child, np.eye(4), inherited)
+        elif child.tag == "frame":
+            pose, own = rules.pose(child), child.get("childclass", inherited)
+            for part in _parts(path, child, tag, own, rules):
+                yield replace(part, pose=pose @ part.pose)
+        elif child.tag in _MADE:
+            raise InputError(
+                f"{path}: has <{child.tag}>, which makes bodies that are not in the file; save the "
+                "compiled model with MuJoCo (mj_saveLastXML) and give that"
+            )
 
 
 def _hinges(
     path: Path, body: Element, inherited: str, rules: Rules, root: bool
 ) -> Iterator[RobotHinge]:
-    for number, given in enumerate(body.findall("joint")):
-        joint = rules.with_defaults(given, inherited)
+    for number, part in enumerate(_parts(path, body, "joint", inherited, rules)):
+        joint = rules.with_defaults(part.element, part.inherited)
         name = joint.get("name") or f"{body.get('name', 'body')}_{number}"
         kind = joint.get("type", "hinge")
         if kind == "free" and root:
@@ -66,6 +97,8 @@ def _hinges(
         anchor, reference = numbers(joint, "pos", 3, "0 0 0"), numbers(joint, "ref", 1, "0")
         assert axis is not None and anchor is not None and reference is not None
         rest = rules.angle(float(reference[0]))
+        anchor = part.pose[:3, :3] @ anchor + part.pose[:3, 3]
+        axis = part.pose[:3, :3] @ axis
         lower, upper = _limits(path, joint, name, rules)
         yield RobotHinge(name, anchor, unit(axis, f"{path}: {name}"), lower, upper, rest)
 
@@ -85,12 +118,13 @@ def _limits(path: Path, joint: Element, name: str, rules: Rules) -> tuple[float,
 
 
 def _surfaces(
-    body: Element, inherited: str, rules: Rules, left_out: set[str]
+    path: Path, body: Element, inherited: str, rules: Rules, left_out: set[str]
 ) -> Iterator[shapes.Surface]:
     """What collides, or else what is seen."""
-    geoms = [rules.with_defaults(geom, inherited) for geom in body.findall("geom")]
-    hard = [g for g in geoms if g.get("contype", "1") != "0" or g.get("conaffinity", "1") != "0"]
-    for geom in hard or geoms:
+    parts = _parts(path, body, "geom", inherited, rules)
+    geoms = [(rules.with_defaults(each.element, each.inherited), each.pose) for each in parts]
+    hard = [pair for pair in geoms if any(pair[0].get(kind, "1") != "0" for kind in _COLLIDES)]
+    for geom, frame in hard or geoms:
         kind = geom.get("type", "sphere")
         surface = None
         pose = rules.pose(geom)
@@ -99,7 +133,7 @@ def _surfaces(
         elif kind not in _FLAT:
             surface, pose = _primitive(geom, kind, pose)
         if surface is not None:
-            yield shapes.moved(surface, pose)
+            yield shapes.moved(surface, frame @ pose)
 
 
 def _primitive(geom: Element, kind: str, pose: Floats) -> tuple[shapes.Surface | None, Floats]:

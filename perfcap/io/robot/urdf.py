@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.errors import InputError
 from perfcap.io.robot import shapes
-from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge
+from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge, coupled_note
 from perfcap.io.robot.elements import Element, inside, numbers, read_xml, unit
 
 _PACKAGE = "package://"
@@ -52,11 +52,24 @@ def read_urdf_robot(path: Path, root: Element | None = None) -> Robot:
         index = len(bodies)
         bodies.append(Body(name, above, pose, hinges, found))
         waiting += [(_end(j, "child"), index, j) for j in reversed(children.get(name, []))]
-    notes: tuple[str, ...] = ()
+    notes = []
     if left_out:
         kinds = ", ".join(sorted(left_out))
-        notes = (f"{path}: its meshes in {kinds} are not read; the robot is drawn without them",)
-    return Robot(root.get("name") or path.stem, tuple(bodies), notes).checked()
+        notes.append(f"{path}: its meshes in {kinds} are not read; the robot is drawn without them")
+    coupled = [each.get("name", "") for each in joints if each.find("mimic") is not None]
+    notes += coupled_note(path, coupled, "<mimic>")
+    free = [j.get("name", "") for j in joints if j.get("type") == "revolute" and not _bounded(j)]
+    if free:
+        notes.append(
+            f"{path}: revolute joints {', '.join(free)[:200]} have no <limit> and turn freely "
+            "here; URDF wants one, or the type continuous"
+        )
+    return Robot(root.get("name") or path.stem, tuple(bodies), tuple(notes)).checked()
+
+
+def _bounded(joint: Element) -> bool:
+    limit = joint.find("limit")
+    return limit is not None and {"lower", "upper"} <= set(limit.keys())
 
 
 def _end(joint: Element, which: str) -> str:

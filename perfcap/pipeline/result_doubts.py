@@ -1,0 +1,76 @@
+"""What no person is: so tall, so far away, so fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.geometry.camera import Camera
+from perfcap.io.doctor.finding import ranges
+
+FASTEST = 12.5
+"""m/s, of hips; no runner is faster."""
+
+_SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
+_FAR = 100.0  # m, from a camera: nobody is filmed from there
+
+
+def result_doubts(
+    actor: Actor, cameras: Camera, motion: Motion, rate: float, solved_bones: bool
+) -> Iterator[str]:
+    """A sentence for each way in which a captured motion (F,) is none of a person.
+
+    Args:
+        actor: as captured.
+        cameras: C views, in the world of the motion.
+        motion: (F,).
+        rate: frames a second.
+        solved_bones: whether the actor's bone lengths were solved, so that the calibration of
+            several views says how tall it is.
+    """
+    if solved_bones:
+        yield from _stature(actor)
+    yield from _distance(cameras, motion)
+    yield from _jumps(motion, rate)
+
+
+def hip_speed(motion: Motion, rate: float) -> Tensor:
+    """Speed of the hips from each frame to the next, (F - 1,) m/s; none is above ``FASTEST``."""
+    speed: Tensor = motion.translation.diff(dim=0).norm(dim=-1) * rate
+    return speed
+
+
+def _stature(actor: Actor) -> Iterator[str]:
+    rest = actor.skeleton.rest_landmarks
+    height = float(rest[:, 1].max() - rest[:, 1].min())
+    if not _SOLVED[0] < height < _SOLVED[1]:
+        yield (
+            f"the person is {height:.3g} m tall by the cameras; expected {_SOLVED[0]} to "
+            f"{_SOLVED[1]}, check the units and focal lengths of the calibration"
+        )
+
+
+def _distance(cameras: Camera, motion: Motion) -> Iterator[str]:
+    local = cameras.to_camera(motion.translation.unsqueeze(-2))
+    distance = float(local[..., 0, 2].abs().median())
+    if not distance <= _FAR:
+        yield (
+            f"the person is {distance:.3g} m from the cameras; check the focal length and the "
+            "units of cameras and actor"
+        )
+
+
+def _jumps(motion: Motion, rate: float) -> Iterator[str]:
+    """Where the hips are elsewhere a frame later: detections that went over to another person."""
+    speed = hip_speed(motion, rate)
+    fast = (speed > FASTEST).nonzero()[:, 0].tolist()
+    if fast:
+        where = ranges([frame + 1 for frame in fast])
+        yield (
+            f"the person jumps up to {float(speed.max()) / rate:.2g} m within a frame "
+            f"(frames {where} of the capture, counted from 0); do detections go over to somebody "
+            "else there, or does the video cut?"
+        )

@@ -1,0 +1,50 @@
+"""What is told of captured motions that are none of a person."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from takes import make_take, sway
+
+from perfcap.pipeline import capture
+from perfcap.pipeline.result_doubts import result_doubts
+
+
+def test_a_person_four_kilometres_away_is_told() -> None:
+    take = make_take(4)
+    here = sway(take.actor, 4)
+    far = replace(here, translation=here.translation + 4000.0)
+    (told,) = result_doubts(take.actor, take.cameras, far, take.rate, solved_bones=False)
+    assert "m from the cameras" in told
+    assert not list(result_doubts(take.actor, take.cameras, here, take.rate, solved_bones=True))
+
+
+def test_a_person_who_jumps_to_another_is_told() -> None:
+    take = make_take(6)
+    here = sway(take.actor, 6)
+    there = here.translation.clone()
+    there[4:, 0] += 0.6
+    moved = replace(here, translation=there)
+    (told,) = result_doubts(take.actor, take.cameras, moved, take.rate, solved_bones=False)
+    assert "jumps up to 0.6" in told and "(frames 4 of the capture, counted from 0)" in told
+
+
+@pytest.mark.parametrize(("factor", "told"), [(0.4, True), (-0.7, True), (0.0, False)])
+def test_people_whom_the_cameras_make_too_tall_are_told(factor: float, told: bool) -> None:
+    take = make_take(4)
+    here = sway(take.actor, 4)
+    scales = torch.full((len(take.actor.skeleton.group_names),), factor, dtype=torch.float64)
+    parts = take.actor.resized(scales), take.cameras, here, take.rate
+    assert ["tall by the cameras" in line for line in result_doubts(*parts, True)] == [True] * told
+    assert not list(result_doubts(*parts, solved_bones=False))
+
+
+def test_captures_in_python_tell_it() -> None:
+    """A focal length ten thousand times too long makes a person far away."""
+    take = make_take(4)
+    lens = take.cameras.intrinsics.clone()
+    lens[:, 0, 0] *= 1e4
+    lens[:, 1, 1] *= 1e4
+    cameras = replace(take.cameras, intrinsics=lens)
+    found = capture(take.actor, cameras, take.detections, take.rate)
+    assert any("m from the cameras" in line for line in found.warnings)
