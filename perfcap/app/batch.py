@@ -39,7 +39,7 @@ from perfcap.workers import usable_cores
 _KEPT = ".batch"  # outcomes and logs, in the folder of the batch
 _OURS = ("out", "resume", "overwrite", "report")  # options that the batch gives
 _PATHS = ("videos", "cameras", "detections", "masks", "video_map")
-_EITHER = ("actor", "detector", "lifter")  # names of shipped ones, or paths
+_EITHER = ("actor", "detector", "lifter", "segmenter")  # names of shipped ones, or paths
 _SWITCHES = ("overlay", "refine_cameras")
 _YES, _NO = ("yes", "true", "1"), ("no", "false", "0")
 
@@ -102,12 +102,12 @@ def _job(folder: Path, clip: ListedClip, report: bool) -> Job:
 
 
 def _switch(name: str, key: str, option: str, parts: Sequence[str]) -> str:
-    said = parts[0].lower()
+    said = ";".join(parts).lower()
     if said in _YES:
         return option
     if said in _NO:
         return f"--no-{option[2:]}"
-    raise InputError(f"clip {name}: {key} is {parts[0]!r:.40}; expected yes or no")
+    raise InputError(f"clip {name}: {key} is {said!r:.40}; expected yes or no")
 
 
 def _inputs(clip: ListedClip) -> tuple[Path, ...]:

@@ -24,6 +24,7 @@ from perfcap.io.result_folder import own_file
 TRIES = 4  # of a clip whose process died
 DONE, INCOMPLETE = 0, 3
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+_BOX = " │╭╮╰╯─"
 _TAIL = 4096  # bytes of a log in which the last message is
 
 
@@ -90,7 +91,7 @@ def run_clip(job: Job, cores: Collection[int] = ()) -> Outcome:
         code = _run(job, cores, overwrite=tries > 1 or job.state.exists())
         if -code in (signal.SIGINT, signal.SIGTERM):
             break
-    message = "" if code in (DONE, INCOMPLETE) else _last_line(job.log)
+    message = "" if code in (DONE, INCOMPLETE) else last_line(job.log)
     if code < 0:
         message = f"its process was ended by signal {-code}, {tries} times"
     seconds = time.perf_counter() - started
@@ -163,8 +164,11 @@ def _death_with_parent() -> Callable[[], None] | None:
     return lambda: prctl(_DIE_WITH_PARENT, signal.SIGKILL)
 
 
-def _last_line(log: Path) -> str:
+def last_line(log: Path) -> str:
+    """What a log ends with, without the box that options are refused in."""
     with log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - _TAIL))
-        lines = [line for line in file.read().decode(errors="replace").splitlines() if line.strip()]
-    return one_line(lines[-1]).removeprefix("perfcap: ") if lines else "said nothing"
+        lines = [line.strip(_BOX) for line in file.read().decode(errors="replace").splitlines()]
+    # options that are refused are told in a box, whose last line names the help
+    told = [line for line in lines if line and not line.startswith("For full helptext")]
+    return one_line(told[-1]).removeprefix("perfcap: ") if told else "said nothing"

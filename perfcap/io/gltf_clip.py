@@ -31,10 +31,12 @@ class NodeClip:
     Attributes:
         world: node-to-world transforms, (F, N, 4, 4).
         rate: frames a second.
+        notes: what a user should know.
     """
 
     world: Floats
     rate: float
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,15 @@ def sample_clip(document: Document, tree: NodeTree, nodes: Integers) -> NodeClip
     result = np.stack([np.broadcast_to(world[int(node)], shape) for node in nodes], 1)
     if not np.abs(result).max() < _FARTHEST:
         raise document.error("its animation leads beyond all bounds; the file is damaged")
-    return NodeClip(result, rate)
+    return NodeClip(result, rate, tuple(_others(document)))
+
+
+def _others(document: Document) -> Iterator[str]:
+    """That there are animations which are not taken."""
+    names = [repr(each.get("name", ""))[:40] for each in document.items("animations")]
+    if len(names) > 1:
+        rest = ", ".join(names[1:6]) + (", ..." if len(names) > 6 else "")
+        yield f"its first animation, {names[0]}, is taken; {rest} are not: delete others to choose"
 
 
 def _tracks(document: Document, wanted: set[int]) -> Iterator[_Track]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_space import BoneSpace, is_similarity
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
@@ -82,6 +84,7 @@ def read_character(document: Document) -> Character:
         raise document.error(
             "has no skinned mesh; bind the mesh to a skeleton, or use `perfcap actor build`"
         )
+    notes += _several(document, skins)
     bones = _bone_order(tree, skins)
     template = _assemble(document, tree, skins, bones, parts, notes)
     asset = document.tree.get("asset")
@@ -129,6 +132,22 @@ def _assemble(
         name=document.path.stem,
         space=_space(tree, bones, parents, notes),
     ).rounded()
+
+
+def _several(document: Document, skins: list[Skin]) -> Iterator[Finding]:
+    """That a file holds skeletons of several people, of which one is taken."""
+    apart: list[set[int]] = []
+    for skin in skins:
+        own = set(skin.joints)
+        apart, joined = [a for a in apart if not a & own], [a for a in apart if a & own]
+        apart.append(own.union(*joined))
+    people = [joints for joints in apart if len(joints) >= len(JOINTS)]
+    if len(people) > 1:
+        nodes = document.items("nodes")
+        names = ", ".join(repr(nodes[min(joints)].get("name", ""))[:40] for joints in people)
+        what = f"{len(people)} skeletons of a person's size, with {names}; one of them is taken"
+        remedy = "save each person in a file of their own"
+        yield Finding(Severity.WARNING, "skeleton", what, remedy)
 
 
 def _bone_order(tree: NodeTree, skins: list[Skin]) -> list[int]:

@@ -253,7 +253,9 @@ def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig
     turns = rigid(world.reshape(-1, 4, 4)).reshape(world.shape)[..., :3, :3]
     rest = character.template.bone_rest[bones, :3, :3]
     found = _corrected(imported, turns @ rest.mT, world[..., :3, 3], clip.rate, numbers)
-    return replace(found, notes=tuple(_cut_short(path, frames, len(clip.world))))
+    told = [f"{path}: {each}" for each in character.findings if each.severity is not Severity.INFO]
+    told += [f"{path}: {note}" for note in clip.notes]
+    return replace(found, notes=(*told, *_cut_short(path, frames, len(clip.world))))
 
 
 def _bones(imported: ImportedActor) -> list[int]:

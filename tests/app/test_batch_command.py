@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -17,7 +18,7 @@ import pytest
 from runs import Command
 from takes import TakeFiles
 
-from perfcap.app.batch_clip import Job, Outcome, is_done, read_outcome, run_clip
+from perfcap.app.batch_clip import Job, Outcome, is_done, last_line, read_outcome, run_clip
 from perfcap.io.result import read_result
 
 # a stand-in for `python -m perfcap capture`: the folder is behind --out
@@ -105,8 +106,35 @@ def test_a_list_that_cannot_be_used(tmp_path: Path, perfcap: Command) -> None:
     (tmp_path / "clips.csv").write_text("videos,overlay\na.mp4,perhaps\n")
     call = ["batch", tmp_path / "clips.csv", "--out", tmp_path / "out"]
     assert "overlay is 'perhaps'; expected yes or no" in perfcap(call).refused()
+    (tmp_path / "clips.csv").write_text("videos,overlay\na.mp4,no;yes\n")
+    assert "overlay is 'no;yes'; expected yes or no" in perfcap(call).refused()
     assert "expected 1 or more" in perfcap([*call, "--processes", "0"]).refused()
     assert not (tmp_path / "out" / "index.html").exists()
+
+
+def test_a_network_beside_the_list_is_taken_and_watched(
+    clips: Path, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, away = tmp_path / "masks", tmp_path / "away"
+    network.mkdir()
+    away.mkdir()
+    (network / "manifest.toml").write_text("x")
+    clips.write_text("videos,actor,segmenter\ngood.mp4,sam,masks\n")
+    monkeypatch.chdir(away)
+    call, out = ["batch", clips, "--out", tmp_path / "out"], tmp_path / "out"
+    assert perfcap(call).code == 0 and str(network) in calls(out, "good")[-1]
+    assert "1 of them captured already" in perfcap(call).out
+    (network / "manifest.toml").write_text("other")
+    assert "0 of them captured already" in perfcap(call).out
+
+
+def test_options_that_no_capture_has_are_told_in_words(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    perfcap = Path(sys.executable).parent / "perfcap"
+    with log.open("wb") as file:
+        call = [str(perfcap), "capture", "a.mp4", "--frames", "0:3", "4:5"]
+        subprocess.run(call, stdout=file, stderr=file, check=False)
+    assert last_line(log) == "Unrecognized options: 4:5"
 
 
 def test_a_cluster_without_ray(

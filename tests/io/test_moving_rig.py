@@ -5,6 +5,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -171,6 +172,29 @@ def rewritten(path: Path, out: Path, change: object) -> Path:
     head = struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest))
     out.write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + rest)
     return out
+
+
+def test_what_is_left_out_of_a_file_is_told(moving: Path, tmp_path: Path) -> None:
+    def another_clip(tree: dict[str, Any]) -> None:
+        tree["animations"][0]["name"] = "walk"
+        tree["animations"].append({**tree["animations"][0], "name": "idle"})
+
+    def another_person(tree: dict[str, Any]) -> None:
+        nodes, skin = tree["nodes"], tree["skins"][0]
+        first = len(nodes)
+        nodes += [{"name": f"other {n}"} for n in range(len(skin["joints"]))]
+        own = {**skin, "joints": [first + n for n in range(len(skin["joints"]))]}
+        own.pop("skeleton", None)
+        tree["skins"].append(own)
+        body = next(node for node in nodes if "skin" in node)
+        nodes.append({**body, "skin": 1, "name": "other body"})
+        tree["scenes"][0]["nodes"] += range(first, len(nodes))
+
+    assert not read_moving_rig(moving).notes
+    (told,) = read_moving_rig(rewritten(moving, tmp_path / "clips.glb", another_clip)).notes
+    assert "its first animation, 'walk', is taken; 'idle' are not" in told
+    notes = read_moving_rig(rewritten(moving, tmp_path / "people.glb", another_person)).notes
+    assert any("2 skeletons of a person's size" in note for note in notes)
 
 
 @pytest.fixture
