@@ -9,14 +9,17 @@ import torch
 from takes import make_take
 from torch import Tensor
 
+from perfcap.actor.motion import Motion
+from perfcap.energy.trajectory import Trajectory
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
 from perfcap.pipeline.config import MONOPERFCAP_POSE, EvidenceConfig, PoseConfig
 from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.objective import person_height, trajectory_prior
 from perfcap.pipeline.pose_refiner import PoseRefiner
-from perfcap.pipeline.prior_evidence import _maximize
+from perfcap.pipeline.prior_evidence import _likelihood, _maximize
 from perfcap.pipeline.track_twice import track_twice
+from perfcap.temporal.subspace import dct_basis
 from perfcap.temporal.window import Window
 
 F64 = torch.float64
@@ -48,6 +51,23 @@ def test_evidence_finds_the_stiffness_that_made_a_motion(stiff: float) -> None:
     found = _maximize(curvature.expand(64, -1, -1), told, penalty, 1.0, 1.0)
     expected = factor[[0, 3, 7, 8, 9, 10]]
     assert ((found.log().mean(0) - expected.log()).abs() < 0.7).all()
+
+
+def test_what_data_say_does_not_depend_on_where_they_are_asked() -> None:
+    """``B y - g`` is that of the data's own minimum, from near it as from there."""
+    truth = make_take(60).truth[slice(0, 50)]
+    own = problem()
+    objective = own.objective_of(WindowData.stack([own.at(Window(0, 50))]))
+    trajectory = objective.energies["trajectory"]
+    assert isinstance(trajectory, Trajectory)
+    away = replace(truth, angles=truth.angles + 1e-4 * normal(*truth.angles.shape))
+    (there, curvature), (here, _) = (
+        _likelihood(objective, trajectory, Motion.stack([each]))[::-1] for each in (truth, away)
+    )
+    basis = dct_basis(50, dtype=F64, device=torch.device("cpu"))
+    features = [trajectory.linearize_features(each)[0] for each in (truth, away)]
+    moved = basis @ (features[1] - features[0]) @ curvature[0]
+    assert (here - there).norm() < 0.6 * moved.norm()  # curvature is a mean over frames
 
 
 def test_a_fast_limb_gets_a_weaker_prior_than_a_calm_one() -> None:
