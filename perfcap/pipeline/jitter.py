@@ -58,7 +58,7 @@ def jitter(config: PoseConfig, detections: Detections, pixel_unit: Tensor) -> fl
         deviation = detections.joints3d.new_tensor(config.position.deviation)[:, None]
         trusted = _together(detections.trusted3d)[..., None].expand(seen.shape)
         found = torch.fmax(found, _deviation(detections.joints3d / deviation, trusted))
-    return float(found)
+    return float(found.detach())
 
 
 def _deviation(values: Tensor, seen: Tensor) -> Tensor:

@@ -266,3 +266,26 @@ def test_images_that_are_not_those_of_their_cameras(
     capture(*call, images=given, until=Stage.TRACK_MOTION)  # where nothing looks at them
     with pytest.raises(InputError, match="images of view 0 are"):
         capture(*call, images=given)
+
+
+def test_what_the_doctor_knows_is_told_in_python() -> None:
+    """Mistakes that robust energies get along with: told with the result, not refused."""
+    take = make_take(24, views=3)
+    cameras, seen = take.cameras, take.detections
+    assert seen.joints3d is not None
+    wild = torch.tensor([-5.0, 30.0, 0.0, 0.0, -100.0], dtype=torch.float64).expand(3, 5)
+    centre = -(cameras.rotation.mT @ cameras.translation[..., None])[..., 0]
+    flipped = seen.joints3d * torch.tensor([1.0, -1.0, -1.0])
+    cases = {
+        "its distortion moves": (replace(cameras, distortion=wild), seen),
+        "look camera-to-world": (
+            replace(cameras, rotation=cameras.rotation.mT, translation=centre), seen),
+        "3D y runs against": (cameras, replace(seen, joints3d=flipped)),
+        "joints3d must be metres": (cameras, replace(seen, joints3d=1000 * seen.joints3d)),
+    }  # fmt: skip
+    assert not capture(take.actor, cameras, seen, take.rate, until=Stage.INITIALIZE).warnings
+    for words, (views, joints) in cases.items():
+        nowhere = replace(views, size=())
+        for given in (views, nowhere):
+            found = capture(take.actor, given, joints, take.rate, until=Stage.INITIALIZE)
+            assert any(words in line for line in found.warnings)
