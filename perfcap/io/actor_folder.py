@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -31,6 +32,8 @@ from perfcap.io.gltf_write import save_animation
 from perfcap.io.publish import publishing
 
 MESH, MANIFEST = "actor.glb", "manifest.toml"
+_LOG = logging.getLogger(__name__)
+
 UNKNOWN = "unknown"
 _SAME = 1e-9  # rad; limits nearer than this are the usual ones
 
@@ -222,6 +225,7 @@ def read_manifest(path: Path) -> Manifest:
     if joints and joints.keys() != set(JOINTS):
         raise InputError(f"{path}: joints are {', '.join(joints)}; expected {', '.join(JOINTS)}")
     limits = _table(path, values, "limits", lambda pair: _is_numbers(pair, 2))
+    _require_degrees(path, limits)
     landmarks = _table(
         path,
         values,
@@ -242,6 +246,22 @@ def read_manifest(path: Path) -> Manifest:
         {n: (mark["bone"], _triple(mark["position"])) for n, mark in landmarks.items()},
         {n: (math.radians(low), math.radians(high)) for n, (low, high) in limits.items()},
     )
+
+
+def _require_degrees(path: Path, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse limits the wrong way round; tell of such as are those of joints in radians."""
+    for name, (low, high) in limits.items():
+        if not low < high:
+            raise InputError(
+                f"{path}: [limits] {name} is {low:g} to {high:g} degrees; expected the lower end "
+                "below the upper"
+            )
+    if limits and max(abs(end) for pair in limits.values() for end in pair) <= 2 * math.pi:
+        _LOG.warning(
+            "%s: no joint in [limits] may turn by more than 6 degrees; limits are in degrees, "
+            "these look like radians",
+            path,
+        )
 
 
 def _table(path: Path, values: Mapping[str, Any], key: str, fits: Any) -> dict[str, Any]:

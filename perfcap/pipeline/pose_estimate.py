@@ -112,7 +112,13 @@ def _clips(
         )
     if lengths is None:
         return clips, batched
-    counts = [int(length) for length in lengths]
+    whole = torch.as_tensor(lengths)
+    if whole.dim() != 1 or whole.is_floating_point() or whole.dtype == torch.bool:
+        raise InputError(
+            f"lengths have shape {tuple(whole.shape)} and type {whole.dtype}; expected a whole "
+            "number of frames a clip, (B,): of a mask (B, F) that is mask.sum(1)"
+        )
+    counts = whole.tolist()
     longest = [shape[0] for shape in shapes]
     if len(counts) != len(clips) or any(
         not 1 <= n <= most for n, most in zip(counts, longest, strict=True)

@@ -87,6 +87,15 @@ def test_limits_beside_a_mesh_whose_joints_are_found(tmp_path: Path) -> None:
     assert torch.equal(examine(tmp_path / "sam").actor.skeleton.upper, stiff.skeleton.upper)
 
 
+@pytest.mark.parametrize(("most", "told"), [(1.57, True), (90, False)])
+def test_limits_in_radians_are_told(
+    tmp_path: Path, most: float, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "manifest.toml").write_text(f"[limits]\nl_knee_flexion = [0, {most}]\n")
+    read_manifest(tmp_path / "manifest.toml")
+    assert ["look like radians" in line for line in caplog.messages] == [True] * told
+
+
 def test_bad_limits_are_refused() -> None:
     rig = load_from(Rig(MIXAMO).template()).actor.skeleton.rig
     with pytest.raises(InputError, match="tail is no angle"):
@@ -107,6 +116,7 @@ def test_bad_limits_are_refused() -> None:
         ('licence = "', 'licence = 3 # "', "licence is 3"),
         ("[joints]", "[limits]\ntail = [0, 1]\n[joints]", "tail is no angle"),
         ("[joints]", "[limits]\nneck_axial = [0]\n[joints]", "limits"),
+        ("[joints]", "[limits]\nneck_axial = [90, 0]\n[joints]", "is 90 to 0 degrees"),
         ("[joints]", "x = " + "[" * 3000 + "\n[joints]", "manifest"),
     ],
 )

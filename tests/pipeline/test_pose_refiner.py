@@ -297,6 +297,9 @@ def test_wrong_input_is_named() -> None:
         layer([VIEWS] * 3, [PIXELS])
     with pytest.raises(InputError, match="lengths are"):
         layer(VIEWS, PIXELS[None], lengths=[FRAMES + 1])
+    for odd in (torch.ones(1, FRAMES, dtype=torch.bool), torch.tensor([4.0]), torch.tensor(4)):
+        with pytest.raises(InputError, match=r"a whole number of frames a clip, \(B,\)"):
+            layer(VIEWS, PIXELS[None], lengths=odd)
     for factor, unit in ((1000, "millimetres"), (1e-3, "another unit"), (39.4, "another unit")):
         with pytest.raises(InputError, match=f"expected metres; they look like {unit}"):
             layer(VIEWS, joints3d=factor * LOCAL)
