@@ -65,19 +65,24 @@ def run(config: Experiment) -> Report:
             clip = staged(Path(folder), library, number, config.frames, config.size, config.seed)
             for network in config.networks:
                 found = _capture(clip, network, config)
-                overlaps = np.array(list(_overlaps(clip, found)))
+                parts = np.array(list(_overlaps(clip, found)))
+                overlaps = parts[:, 0]
                 doubted = np.zeros(len(overlaps), bool)
                 assert found.refinement is not None
                 doubted[found.refinement.evidence.doubtful] = True
                 scores[network].append(overlaps)
                 named[network].append(doubted)
                 joints = joint_errors(found.joints(), clip.truth, RATE)
-                rows.append((clip.name, network, *_row(overlaps, doubted),
+                sides = (100 * parts[:, 1:].mean(0)).tolist()
+                rows.append((clip.name, network, *_row(overlaps, doubted), *sides,
                              float(joints.mpjpe_similarity)))  # fmt: skip
                 if config.pictures:
                     _picture(clip, found, network, int(overlaps.argmin()))
                 print(*rows[-1], sep="\t", flush=True)
-    columns = ("clip", "network", "IoU %", "worst frame %", "below 90 %", "named", "PA-MPJPE mm")
+    columns = (
+        *("clip", "network", "IoU %", "worst frame %", "below 90 %", "named"),
+        *("precision %", "recall %", "PA-MPJPE mm"),
+    )
     means = tuple(_mean(name, scores[name], named[name]) for name in config.networks)
     summary = (
         *("network", "IoU %", "worst clip %", "still cameras %", "by hand %"),
@@ -99,10 +104,12 @@ def _capture(clip: Staged, network: str, config: Experiment) -> Performance:
     )
 
 
-def _overlaps(clip: Staged, found: Performance) -> Iterator[float]:
+def _overlaps(clip: Staged, found: Performance) -> Iterator[tuple[float, float, float]]:
+    """Intersection over union, precision and recall of every frame."""
     assert found.refinement is not None
     for frame, mask in enumerate(clip.masks):
-        yield mask_overlap(found.refinement.evidence.masks(frame)[0], mask).iou
+        scores = mask_overlap(found.refinement.evidence.masks(frame)[0], mask)
+        yield scores.iou, scores.precision, scores.recall
 
 
 def _row(overlaps: NDArray[np.float64], named: NDArray[np.bool_]) -> tuple[float, float, int, int]:

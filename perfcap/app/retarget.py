@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
+from torch import Tensor
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
@@ -21,6 +22,7 @@ from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import named_people
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import find_actor, load_actor
@@ -50,6 +52,8 @@ from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
+_OFF_FLOOR = 0.5  # m
+_LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
 _JUMP = 60.0  # degrees a frame, of a robot's hinge
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
@@ -230,6 +234,7 @@ def _doubts(part: _Part) -> Iterator[str]:
             f"the hips move at {max(speeds):.0f} m/s, faster than any runner; check the unit of "
             "the source's places, and whether it jumps"
         )
+    yield from places_doubts(part.target.joints(part.found.motion))
     change = part.found.motion.angles.diff(dim=0).abs().amax(1, keepdim=True).rad2deg()
     jumps = (change > _JUMP).flatten().nonzero().flatten().tolist()
     if part.target.skeleton.rig.roles and jumps:
@@ -239,6 +244,24 @@ def _doubts(part: _Part) -> Iterator[str]:
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"
+
+
+def places_doubts(joints: Tensor) -> Iterator[str]:
+    """What is odd about where joints (F, 16, 3) are in a world with y up and its floor at 0."""
+    least = float(joints[..., 1].amin(-1).median())
+    if abs(least) > _OFF_FLOOR:
+        where = "above" if least > 0 else "below"
+        yield (
+            f"the person is {abs(least):.2g} m {where} the floor in half of the frames; check the "
+            "unit of the source's places against that of its bones"
+        )
+    trunk = joints[:, LANDMARKS.index("neck")] - mid_hip(joints)
+    leaning = trunk[:, 1] < _LYING * trunk.norm(dim=-1)
+    if leaning.double().mean() > _MOSTLY:
+        yield (
+            "the person lies, or stands on their head, in nearly all frames; check which axis is "
+            "up in the source's motion"
+        )
 
 
 def _tell(folder: Path, parts: Sequence[_Part]) -> None:

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from foreign_rigs import RIGS
 from runs import Command
+from takes import make_take
 
+from perfcap.app.retarget import places_doubts
 from perfcap.io.gltf_document import open_document
 from perfcap.io.result import read_result
 
@@ -65,6 +68,21 @@ def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Co
     (tmp_path / "c.bvh").write_text(head + "Frame Time: 8.3333\n" + time.partition("\n")[2])
     outcome = perfcap(["retarget", tmp_path / "c.bvh", "--actor", "sam", "--out", tmp_path / "c"])
     assert outcome.code == 0 and any("check its frame time" in line for line in outcome.notes)
+
+
+def test_places_that_no_person_is_in_are_told() -> None:
+    """Above the floor, below it, and lying all the time; not who stands, jumps or falls."""
+    take = make_take(20)
+    joints = take.actor.joints(take.truth)
+    joints = joints - torch.stack([torch.zeros(()), joints[..., 1].min(), torch.zeros(())])
+    high = joints + torch.tensor([0.0, 0.9, 0.0])
+    lying = joints[..., [0, 2, 1]]
+    cases = {"m above the floor": high, "m below the floor": -high, "lies": lying}
+    assert not list(places_doubts(joints))
+    assert not list(places_doubts(torch.where(torch.arange(20)[:, None, None] < 8, high, joints)))
+    assert not list(places_doubts(torch.cat((joints, lying))))
+    for words, case in cases.items():
+        assert any(words in line for line in places_doubts(case))
 
 
 def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Command) -> None:
