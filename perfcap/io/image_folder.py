@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import cv2
 import numpy as np
@@ -14,6 +18,7 @@ from perfcap.io.image_file import decode_image
 
 Frames = NDArray[np.uint8]
 
+_NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -26,7 +31,6 @@ class ImageFolder:
     fps: None = None
     timestamps: None = None
     lost: int = 0
-    warnings: tuple[str, ...] = ()
 
     def __init__(self, path: Path, stop: int | None = None) -> None:
         """List the first ``stop`` images, or all.
@@ -47,6 +51,7 @@ class ImageFolder:
         self.name = path.name
         self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
         self.total: int | None = len(files)
+        self.warnings: tuple[str, ...] = tuple(_odd_numbers(path, self.files))
         first = read_image(self.files[0])
         self.size: tuple[int, int] = (first.shape[0], first.shape[1])
 
@@ -70,6 +75,32 @@ class ImageFolder:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def _odd_numbers(path: Path, files: Sequence[Path]) -> Iterator[str]:
+    """What the numbers at the ends of names tell: series run together, images that are missing."""
+    found = [_NUMBER.fullmatch(file.stem) for file in files]
+    known = [match for match in found if match is not None]
+    if len(known) < len(files):
+        return
+    series = list(dict.fromkeys(match[1] for match in known))
+    if len(series) > 1:
+        names = ", ".join(repr(name)[:40] for name in series[:4])
+        yield (
+            f"{path}: holds {len(series)} series of images, whose names begin with {names}; they "
+            "are taken for one video, one after the other: give each a folder of its own"
+        )
+        return
+    numbers = [int(match[2]) for match in known]
+    steps = [b - a for a, b in pairwise(numbers)]
+    usual = median(steps) if steps else 1
+    gaps = [(a, b) for a, b in pairwise(numbers) if b - a > usual]
+    if gaps:
+        where = ", ".join(f"{a} and {b}" for a, b in gaps[:3]) + (", ..." if len(gaps) > 3 else "")
+        yield (
+            f"{path}: images are missing between {where}; the others are taken one after the "
+            "other, so that all behind a gap comes too early: fill it, or cut the clip there"
+        )
 
 
 def read_image(path: Path) -> Frames:

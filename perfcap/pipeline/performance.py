@@ -187,8 +187,11 @@ class Performance:
             view_names: of the views, for folders of masks where there are several.
 
         Raises:
-            InputError: the folder cannot be written, or somebody else writes into it.
+            InputError: the folder cannot be written, somebody else writes into it, or the first
+                frame has no such number.
         """
+        if isinstance(first_frame, bool) or first_frame != int(first_frame) or first_frame < 0:
+            raise InputError(f"first_frame is {first_frame}, expected a whole number of 0 or more")
         folder = make_folder(folder)
         with locked(folder):
             finish(folder)

@@ -132,6 +132,11 @@ def _clips(
 
 def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
     if isinstance(cameras, Camera):
+        if cameras.moving and 1 < count == len(cameras.intrinsics):
+            raise InputError(
+                f"cameras are {count} times those of all views, for {count} clips: one a clip, or "
+                "one a frame of every clip? Give a list with one Camera for each clip"
+            )
         return [cameras] * count
     if len(cameras) != count:
         raise InputError(

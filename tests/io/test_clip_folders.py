@@ -20,18 +20,34 @@ def make_folder(path: Path, names: list[str]) -> Path:
 
 
 def test_images_in_natural_order_and_rgb(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path / "frames", ["f10.png", "f2.png", "f1.png"])
+    folder = make_folder(tmp_path / "frames", ["f10.png", "f9.png", "f8.png"])
     red = np.zeros((48, 64, 3), np.uint8)
     red[..., 2] = 255
     cv2.imwrite(str(folder / "f11.png"), red)
     (folder / ".hidden.png").write_bytes(b"x")
     (folder / "notes.txt").write_text("not a frame")
     clip = Clip.open(folder)
-    assert [number(f) for f in clip.read(0, 3)[:, 0]] == [1, 2, 10]
+    assert [number(f) for f in clip.read(0, 3)[:, 0]] == [8, 9, 10]
     assert clip.read(3, 4)[0, 0, 0, 0].tolist() == [255, 0, 0]
     assert clip.fps == 30 and "no frame rate" in clip.warnings[0]
     assert Clip.open(folder, frames=slice(0, 2)).total == len(clip) == 4
     assert not Clip.open(folder, fps=50).warnings and Clip.open(folder, fps=50).fps == 50
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["f1.png", "f2.png", "f3.png", "f7.png"], "images are missing between 3 and 7; "),
+        (["f0.png", "f5.png", "f10.png"], None),
+        (["a1.png", "a2.png", "b1.png"], "holds 2 series of images, whose names begin with 'a', "),
+        (["1.png", "2.png"], None),
+    ],
+)
+def test_numbers_that_tell_of_other_frames(
+    tmp_path: Path, names: list[str], words: str | None
+) -> None:
+    warnings = Clip.open(make_folder(tmp_path / "frames", names), fps=30).warnings
+    assert [str(words) in line for line in warnings] == [True] * (words is not None)
 
 
 def test_images_are_turned_as_their_camera_was(tmp_path: Path) -> None:

@@ -297,6 +297,9 @@ def test_wrong_input_is_named() -> None:
         layer([VIEWS] * 3, [PIXELS])
     with pytest.raises(InputError, match="lengths are"):
         layer(VIEWS, PIXELS[None], lengths=[FRAMES + 1])
+    many = VIEWS.map(lambda part: part.expand(FRAMES, *part.shape))
+    with pytest.raises(InputError, match="a list with one Camera for each clip"):
+        layer(many, PIXELS.expand(FRAMES, *PIXELS.shape))
     for odd in (torch.ones(1, FRAMES, dtype=torch.bool), torch.tensor([4.0]), torch.tensor(4)):
         with pytest.raises(InputError, match=r"a whole number of frames a clip, \(B,\)"):
             layer(VIEWS, PIXELS[None], lengths=odd)
