@@ -118,9 +118,16 @@ class MotionLibrary:
         """The clips of everybody else.
 
         Raises:
-            InputError: one of them has none; by a wrong name, people would not be held out.
+            InputError: one of them has none, by whose wrong name people would not be held out; or
+                one is named twice, as held out and for validation, which chooses the weights.
         """
         self._require(subjects)
+        twice = sorted({name for name in subjects if list(subjects).count(name) > 1})
+        if twice:
+            raise InputError(
+                f"subjects: {', '.join(twice)} are named twice; people that are held out must not "
+                "be those of the validation, which chooses the weights"
+            )
         return self._where(lambda recording: recording.subject not in subjects)
 
     def _require(self, subjects: Sequence[str]) -> None:

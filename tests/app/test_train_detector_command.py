@@ -71,6 +71,7 @@ def test_a_network_grows(tmp_path: Path) -> None:
         (("--sizes", 0.0, 100), "expected multiples of 32"),
         (("--detector.size", 96), "the last one detector.size"),
         (("--held-out", "09"), "09 have no clips"),
+        (("--held-out", "02"), "02 are named twice"),
     ],
 )
 def test_refuses_in_a_line(
