@@ -23,14 +23,22 @@ UPRIGHT = np.array([[0.0, 0.0], [0.0, 1.0]])  # neck above hips
 
 
 def write(
-    folder, layout="nchw", classes=1, person=0, activation="sigmoid", batch="N", pool=2, extra=""
+    folder,
+    layout="nchw",
+    classes=1,
+    person=0,
+    activation="sigmoid",
+    batch="N",
+    pool=2,
+    extra="",
+    weight=(12.0, -6.0, -6.0, -3.0),
 ):
     """A network to which red is a person: its map is smaller than its input by ``pool``."""
     shape = [batch, 3, SIDE, SIDE]
     weights = np.zeros((classes, 3, 1, 1), np.float32)
-    weights[person] = np.array([12.0, -6.0, -6.0])[:, None, None]
+    weights[person] = np.array(weight[:3])[:, None, None]
     bias = np.zeros(classes, np.float32)
-    bias[person] = -3.0
+    bias[person] = weight[3]
     nodes = [
         helper.make_node("Conv", ["image", "w", "b"], ["fine"]),
         helper.make_node(
@@ -156,6 +164,15 @@ def test_manifests_that_do_not_fit(tmp_path, kind, message):
     write(tmp_path, **kind)
     with pytest.raises(InputError, match=message):
         OnnxSegmenter(tmp_path)
+
+
+def test_probabilities_are_taken_and_scores_above_one_are_not(tmp_path):
+    crops = np.random.default_rng(0).integers(0, 255, (3, SIDE, SIDE, 3)).astype(np.uint8)
+    sure = OnnxSegmenter(write(tmp_path / "a", activation="none", weight=(0.3, 0.3, 0.3, 0)))
+    assert 0 < sure.probabilities(crops).max() < 1
+    write(tmp_path / "b", activation="none", weight=(6, 6, 6, 0))
+    with pytest.raises(InputError, match="is 18 to 18, expected probabilities"):
+        OnnxSegmenter(tmp_path / "b").probabilities(np.full_like(crops, 255))
 
 
 @pytest.mark.parametrize(
