@@ -179,6 +179,8 @@ def test_what_a_file_says_and_nothing_here_does_is_noted(tmp_path: Path) -> None
 
 
 HOSTILE = {
+    '<mujoco><worldbody><body name="ball"><freejoint/></body><body name="a"><freejoint/>'
+    '<body><joint type="hinge"/></body></body></worldbody></mujoco>': "2 bodies with joints",
     '<mujoco><worldbody><body><freejoint/><attach model="m" body="b" prefix="p"/></body>'
     "</worldbody></mujoco>": "mj_saveLastXML",
     '<!DOCTYPE r [<!ENTITY a "aaaa">]><robot name="&a;"/>': "document type or entities",

@@ -32,7 +32,7 @@ def read_mjcf_robot(path: Path, root: Element | None = None) -> Robot:
     root = with_includes(path, read_xml(path, "an MJCF") if root is None else root)
     rules = read_rules(path, root)
     tops = [top for w in root.findall("worldbody") for top in _parts(path, w, "body", MAIN, rules)]
-    tops = [top for top in tops if any(True for _ in top.element.iter("joint"))] or tops
+    tops = [top for top in tops if _moves(top.element)] or tops
     if len(tops) != 1:
         raise InputError(f"{path}: has {len(tops)} bodies with joints in its world; expected one")
     bodies: list[Body] = []
@@ -54,6 +54,11 @@ def read_mjcf_robot(path: Path, root: Element | None = None) -> Robot:
     coupled = [j.get("joint1", "") for e in root.findall("equality") for j in e.findall("joint")]
     notes += coupled_note(path, coupled, "<equality>")
     return Robot(root.get("model") or path.stem, tuple(bodies), tuple(notes)).checked()
+
+
+def _moves(element: Element) -> bool:
+    """Whether a body of the world, or what hangs on it, has places in ``qpos``."""
+    return any(each.tag in ("joint", "freejoint") for each in element.iter())
 
 
 @dataclass(frozen=True)
