@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -194,7 +194,8 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     if rig.fps is not None and all(source.fps is None for source in clip.sources):
         clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
-    about = (*clip.warnings, *rig.warnings, *_camera_rate(rig, clip))
+    about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
+    about += tuple(_camera_rate(rig, clip))
     maps = read_pixel_map(request.video_map) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
@@ -239,6 +240,9 @@ def _lifted(inputs: Inputs, lifter: OnnxLifter | None, seen: Detections | None =
     """The same with 3D poses in views that have none, where there is a lifter; others help it."""
     if lifter is None:
         return inputs
+    if inputs.detections.trusted3d.all():
+        told = "--lifter: is not used, since the detections hold 3D poses of all views and frames"
+        return replace(inputs, warnings=(*inputs.warnings, told))
     lifted = lifter(inputs.detections, inputs.rig.cameras, inputs.clip.fps)
     more = (*inputs.warnings, *lifter.session.warnings)
     return replace(inputs, detections=fuse_poses(lifted, seen), warnings=more)
@@ -278,6 +282,13 @@ def parse_frames(text: str | None) -> slice:
         raise InputError(f"--frames {text}: expected A:B, such as 0:100, with A before B")
     start, stop = (int(p) if p else None for p in parts)
     return slice(start or 0, stop)
+
+
+def _short(text: str | None, part: slice, clip: Clip) -> Iterator[str]:
+    """That a clip ends before the part of it that was asked for."""
+    end = clip.start + len(clip)
+    if part.stop is not None and part.stop > end:
+        yield f"--frames {text}: the video ends with frame {end - 1}; is it whole?"
 
 
 def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:

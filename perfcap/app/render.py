@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from perfcap.app.console import progress_bars
+from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import beside, for_everybody
 from perfcap.errors import InputError
@@ -108,6 +108,8 @@ def _rows(request: RenderRequest, result: Result) -> list[int]:
     rows = [row for row, number in enumerate(numbers) if part.start <= number < stop]
     if not rows:
         raise InputError(f"--frames {request.frames}: {held}; expected a part of them")
+    if stop > numbers[-1] + 1:
+        PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
     return rows
 
 

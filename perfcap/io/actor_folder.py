@@ -35,6 +35,10 @@ MESH, MANIFEST = "actor.glb", "manifest.toml"
 _LOG = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
+_KEYS = {
+    *("name", "licence", "provenance", "generic", "shape_space", "joints", "landmarks", "limits"),
+    "file",  # of models that are shipped
+}
 _SAME = 1e-9  # rad; limits nearer than this are the usual ones
 
 
@@ -221,6 +225,12 @@ def read_manifest(path: Path) -> Manifest:
     if not path.is_file():
         return Manifest()
     values = read_toml(path, "the manifest of an actor", MEBIBYTE)
+    unknown = sorted(set(values) - _KEYS)
+    if unknown:
+        _LOG.warning(
+            "%s: %s are not known and count for nothing; expected some of %s",
+            path, ", ".join(unknown)[:80], ", ".join(sorted(_KEYS)),
+        )  # fmt: skip
     joints = _table(path, values, "joints", lambda bone: isinstance(bone, str))
     if joints and joints.keys() != set(JOINTS):
         raise InputError(f"{path}: joints are {', '.join(joints)}; expected {', '.join(JOINTS)}")

@@ -133,7 +133,8 @@ def refine_jointly(
             requires gradients, not at all elsewhere, if not given.
 
     Raises:
-        InputError: masks are not of these frames and views, or values are not from 0 to 1.
+        InputError: masks are not of these frames and views, or show nobody; cameras are of images
+            of another size; or values are not from 0 to 1.
     """
     settings = config or JointConfig()
     problem = _problem(start, detections)
@@ -234,7 +235,18 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
             "frames and views of the capture"
         )
     size = (masks.shape[-2], masks.shape[-1])
+    empty = (masks.detach() > 0.5).flatten(2).any(-1).any(0).logical_not().nonzero().flatten()
+    if len(empty):
+        raise InputError(
+            f"masks of views {empty.tolist()} show nobody in any frame; expected 1 where the "
+            "person is; leave such views out of the capture"
+        )
     if isinstance(given, Camera):
+        if any(own != size for own in given.size):
+            raise InputError(
+                f"cameras are of images of {given.size[0]} (height, width), masks are {size}; give "
+                "cameras in pixels of the masks, or none, which makes those of the capture so"
+            )
         return replace(given.to(problem.pixel_unit), size=(size,) * views)
     return resized(problem.cameras, size)
 

@@ -104,13 +104,14 @@ def _rows(result: Result, wanted: Wanted) -> tuple[slice, list[str]]:
             "part of them"
         )
     begin, end = int(inside[0]), int(inside[-1]) + 1
+    notes = [f"The result ends with frame {last}."] if stop > last + 1 else []
     if end - begin <= LONGEST:
-        return slice(begin, end), []
+        return slice(begin, end), notes
     note = (
         f"Only the first {LONGEST} of {end - begin} frames are shown; perfcap report --frames A:B "
         "shows others."
     )
-    return slice(begin, begin + LONGEST), [note]
+    return slice(begin, begin + LONGEST), [*notes, note]
 
 
 def _truth(result: Result, rows: slice, wanted: Wanted) -> NDArray[np.float64] | None:

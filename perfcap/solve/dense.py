@@ -107,7 +107,8 @@ def pose(function: Function, initial: object, bounds: object) -> tuple[Objective
     """The objective, state and bounds that a bare function and tensors stand for.
 
     Raises:
-        InputError: unknowns that are no floating-point vector, or bounds that do not fit them.
+        InputError: unknowns that are no floating-point vector, bounds that do not fit them, or a
+            function that cannot be differentiated.
     """
     if not isinstance(initial, Tensor) or not initial.is_floating_point() or not initial.ndim:
         kind = f" {initial.dtype} {tuple(initial.shape)}" if isinstance(initial, Tensor) else ""
@@ -115,7 +116,16 @@ def pose(function: Function, initial: object, bounds: object) -> tuple[Objective
             f"initial is a {type(initial).__name__}{kind}, expected a floating-point tensor (n,), "
             "or (*b, n) for a batch, beside a function; any other state goes with an Objective"
         )
-    return Objective(function=ResidualFunction(function)), Vector(initial), _box(bounds, initial)
+    own = ResidualFunction(function)
+    with torch.enable_grad():
+        asked = initial.detach().clone().requires_grad_()
+        depends = own.residual(Vector(asked)).value.requires_grad
+    if not depends:
+        raise InputError(
+            "the residual function does not depend on its unknowns by torch operations: no "
+            "derivative leads through detach(), item(), numpy() or torch.no_grad(); leave them out"
+        )
+    return Objective(function=own), Vector(initial), _box(bounds, initial)
 
 
 def _box(bounds: object, initial: Tensor) -> Bounds | None:

@@ -10,6 +10,7 @@ from runs import Command
 from takes import TakeFiles, write_detections, write_take
 
 from perfcap.app import capture_checks
+from perfcap.io.actor import models_folder
 from perfcap.io.video_writer import VideoWriter
 
 
@@ -21,6 +22,17 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> TakeFiles:
 def test_good_input_is_quiet(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     outcome = perfcap(take.command(tmp_path / "out", "--until", "initialize", "--no-overlay"))
     assert outcome.code == 0 and not outcome.notes
+
+
+def test_what_is_asked_for_in_vain_is_told(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    """Frames behind the end, and a lifter beside 3D poses."""
+    more = ("--until", "initialize", "--no-overlay", "--frames", "2:99")
+    lifter = models_folder() / "lifters" / "cmu"
+    told = perfcap(take.command(tmp_path / "out", *more, "--lifter", str(lifter))).notes
+    assert any("--frames 2:99: the video ends with frame 39" in line for line in told)
+    assert any("--lifter: is not used" in line for line in told)
 
 
 def test_exchanged_axes_and_other_frames(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:

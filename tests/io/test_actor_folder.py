@@ -96,6 +96,17 @@ def test_limits_in_radians_are_told(
     assert ["look like radians" in line for line in caplog.messages] == [True] * told
 
 
+def test_what_a_manifest_says_in_vain_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "manifest.toml").write_text("[limit]\nl_knee_flexion = [0, 90]\n")
+    read_manifest(tmp_path / "manifest.toml")
+    assert "limit are not known and count for nothing; expected some of" in caplog.text
+    caplog.clear()
+    read_manifest(models_folder() / "actors" / "sam" / "manifest.toml")
+    assert not caplog.messages
+
+
 def test_bad_limits_are_refused() -> None:
     rig = load_from(Rig(MIXAMO).template()).actor.skeleton.rig
     with pytest.raises(InputError, match="tail is no angle"):

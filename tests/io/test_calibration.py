@@ -53,6 +53,14 @@ def test_camera_json(tmp_path: Path) -> None:
     check_views(rig)
 
 
+@pytest.mark.parametrize("name", ["lens_distortion", "D", "k1"])
+def test_lenses_that_would_be_overlooked(tmp_path: Path, name: str) -> None:
+    data = entry()
+    data[name] = data.pop("distortion")
+    with pytest.raises(InputError, match=f"has '{name}', which is not read; call .* distortion"):
+        read_cameras(write(tmp_path / "camera.json", data))
+
+
 @pytest.mark.parametrize("name", ["dist", "distCoeffs", "distortions"])
 def test_lenses_under_other_names(tmp_path: Path, name: str) -> None:
     data = entry()

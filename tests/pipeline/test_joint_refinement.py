@@ -63,6 +63,17 @@ def test_cameras_are_made_as_large_as_masks() -> None:
     torch.testing.assert_close(half.project(point), (VIEWS.project(point) + 0.5) / 2 - 0.5)
 
 
+def test_masks_of_nobody_and_cameras_of_other_images_are_refused(
+    start: Performance, masks: torch.Tensor
+) -> None:
+    blank = masks.clone()
+    blank[:, 1] = 0
+    with pytest.raises(InputError, match=r"masks of views \[1\] show nobody"):
+        refine_jointly(start, blank, config=QUICK)
+    with pytest.raises(InputError, match=r"cameras are of images of \(64, 64\)"):
+        refine_jointly(start, masks[..., ::2, ::2], VIEWS, config=QUICK)
+
+
 def test_masks_of_other_frames_are_refused(start: Performance, masks: torch.Tensor) -> None:
     with pytest.raises(InputError, match="the frames and views of the capture"):
         refine_jointly(start, masks[:2], config=QUICK)

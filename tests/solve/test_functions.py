@@ -92,3 +92,12 @@ def test_bounds_of_another_kind_beside_an_objective_are_named():
     objective = Objective(sum=ResidualFunction(rosenbrock))
     with pytest.raises(InputError, match="bounds are a tuple"):
         solve(objective, Vector(START), bounds=(0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [lambda x: 2 * x.detach() - 1, lambda x: torch.tensor(x.tolist(), dtype=x.dtype)],
+)
+def test_functions_that_no_derivative_leads_through_are_named(function):
+    with pytest.raises(InputError, match="does not depend on its unknowns by torch operations"):
+        solve(function, torch.ones(2, dtype=torch.float64))

@@ -13,6 +13,7 @@ from perfcap.io.files import TEXT_LIMIT, read_json
 
 PIXEL_CENTRES = (0.0, 0.5)
 LENS = ("distortion", "distortions", "dist", "distCoeffs", "dist_coeffs", "distortion_coefficients")
+_COEFFICIENTS = ("d", "dist_coeff", "distcoeff", "k1", "k2", "k3", "p1", "p2")
 UNITS = ("unit", "units")
 METRES = ("m", "metre", "metres", "meter", "meters")
 
@@ -51,6 +52,12 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
     if not isinstance(entry, dict):
         raise InputError(f"{where}: is a {type(entry).__name__}, expected an object with K, R, t")
     _require_metres(where, {**shared, **entry})
+    odd = [key for key in (*shared, *entry) if _of_lens(key) and key not in LENS]
+    if odd:
+        raise InputError(
+            f"{where}: has {odd[0]!r:.40}, which is not read; call the coefficients distortion: "
+            "k1, k2, p1, p2, k3"
+        )
     if entry.get("pixel_centre", centre) != centre:
         raise InputError(f"{where}: has its own pixel_centre; state one for the whole file")
     view = make_view(
@@ -72,6 +79,11 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
             f"{where}: has {len(view.rotation)} camera poses but says frames = {frames}"
         )
     return view
+
+
+def _of_lens(key: str) -> bool:
+    """Whether a key says how a lens bends light."""
+    return "distort" in key.lower() or key.lower() in _COEFFICIENTS
 
 
 def _given(entry: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
