@@ -13,15 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 from filmed_people import moved
 from numpy.typing import NDArray
+from staged_room import empty_room, furnished, one_camera, random_lights
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.template import Template
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -32,20 +31,17 @@ from perfcap.io.body_model import load_body_model
 from perfcap.io.clip import Clip
 from perfcap.io.video_writer import VideoWriter
 from perfcap.render import (
-    Lighting,
     ProjectedMesh,
     Texture,
     look_at,
-    rasterize,
     render,
     shade_ground,
     visibility,
 )
-from perfcap.train.backgrounds import Backgrounds, natural_color
 from perfcap.train.config import DetectorNoise
 from perfcap.train.detector_noise import corrupt
 from perfcap.train.figure import Figure, actor_figure, rest_turns
-from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.motion_library import MotionLibrary, Recording
 from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_mesh
 from perfcap.train.wardrobe import Wardrobe, random_outfit
 
@@ -55,9 +51,8 @@ Mask = NDArray[np.bool_]
 RATE = 30.0
 _STEP = 2  # recorded frames between those of a video
 _TEXTURE, _CLOTH = 512, 96  # px: texture of the body, rows below it for a skirt
-_LEGS = ("pelvis", "l_hip", "r_hip", "l_knee", "r_knee")  # what a skirt is skinned to
-_TILE = 0.25  # m, of the room's surfaces
-_NEAR = 0.1  # m: what is nearer to the camera is not drawn
+_HELD, _SIDES = 0.6, 0.3  # m below the hips and to their sides, over which a skirt goes to a thigh
+_CALM = 0.15  # m, by which knees stay below the hips of who wears a skirt
 _REACH = 0.82  # of the image, that the motion fills
 _DEPTH_NOISE, _NOISE = 0.040, 0.020  # m, of 3D detections
 _KEPT = 0.8  # of that noise, from frame to frame
@@ -84,23 +79,6 @@ class Staged:
     clip: Clip
     truth: Tensor
     masks: Mask
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Something with a picture on it.
-
-    Attributes:
-        vertices: (V, 3) m.
-        faces: (T, 3).
-        texture: of them.
-        ground: whether shadows fall on it.
-    """
-
-    vertices: Tensor
-    faces: Tensor
-    texture: Texture
-    ground: bool = False
 
 
 @dataclass(frozen=True)
@@ -151,6 +129,8 @@ def staged(
     held = number % 3 == 2
     person = _person(rng, skirted=number % 3 == 1)
     fitting = [r for r in library.recordings if len(r.turns) > _STEP * frames]
+    if person.skirt is not None:
+        fitting = [each for each in fitting if _is_calm(each)]
     recording = fitting[int(rng.integers(len(fitting)))]
     start = int(rng.integers(len(recording.turns) - _STEP * frames))
     part = slice(start, start + _STEP * frames, _STEP)
@@ -178,6 +158,13 @@ def staged(
     )
 
 
+def _is_calm(recording: Recording) -> bool:
+    """Whether knees stay so low that a skirt can hang: nothing here lets one ride up."""
+    at = [recording.landmarks[:, LANDMARKS.index(name), 1] for name in ("l_knee", "r_knee")]
+    hips = mid_hip(recording.landmarks)[:, 1]
+    return bool((torch.stack(at).amax(0) < hips - _CALM).all())
+
+
 def _person(rng: np.random.Generator, skirted: bool) -> Dressed:
     body = load_body_model()
     wardrobe = Wardrobe.of(actor_figure(body.actor(torch.zeros(0, dtype=torch.float64)), _TEXTURE))
@@ -199,27 +186,18 @@ def _person(rng: np.random.Generator, skirted: bool) -> Dressed:
 
 def _template(plain: Template, figure: Figure, skirt: Skirt | None) -> Template:
     """What somebody would have scanned: the clothed person at rest, skinned as plain bodies are."""
-    welded, first = plain.weld()
+    welded, _ = plain.weld()
     vertices = figure.vertices.double().numpy()[welded]
     faces, weights, bones = plain.faces, plain.weights, plain.weight_bones
     if skirt is not None:
         at = dict(zip(LANDMARKS, figure.landmarks, strict=True))
         hips = 0.5 * (at["l_hip"] + at["r_hip"])
         cloth = hang(skirt, figure, figure.vertices, hips, torch.eye(3)).double().numpy()
-        legs = torch.isin(
-            figure.owner,
-            torch.tensor(
-                [JOINTS.index(n) for n in ("pelvis", "l_hip", "r_hip", "l_knee", "r_knee")]
-            ),
-        ).numpy()
-        around = np.flatnonzero(legs)
-        near = figure.vertices.double().numpy()[around]
-        distance = np.linalg.norm(cloth[:, None] - near[None], axis=-1)
-        worn = first[around[distance.argmin(1)]]
         faces = np.concatenate([faces, skirt_mesh()[0].numpy() + len(vertices)])
         vertices = np.concatenate([vertices, cloth])
-        weights = np.concatenate([weights, weights[worn]])
-        bones = np.concatenate([bones, bones[worn]])
+        shares, own = _skirt_weights(plain, cloth - hips.double().numpy())
+        weights = np.concatenate([weights, shares])
+        bones = np.concatenate([bones, own])
     return replace(
         plain,
         vertices=vertices,
@@ -231,6 +209,18 @@ def _template(plain: Template, figure: Figure, skirt: Skirt | None) -> Template:
         texture_mime=None,
         name="staged",
     )
+
+
+def _skirt_weights(
+    plain: Template, cloth: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Weights (K, 4) and bones of a skirt about the hips: from the pelvis over to the thighs."""
+    bones = [plain.bone_names.index(name) for name in ("pelvis", "l_hip", "r_hip")]
+    held = np.clip(1 + cloth[:, 1] / _HELD, 0, 1)
+    side = np.clip(0.5 + cloth[:, 0] / _SIDES, 0, 1)
+    left = side * side * (3 - 2 * side)
+    shares = np.stack([held, (1 - held) * left, (1 - held) * (1 - left), 0 * held], -1)
+    return shares, np.tile(np.array([*bones, 0]), (len(cloth), 1))
 
 
 def _texture_places(figure: Figure, skirted: bool) -> tuple[Tensor, Tensor]:
@@ -289,16 +279,16 @@ def _film(
     rng: np.random.Generator,
 ) -> Mask:
     """Draw, and return the true masks (F, H, W)."""
-    lighting = _lights(rng)
-    room = _room(joints, cameras, rng)
+    lighting = random_lights(rng)
+    room = furnished(joints, cameras, rng)
     texture, faces, grain = person.texture, person.faces, rng.uniform(0.5, 5)
     breath = 1 + 0.03 * _shake(len(drawn), rng)[:, 0].numpy() * (rng.random() < 0.5)
     empty, masks = None, []
     with VideoWriter(path, RATE) as writer:
         for frame, surface in enumerate(drawn):
-            camera = _one(cameras, frame)
+            camera = one_camera(cameras, frame)
             if empty is None or cameras.moving:
-                empty, floor = _empty(room, camera, lighting)
+                empty, floor = empty_room(room, camera, lighting)
             dark = shade_ground(empty, camera, surface, faces, lighting, sun=3, sky=6)
             behind = torch.where(floor[..., None], dark, empty)
             mesh = ProjectedMesh.seen_by(camera, surface, faces)
@@ -309,109 +299,6 @@ def _film(
             writer.write(np.ascontiguousarray(image.clip(0, 255).astype(np.uint8)))
             masks.append((shown.coverage.reshape(camera.size[0]) >= 0.5).numpy())
     return np.stack(masks)
-
-
-def _one(cameras: Camera, frame: int) -> Camera:
-    """The camera of a frame, batch (1,)."""
-    if not cameras.moving:
-        return cameras.to(torch.float32)
-    now = (cameras.intrinsics, cameras.rotation, cameras.translation)
-    intrinsics, rotation, translation = (part[frame].float() for part in now)
-    return Camera(intrinsics, rotation, translation, size=cameras.size)
-
-
-def _lights(rng: np.random.Generator) -> Lighting:
-    """Between a bright window and an even sky."""
-    sun = float(rng.uniform(0.1, 0.9))
-    ambient, sky = 0.15, 1.15 - sun
-    towards = rng.normal(size=3)
-    tint = 1 + rng.normal(0, 0.04, (2, 3))
-    return Lighting(
-        ambient=(ambient,) * 3,
-        sky=tuple(float(v) for v in sky * tint[0]),  # type: ignore[arg-type]
-        sun=tuple(float(v) for v in sun * tint[1]),  # type: ignore[arg-type]
-        towards_sun=(float(towards[0]), 0.6 + abs(float(towards[1])), float(towards[2])),
-    )
-
-
-def _room(joints: Tensor, cameras: Camera, rng: np.random.Generator) -> list[Surface]:
-    """A floor, two walls behind, a picture on one of them, and things that stand about."""
-    points = joints.flatten(0, 1)
-    centre, reach = points.mean(0), float((points - points.mean(0)).norm(dim=-1).max())
-    camera = _one(cameras, 0)
-    ahead = camera.rotation[0, 2] * torch.tensor([1.0, 0.0, 1.0])
-    ahead = ahead / ahead.norm()
-    aside = torch.stack((ahead[2], ahead[0] * 0, -ahead[0]))
-    up = torch.tensor([0.0, 1.0, 0.0])
-    eye = -(camera.rotation[0].T @ camera.translation[0])
-    corner = eye * torch.tensor([1.0, 0.0, 1.0]) - 6 * aside
-    away = float((centre - eye) @ ahead) + reach + float(rng.uniform(0.5, 2.5))
-    tall, wide = 2 * away + 2.5, away + 6
-    parts = [
-        _panel(corner, (12, aside), (wide, ahead), rng, ground=True),
-        _panel(corner + away * ahead, (12, aside), (tall, up), rng),
-        _panel(corner + (away - 0.02) * ahead + float(rng.uniform(3, 8)) * aside
-               + float(rng.uniform(0.3, 1.2)) * up,
-               (float(rng.uniform(0.6, 1.8)), aside), (float(rng.uniform(0.6, 1.6)), up), rng),
-    ]  # fmt: skip
-    for _ in range(int(rng.integers(2, 6))):
-        sideways = float(rng.uniform(-1.0, 1.0)) * (reach + 1.5)
-        place = centre * torch.tensor([1.0, 0.0, 1.0]) + sideways * aside
-        place = place + (reach + float(rng.uniform(0.2, 0.5))) * ahead
-        width, height = float(rng.uniform(0.2, 0.9)), float(rng.uniform(0.3, 1.9))
-        parts.append(_panel(place, (width, aside), (height, up), rng))
-        parts.append(_panel(place, (height, up), (0.4, ahead), rng))
-    return parts
-
-
-def _panel(
-    corner: Tensor,
-    first: tuple[float, Tensor],
-    second: tuple[float, Tensor],
-    rng: np.random.Generator,
-    ground: bool = False,
-) -> Surface:
-    """A rectangle with something on it, in tiles that are cut off behind the camera."""
-    counts = [max(2, math.ceil(length / _TILE)) for length, _ in (first, second)]
-    a, b = (torch.linspace(0, 1, count + 1) for count in counts)
-    grid = torch.stack(torch.meshgrid(a, b, indexing="ij"), -1).reshape(-1, 2)
-    vertices = corner + sum(
-        grid[:, i : i + 1] * length * way for i, (length, way) in enumerate((first, second))
-    )
-    row, column = (torch.from_numpy(v.ravel()) for v in np.mgrid[: counts[0], : counts[1]])
-    at = row * (counts[1] + 1) + column
-    quads = torch.stack((at, at + 1, at + counts[1] + 1, at + counts[1] + 2), -1)
-    faces = torch.cat((quads[:, [0, 1, 2]], quads[:, [1, 3, 2]]))
-    picture = Backgrounds().draw(512, rng)
-    if rng.random() < 0.4:  # plain walls and floors
-        plain = np.full_like(picture, natural_color(rng).clip(40, 220).astype(np.uint8))
-        picture = cv2.addWeighted(plain, 0.85, picture, 0.15, 0)
-    uv = grid if max(first[0], second[0]) < 3 else 0.5 - 0.5 * torch.cos(2 * math.pi * grid)
-    return Surface(
-        vertices, faces, Texture.from_image(torch.from_numpy(picture), uv, faces), ground
-    )
-
-
-def _empty(room: Sequence[Surface], camera: Camera, lighting: Lighting) -> tuple[Tensor, Tensor]:
-    """The room without anybody (H, W, 3), and where its floor is seen."""
-    height, width = camera.size[0]
-    image = torch.full((height, width, 3), 120, dtype=torch.uint8)
-    depth = torch.full((height, width), torch.inf)
-    floor = torch.zeros(height, width, dtype=torch.bool)
-    for surface in room:
-        mesh = ProjectedMesh.seen_by(camera, surface.vertices, surface.faces)
-        whole = (mesh.depth[surface.faces] > _NEAR).all(-1)
-        if not bool(whole.any()):
-            continue
-        texture = replace(surface.texture, faces=surface.texture.faces[whole])
-        mesh = replace(mesh, faces=surface.faces[whole])
-        drawn = render(mesh, texture, image, lighting, supersampling=2).image
-        seen = rasterize(mesh.pixels, mesh.depth, mesh.faces, (height, width))
-        nearer = seen.mask & (seen.depth < depth)
-        image = torch.where(nearer[..., None], drawn.reshape(height, width, 3), image)
-        depth = torch.where(nearer, seen.depth.to(depth), depth)
-        floor = torch.where(nearer, surface.ground, floor)
-    return image, floor
 
 
 def _detections(joints: Tensor, cameras: Camera, rng: np.random.Generator) -> Detections:
