@@ -37,6 +37,9 @@ from perfcap.pipeline.images import Frames, Images  # noqa: E402
 
 SIDE, PERIOD = 160, 20
 GROWTH = 64  # MiB after the first quarter
+FOUND = (
+    4 / 1024
+)  # MiB a frame of one stage: masks and their confidences, or vertices of the surface
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def stream(frames: int, until: str) -> bool:
     for stage, values in seen.items():
         later = values[len(values) // 4 :]
         grown = max(later) - later[0]
-        flat &= grown < GROWTH
+        flat &= grown < GROWTH + FOUND * frames
         _say(f"{stage}: {values[0]:.0f} MiB at first, {max(values):.0f} at most, +{grown:.0f} late")
     _say(f"{frames} frames of {SIDE} px in {time.monotonic() - began:.0f} s")
     return flat
