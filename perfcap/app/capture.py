@@ -35,6 +35,7 @@ from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
+from perfcap.app.project import in_project
 from perfcap.app.report import ReportRequest, write_report
 from perfcap.app.true_views import ViewRequest, settled
 from perfcap.detect.segmenter import OnnxSegmenter
@@ -97,6 +98,7 @@ def run_capture(request: CaptureRequest) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
+    request = in_project(request)
     code = _capture(request)
     if request.report:
         for folder in people_of(request.out):

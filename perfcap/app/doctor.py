@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from perfcap.app.console import PlainConsole
+from perfcap.app.project import find_project
 from perfcap.errors import InputError
 from perfcap.io.doctor import Severity, examine_inputs, examine_installation
 
@@ -23,6 +24,10 @@ def run_doctor(
     Raises:
         InputError: files to check, but no cameras to check them against.
     """
+    found = find_project(videos, cameras, joints=not detections)
+    if found is not None:
+        cameras, videos = found.cameras, found.videos
+        detections = detections or found.detections
     if cameras is None and (detections or videos or video_map):
         raise InputError(
             "--cameras: is missing; expected the calibration that detections and videos are "

@@ -13,8 +13,9 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
 from perfcap.app.truth import find_truth, read_found, require_rate
+from perfcap.errors import InputError
 from perfcap.io.result_folder import PAGE, REPORT
-from perfcap.report import Places, Wanted, make_report
+from perfcap.report import Places, Wanted, make_comparison, make_report
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,25 @@ def _report(request: ReportRequest) -> int:
     return 0
 
 
-def run_view(folder: Path) -> int:
-    """Open the page of a result, made first where it is missing or older; of everybody one each."""
-    return for_everybody(folder, lambda place, _: _view(place))
+def run_view(folders: tuple[Path, ...]) -> int:
+    """Open the page of a result, made first where it is missing or older; of everybody one each.
+
+    Of two results it is one page that shows both, in the working directory.
+
+    Raises:
+        InputError: none or more than two results, or such that do not fit together.
+    """
+    if len(folders) == 1:
+        return for_everybody(folders[0], lambda place, _: _view(place))
+    if len(folders) != 2:
+        raise InputError(f"FOLDER: are {len(folders)}; expected one result, or two to compare")
+    one, other = folders
+    name = f"{one.resolve().name}_and_{other.resolve().name}.html"
+    with progress_bars() as tell:
+        page = make_comparison((one, other), Path(name), tell)
+    PlainConsole().print(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
+    _open(page)
+    return 0
 
 
 def _view(folder: Path) -> int:
@@ -54,9 +71,13 @@ def _view(folder: Path) -> int:
     fresh = page.is_file() and report.is_file()
     if not fresh or page.stat().st_mtime < report.stat().st_mtime:
         page = write_report(ReportRequest(folder))
+    _open(page)
+    return 0
+
+
+def _open(page: Path) -> None:
     if not webbrowser.open(page.resolve().as_uri()):
         PlainConsole().print(f"no browser was found; open {page} in one")
-    return 0
 
 
 def write_report(request: ReportRequest) -> Path:

@@ -32,7 +32,8 @@ class Capture:
     """
 
     videos: tyro.conf.Positional[tuple[Path, ...]]
-    """A video or a folder of images; one for each view."""
+    """A video or a folder of images; one for each view. Or the folder of a Pose2Sim project or a
+    FreeMoCap recording, which has videos, cameras and joints."""
     actor: tuple[str, ...] = ("auto",)
     """auto: the person's own body, fitted to the videos. Or a shipped actor's name, a skinned
     .glb/.gltf, or a folder with actor.glb. Of several people one each, in any order, or one for
@@ -137,7 +138,8 @@ class Doctor:
     """Check the installation and, before any solve, the inputs."""
 
     videos: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """The videos, to compare their size with the calibration's."""
+    """The videos, to compare their size with the calibration's; or the folder of a Pose2Sim
+    project or a FreeMoCap recording."""
     cameras: Path | None = None
     """Calibration to check."""
     detections: tuple[Path, ...] = ()

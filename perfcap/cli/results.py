@@ -160,10 +160,12 @@ class Report:
 
 @dataclass(frozen=True)
 class View:
-    """Open the report of a result in a browser; written first where it is missing or old."""
+    """Open the report of a result in a browser; written first where it is missing or old. Two
+    results are shown side by side, by a page in the working directory.
+    """
 
-    folder: tyro.conf.Positional[Path]
-    """Folder of a capture."""
+    folder: tyro.conf.Positional[tuple[Path, ...]]
+    """Folder of a capture, or of two of the same frames."""
 
     def run(self) -> int:
         """Run the command; returns the exit code."""

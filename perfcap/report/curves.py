@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.result import Result
 from perfcap.metrics.alignment import root_aligned
 from perfcap.metrics.joints import distances
+from perfcap.report.angles import NOTHING, Angles, angle_charts, trust_chart
+from perfcap.report.chart import Chart, Line
 from perfcap.report.sources import Sources
 
 _SEEN = 0.2  # share of the largest confidence from which a detected joint counts
@@ -35,56 +37,18 @@ _OVERLAPS = (
 
 
 @dataclass(frozen=True)
-class Line:
-    """One value a frame; NaN where there is none."""
-
-    name: str
-    values: Sequence[float]
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Lines that share an axis.
-
-    Attributes:
-        title: what is shown.
-        unit: of the values.
-        lines: one or several, of the same frames.
-        about: what it means, one sentence.
-        worst: a frame is bad where any line is ``high``, or where the last one is ``low``.
-        stacked: whether lines add up.
-    """
-
-    title: str
-    unit: str
-    lines: tuple[Line, ...]
-    about: str
-    worst: str = "high"
-    stacked: bool = False
-
-    def plain(self) -> dict[str, Any]:
-        """For JSON; values to four digits."""
-        return {
-            "title": self.title,
-            "unit": self.unit,
-            "about": self.about,
-            "worst": self.worst,
-            "stacked": self.stacked,
-            "lines": [{"name": x.name, "values": _plain(x.values)} for x in self.lines],
-        }
-
-
-@dataclass(frozen=True)
 class Measured:
     """What is known beyond the result itself.
 
     Attributes:
         sources: cameras and detections, as far as they were found.
         truth: true joints of the frames, (F, 16, 3) m, or None.
+        angles: joint angles and trust of the frames.
     """
 
     sources: Sources
     truth: NDArray[np.float64] | None = None
+    angles: Angles = NOTHING
 
 
 @dataclass(frozen=True)
@@ -113,12 +77,14 @@ def charts(result: Result, rows: slice, measured: Measured) -> list[Chart]:
     frames = _Frames(result.report, rows, result.frames, refined)
     found = [
         _truth(result.joints[rows], measured.truth),
+        trust_chart(measured.angles),
         _overlap(frames),
         _energy(frames, result.frame_numbers),
         _reprojection(result.joints[rows], measured.sources),
         _confidence(frames),
         _folds(frames),
         _acceleration(result.joints[rows], result.rate),
+        *angle_charts(measured.angles),
     ]
     return [chart for chart in found if chart is not None]
 
@@ -126,14 +92,22 @@ def charts(result: Result, rows: slice, measured: Measured) -> list[Chart]:
 def _truth(joints: NDArray[np.float64], truth: NDArray[np.float64] | None) -> Chart | None:
     if truth is None:
         return None
-    found, true = torch.from_numpy(joints), torch.from_numpy(truth)
+    about = "Mean distance of the 16 landmarks from the truth."
+    return joint_distances("Joint error", joints, truth, about)
+
+
+def joint_distances(
+    title: str, joints: NDArray[np.float64], others: NDArray[np.float64], about: str
+) -> Chart:
+    """Mean distances of landmarks (F, 16, 3) m from others, as they are and aligned."""
+    found, true = torch.from_numpy(joints), torch.from_numpy(others)
     pairs = {
         "absolute": (found, true),
         "roots aligned": (root_aligned(found), root_aligned(true)),
         "similarity-aligned": (similarity_align(found, true), true),
     }
     lines = tuple(Line(n, distances(a, b).mean(-1).tolist()) for n, (a, b) in pairs.items())
-    return Chart("Joint error", "mm", lines, "Mean distance of the 16 landmarks from the truth.")
+    return Chart(title, "mm", lines, about)
 
 
 def _overlap(frames: _Frames) -> Chart | None:
@@ -242,7 +216,3 @@ def _acceleration(joints: NDArray[np.float64], rate: float) -> Chart | None:
 def _number(value: Any) -> float:
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if plain and abs(value) < 1e300 else float("nan")
-
-
-def _plain(values: Sequence[float]) -> list[float | None]:
-    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in values]

@@ -45,5 +45,5 @@ def show(
         if isinstance(result, Performance):
             result.save(folder)
         page = build_page(folder, Wanted(places=places))
-    size = f'style="width: 100%; height: {int(height)}px; border: 0"'
-    return display.HTML(f'<iframe title="perfcap" {size} srcdoc="{html.escape(page)}"></iframe>')
+    style = f'allow="fullscreen" style="width: 100%; height: {int(height)}px; border: 0"'
+    return display.HTML(f'<iframe title="perfcap" {style} srcdoc="{html.escape(page)}"></iframe>')

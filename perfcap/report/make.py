@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
@@ -16,13 +15,12 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import METRICS, PAGE, own_file
-from perfcap.pipeline.surroundings import Surroundings
 from perfcap.report import sections
-from perfcap.report.curves import Measured, charts
-from perfcap.report.marks import marks
+from perfcap.report.angles import read_angles
+from perfcap.report.content import content
+from perfcap.report.curves import Measured
 from perfcap.report.markup import Markup
-from perfcap.report.model import Model, build_model, scene_arrays
-from perfcap.report.packing import encode, pack
+from perfcap.report.model import Model, build_model
 from perfcap.report.page import assemble
 from perfcap.report.sources import Places, find_sources
 from perfcap.report.views import Views, build_views
@@ -86,7 +84,7 @@ def build_page(
         rows,
         model,
         views,
-        Measured(sources, truth),
+        Measured(sources, truth, read_angles(result, rows)),
         [*notes, *model.notes, *sources.notes, *views.notes],
     )
 
@@ -130,34 +128,13 @@ def _truth(result: Result, rows: slice, wanted: Wanted) -> NDArray[np.float64] |
 def _page(
     result: Result, rows: slice, model: Model, views: Views, measured: Measured, notes: list[str]
 ) -> str:
-    numbers = result.frame_numbers[rows]
-    found = marks(result.report, int(numbers[0]), int(numbers[-1]) + 1)
-    arrays = pack({**model.arrays, **views.arrays})
-    blobs = {"model": arrays.text, **{name: encode(data) for name, data in views.videos.items()}}
-    around = Surroundings.around(torch.from_numpy(result.joints), result.shown, shown=rows)
-    data: dict[str, Any] = {
-        "name": result.folder.resolve().name,
-        "first": int(numbers[0]),
-        "frames": len(numbers),
-        "rate": result.rate,
-        "scene": scene_arrays(around),
-        "arrays": arrays.entries,
-        "views": views.plain,
-        "charts": [chart.plain() for chart in charts(result, rows, measured)],
-        "marks": [mark.plain() for mark in found],
-    }
-    if model.surface is not None and model.box is not None:
-        surface = pack({"coded": model.surface})
-        blobs["surface"] = surface.text
-        data["surface"] = {
-            "arrays": surface.entries,
-            "origin": model.box.origin.tolist(),
-            "step": model.box.step,
-        }
-    if model.texture is not None:
-        blobs["texture"] = encode(model.texture[0])
-        data["texture"] = {"type": model.texture[1]}
-    return assemble(data["name"], _sections(result, rows, found, notes), data, blobs)
+    shown = content(result, rows, model, views, measured)
+    return assemble(
+        shown.data["name"],
+        _sections(result, rows, shown.marks, notes),
+        shown.data,
+        shown.blobs,
+    )
 
 
 def _sections(result: Result, rows: slice, found: list[Any], notes: list[str]) -> dict[str, Markup]:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -14,14 +15,30 @@ from perfcap.report.bundle import bundle
 from perfcap.report.markup import Markup, element
 
 _HOLE = re.compile(r"\{\{ (\w+) \}\}")
+_PART = re.compile(r"\{\{> ([\w-]+\.html) \}\}\n")
 _STYLES = ("base.css", "layout.css", "controls.css", "sections.css")
-_ENTRY = "main.js"
 # what JSON inside a script element may not contain, so that the element cannot end early
 _UNSAFE = re.compile("[<>&\u2028\u2029]")
 
 
+@dataclass(frozen=True)
+class Layout:
+    """A kind of page: its template and the module that runs it."""
+
+    template: str
+    entry: str
+
+
+REPORT_PAGE = Layout("template.html", "main.js")
+COMPARISON = Layout("compare.html", "compare.js")
+
+
 def assemble(
-    name: str, sections: Mapping[str, Markup], data: Mapping[str, Any], blobs: Mapping[str, str]
+    name: str,
+    sections: Mapping[str, Markup],
+    data: Mapping[str, Any],
+    blobs: Mapping[str, str],
+    layout: Layout = REPORT_PAGE,
 ) -> str:
     """The page.
 
@@ -33,9 +50,10 @@ def assemble(
         sections: HTML for the template's places.
         data: for the viewer, plain values.
         blobs: for the viewer, base64 by name.
+        layout: which page.
     """
     style = "\n".join(_asset(name) for name in _STYLES)
-    script = bundle(_modules(), _ENTRY)
+    script = bundle(_modules(), layout.entry)
     content: dict[str, str] = {
         "title": element("title", f"{name} · perfcap"),
         "heading": element("h1", name),
@@ -45,7 +63,8 @@ def assemble(
         "data": Markup("\n".join(_scripts(data, blobs))),
         **sections,
     }
-    return _HOLE.sub(lambda match: _fill(match[1], content), _asset("template.html"))
+    template = _PART.sub(lambda match: _asset(match[1]), _asset(layout.template))
+    return _HOLE.sub(lambda match: _fill(match[1], content), template)
 
 
 def _fill(name: str, content: Mapping[str, str]) -> str:

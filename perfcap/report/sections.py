@@ -52,6 +52,7 @@ _METRICS = {
 }
 _CONFIG_LIMIT = 200_000  # characters
 _ROWS = 400
+_SHARE = element("span", "Share of the longest", class_="hidden")
 
 
 def summary(result: Result, rows: slice) -> Markup:
@@ -112,7 +113,8 @@ def stages(report: Mapping[str, Any]) -> Markup:
         return element("p", "The capture did not record its times.")
     longest = max(_seconds(v, "wall_s") for v in known.values()) or 1.0
     head = element(
-        "tr", [element("th", text, scope="col") for text in ("Stage", "Time", "", "Processor")]
+        "tr",
+        [element("th", text, scope="col") for text in ("Stage", "Time", _SHARE, "Processor")],
     )
     body = [
         element(

@@ -82,6 +82,23 @@ def test_view_without_a_browser_says_where_the_page_is(
     assert outcome.code == 0 and PAGE in outcome.out.replace("\n", "")
 
 
+def test_two_results_share_a_page(
+    folder: Path,
+    captured: Path,
+    tmp_path: Path,
+    opened: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    perfcap: Command,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = perfcap(["view", captured, folder])
+    page = Path(f"{captured.name}_and_my result.html")
+    assert outcome.code == 0 and page.name in outcome.out.replace("\n", " ")
+    assert opened == [page.resolve().as_uri()]
+    assert titles(page)[0] == "Distance between A and B"
+    assert "expected one result, or two" in perfcap(["view", folder, folder, folder]).refused()
+
+
 def test_bad_input_is_refused_in_one_line(
     folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from chromium import Page, browser, find_chromium
 from reported import FRAMES, START, VIEWS
 
 from perfcap.io.result import read_result
-from perfcap.report import make_report
+from perfcap.report import make_comparison, make_report
 
 pytestmark = [
     pytest.mark.slow,
@@ -45,7 +47,8 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def page(chromium: Page, report: Path) -> Iterator[Page]:
     """The page as if just opened; at the end it has been quiet."""
     chromium.resize(1200, 900)
-    yield chromium.open(report)
+    chromium.open(report).evaluate("perfcap.player.seek(0)")
+    yield chromium
     assert chromium.console == []
     assert chromium.requests == []
 
@@ -55,13 +58,20 @@ def seen(page: Page) -> int:
     return int(page.evaluate("document.getElementById('frame').textContent"))
 
 
-def test_it_opens_at_the_first_frame(page: Page) -> None:
+def test_it_opens_with_a_good_frame_and_plays_from_the_first(page: Page, report: Path) -> None:
+    page.open(report)
     assert page.evaluate("document.title") == 'a "result" <b> ö · perfcap'
-    assert seen(page) == START
+    opening = page.evaluate("JSON.parse(document.getElementById('data').textContent).opening")
+    assert seen(page) == START + opening and opening > 0
     page.wait("document.getElementById('video').readyState >= 2")
     assert page.evaluate("document.getElementById('video').videoWidth") == 128
     names = page.evaluate("[...document.getElementById('view').options].map((o) => o.text)")
     assert names == list(VIEWS)
+    shown = "Math.floor(document.getElementById('video').currentTime * 30)"
+    page.wait(f"{shown} === {opening}")
+    page.evaluate("perfcap.player.setSpeed(0.1)")
+    page.click("#play")
+    page.wait(f"{FRAME} < {opening}")
 
 
 def test_it_plays_repeats_and_pauses(page: Page) -> None:
@@ -207,6 +217,83 @@ def test_nothing_is_wider_than_a_phone(page: Page, report: Path) -> None:
         ".filter((e) => e.offsetHeight < 24 && e.type !== 'radio').map((e) => e.id || e.outerHTML)"
     )
     assert small == []
+
+
+def test_on_a_phone_the_video_comes_first(page: Page) -> None:
+    order = "['scene-pane', 'video-pane'].map((id) => document.getElementById(id).offsetTop)"
+    wide = page.evaluate(order)
+    assert wide[0] == wide[1]
+    page.resize(390, 800, 2, mobile=True)
+    scene, video = page.evaluate(order)
+    assert video < scene
+    # all controls in one row below the slider
+    tops = page.evaluate(
+        "['play', 'loop', 'full'].map((id) => document.getElementById(id).getBoundingClientRect())"
+        ".map((box) => (box.top + box.bottom) / 2)"
+    )
+    assert max(tops) - min(tops) < 2
+
+
+def test_full_screen_and_back(page: Page) -> None:
+    page.click("#full")
+    page.wait("document.fullscreenElement !== null")
+    hidden = "document.getElementById('frames').offsetParent === null"
+    assert page.evaluate(hidden)
+    assert page.evaluate("document.getElementById('full').ariaPressed") == "true"
+    _, top, _, height = page.box("#play")
+    assert top + height <= page.evaluate("innerHeight")
+    page.click("#full")
+    page.wait("document.fullscreenElement === null")
+    page.wait(f"!({hidden})")
+
+
+def test_cameras_stand_in_the_3d_view(page: Page) -> None:
+    page.click("#toggle-cameras")
+    page.wait(f"{DRAWN.format('scene-marks')} > 3")
+    page.press("c")
+    page.wait(f"{DRAWN.format('scene-marks')} === 1")
+
+
+def test_curves_are_saved_as_csv(page: Page, tmp_path: Path) -> None:
+    where = str(tmp_path.resolve())
+    page.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=where)
+    data = page.evaluate("JSON.parse(document.getElementById('data').textContent).charts")
+    for button, group in (("#frames-csv", "frames"), ("#angles-csv", "angles")):
+        page.click(button)
+        path = tmp_path / f"a_result_b_ö_{'curves' if group == 'frames' else group}.csv"
+        end = time.monotonic() + 20
+        while not path.is_file():
+            assert time.monotonic() < end, list(tmp_path.iterdir())
+            time.sleep(0.05)
+        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+        lines = [line["values"] for c in data if c["group"] == group for line in c["lines"]]
+        assert len(rows) == 1 + FRAMES and len(rows[0]) == 2 + len(lines)
+        assert [row[0] for row in rows[1:]] == [str(START + k) for k in range(FRAMES)]
+        last = [float(row[-1]) if row[-1] else None for row in rows[1:]]
+        assert last == lines[-1]
+
+
+def test_two_results_move_together(chromium: Page, made: Path, tmp_path: Path) -> None:
+    chromium.resize(1200, 900)
+    page = chromium.open(make_comparison((made, made), tmp_path / "both.html"))
+    page.click("#scrub", across=0.6)
+    frame = page.evaluate(FRAME)
+    assert 5 <= frame <= 8
+    page.wait(f"Math.floor(document.getElementById('video').currentTime * 30) === {frame}")
+
+    left, top, width, height = page.box("#scene")
+    clip = {"x": left, "y": top, "width": width, "height": height, "scale": 0.25}
+    before = page.screenshot(clip=clip)
+    left, top, width, height = page.box("#scene-b")
+    middle = (left + width / 2, top + height / 2)
+    page.drag(middle, (middle[0] + 90, middle[1]))
+    one, other = page.evaluate("perfcap.sides()")
+    assert one == other and one["yaw"] != pytest.approx(0.45)
+    page.evaluate("new Promise((done) => setTimeout(done, 700))")
+    assert page.screenshot(clip=clip) != before
+    page.press("w")
+    assert page.evaluate("document.getElementById('toggle-wireframe').ariaPressed") == "true"
+    assert chromium.console == [] and chromium.requests == []
 
 
 def test_every_control_has_a_name(page: Page) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from perfcap.errors import InputError
 from perfcap.io import files
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import Array, View, make_view, to_numbers
+
+_FREEMOCAP = "synchronized_videos"  # beside the calibration of a recording
+_FAR = 100.0  # m; no camera of a capture stands that far from the origin
 
 
 def read_toml(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None) -> CameraRig:
@@ -28,7 +32,22 @@ def read_toml(path: Path, default_sizes: Sequence[tuple[int, int]] | None = None
         if isinstance(section, dict) and name != "metadata"
     }
     views = [_view(path, name, section) for name, section in sections.items()]
-    return make_rig(str(path), views, default_sizes=default_sizes)
+    note = f"{path}: is FreeMoCap's, whose lengths are millimetres; they are read as such"
+    if not _in_millimetres(path, views):
+        return make_rig(str(path), views, default_sizes=default_sizes)
+    views = [replace(view, translation=1e-3 * view.translation) for view in views]
+    rig = make_rig(str(path), views, default_sizes=default_sizes)
+    return replace(rig, warnings=(*rig.warnings, note))
+
+
+def _in_millimetres(path: Path, views: Sequence[View]) -> bool:
+    """Whether a file lies in a recording of FreeMoCap, and its cameras are that far apart.
+
+    FreeMoCap computes in the unit in which the side of its board's squares was typed in, for which
+    its window asks in millimetres; files that were converted are left alone.
+    """
+    far = any(bool((np.abs(view.translation) > _FAR).any()) for view in views)
+    return far and (path.parent / _FREEMOCAP).is_dir()
 
 
 def _view(path: Path, name: str, section: dict[str, Any]) -> View:

@@ -1,5 +1,7 @@
 // Curves over frames, drawn in SVG: a click goes to the frame, a drag scrubs.
 
+import { downloadCharts } from "./csv.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 const HEIGHT = 100; // of the drawing's own units; its width is one unit a frame
 
@@ -24,7 +26,7 @@ export class Chart {
     this.data = data;
     this.player = player;
     this.stacks = stacked(chart);
-    this.range = niceRange(this.stacks.flat());
+    this.range = niceRange([...this.stacks.flat(), ...nearLimits(chart)]);
     this.values = chart.lines.map(() => built("b", ""));
     this.plot = this.drawPlot();
     this.element = this.build();
@@ -33,7 +35,7 @@ export class Chart {
 
   build() {
     const { chart } = this;
-    const head = built("div", "chart-head", built("h3", "", chart.title), this.worstButton());
+    const head = built("div", "chart-head", built("h3", "", chart.title), this.worstButton(), this.fileButton());
     const legend = built("ul", "legend", ...chart.lines.map((line, index) => (
       built("li", `line-${index % 6}`, built("i", ""), `${line.name} `, this.values[index])
     )));
@@ -49,11 +51,18 @@ export class Chart {
     const found = worst(this.chart, this.stacks);
     if (found === null) return "";
     const { first } = this.data;
-    const text = `${this.chart.worst === "low" ? "lowest" : "highest"} ${short(found.value)}${unit(this.chart)} at ${first + found.frame}`;
-    const button = built("button", "jump", text);
+    const button = built("button", "jump", `${worstText(this.chart, found.value)} at ${first + found.frame}`);
     button.type = "button";
     button.addEventListener("click", () => this.player.seek(found.frame));
     this.worst = found;
+    return button;
+  }
+
+  fileButton() {
+    const button = built("button", "jump", "CSV");
+    button.type = "button";
+    button.setAttribute("aria-label", `CSV of ${this.chart.title}`);
+    button.addEventListener("click", () => downloadCharts(this.data, [this.chart], this.chart.title));
     return button;
   }
 
@@ -62,6 +71,11 @@ export class Chart {
     const svg = drawn("svg", { viewBox: `-0.5 0 ${frames} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": this.describe() });
     for (const mark of marks) {
       svg.append(drawn("rect", { class: `mark-${mark.kind}`, x: mark.start - first - 0.5, y: 0, width: mark.stop - mark.start, height: HEIGHT }));
+    }
+    for (const { value, index } of limitsOf(this.chart)) {
+      if (value < this.range[0] || value > this.range[1]) continue;
+      const name = index === null ? "limit" : `limit line-${index % 6}`;
+      svg.append(drawn("line", { class: name, x1: -0.5, x2: frames - 0.5, y1: this.y(value), y2: this.y(value) }));
     }
     this.stacks.forEach((values, index) => svg.append(this.drawLine(values, index)));
     this.ghost = drawn("line", { class: "ghost", y1: 0, y2: HEIGHT, x1: -9, x2: -9 });
@@ -96,7 +110,7 @@ export class Chart {
       const known = line.values.filter((value) => value !== null);
       if (known.length === 0) return `${line.name}: no values`;
       const mean = known.reduce((sum, value) => sum + value, 0) / known.length;
-      return `${line.name}: mean ${short(mean)}, ${short(Math.min(...known))} to ${short(Math.max(...known))}${unit(chart)}`;
+      return `${line.name}: mean ${short(mean)}, ${short(least(known))} to ${short(most(known))}${unit(chart)}`;
     });
     return `${chart.title} over frames. ${parts.join("; ")}.`;
   }
@@ -150,18 +164,66 @@ function stacked(chart) {
   }));
 }
 
-/** The frame where any line is highest, or where the last one is lowest. */
+/** The frame where any line is highest (high), any lowest (lowest), or the last one lowest (low). */
 function worst(chart, lines) {
+  if (chart.worst === "limit") return nearest(chart);
   let found = null;
+  const low = chart.worst.startsWith("low");
   const looked = chart.worst === "low" ? lines.slice(-1) : lines;
   for (const values of looked) {
     values.forEach((value, frame) => {
       if (value === null) return;
-      const worse = found === null || (chart.worst === "low" ? value < found.value : value > found.value);
+      const worse = found === null || (low ? value < found.value : value > found.value);
       if (worse) found = { frame, value };
     });
   }
   return found;
+}
+
+/** The frame where a line is nearest to its limits, or farthest beyond them. */
+function nearest(chart) {
+  let found = null;
+  for (const { values, limits } of chart.lines) {
+    if (!limits) continue;
+    values.forEach((value, frame) => {
+      if (value === null) return;
+      const left = Math.min(value - limits[0], limits[1] - value);
+      if (found === null || left < found.value) found = { frame, value: left };
+    });
+  }
+  return found;
+}
+
+function worstText(chart, value) {
+  if (chart.worst !== "limit") return `${chart.worst.startsWith("low") ? "lowest" : "highest"} ${short(value)}${unit(chart)}`;
+  if (Math.abs(value) < 0.05) return "at its limit";
+  return `${short(Math.abs(value))}${unit(chart)} ${value < 0 ? "beyond" : "from"} its limit`;
+}
+
+/** Limits of a chart, each with the number of its line; those that all lines share have none. */
+function limitsOf(chart) {
+  const known = chart.lines.map((line, index) => ({ limits: line.limits ?? null, index })).filter((each) => each.limits !== null);
+  if (known.length === 0) return [];
+  const shared = known.length === chart.lines.length && known.every(({ limits }) => limits.join() === known[0].limits.join());
+  const shown = shared ? [{ limits: known[0].limits, index: null }] : known;
+  return shown.flatMap(({ limits, index }) => limits.map((value) => ({ value, index })));
+}
+
+/** Those limits that are near enough to the values to be drawn with them. */
+function nearLimits(chart) {
+  const values = chart.lines.flatMap((line) => line.values.filter((value) => value !== null));
+  if (values.length === 0) return [];
+  const [low, high] = [least(values), most(values)];
+  const room = 0.5 * (high - low) + 10;
+  return limitsOf(chart).map(({ value }) => value).filter((value) => value > low - room && value < high + room);
+}
+
+function least(values) {
+  return values.reduce((a, b) => Math.min(a, b), Infinity);
+}
+
+function most(values) {
+  return values.reduce((a, b) => Math.max(a, b), -Infinity);
 }
 
 /** Runs of frames with a value, as pairs [frame, value]. */
@@ -179,8 +241,8 @@ function defined(values) {
 function niceRange(values) {
   const known = values.filter((value) => value !== null);
   if (known.length === 0) return [0, 1];
-  let low = Math.min(...known);
-  let high = Math.max(...known);
+  let low = least(known);
+  let high = most(known);
   if (low >= 0 && low < 0.5 * high) low = 0;
   const step = 10 ** Math.floor(Math.log10(Math.max(high - low, 1e-9 * Math.abs(high), 1e-12)));
   const fine = step / 2;
@@ -202,5 +264,6 @@ function round(value) {
 }
 
 function unit(chart) {
+  if (chart.unit === "°") return "°";
   return chart.unit ? ` ${chart.unit}` : "";
 }

@@ -14,9 +14,12 @@ export class Orbit {
     this.half = half;
     this.onChange = onChange;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
+    this.farthest = 0.25;
+    this.aspect = 1;
     this.at = { yaw: 0.45, pitch: 0.14, zoom: 1, x: 0, y: 0, z: 0 };
     this.goal = { ...this.at };
     this.onTouch = () => {};
+    this.onAim = () => {};
     this.pointers = new Map();
     this.listen();
   }
@@ -31,8 +34,22 @@ export class Orbit {
   aim(change) {
     Object.assign(this.goal, change);
     this.goal.pitch = Math.min(1.5, Math.max(-0.25, this.goal.pitch));
-    this.goal.zoom = Math.min(12, Math.max(0.25, this.goal.zoom));
+    this.goal.zoom = Math.min(12, Math.max(this.farthest, this.goal.zoom));
     this.onChange();
+    this.onAim();
+  }
+
+  /** Step back until everything within `reach` (m) of the middle is seen; null for the person alone. */
+  hold(reach) {
+    const needed = reach === null ? 1 : this.distance() / (1.2 * reach / (Math.tan(ANGLE / 2) * Math.min(1, this.aspect)));
+    this.farthest = Math.min(0.25, needed);
+    this.aim({ zoom: Math.min(1, needed) });
+  }
+
+  /** Distance from the middle at which the person fits, m. */
+  distance() {
+    const slope = Math.tan(ANGLE / 2);
+    return Math.max(this.half.height / slope, this.half.width / (slope * this.aspect)) + 0.5 * this.half.width;
   }
 
   /** Go towards the goal; true while there is a way left. */
@@ -51,9 +68,8 @@ export class Orbit {
   camera(middle, aspect) {
     const { yaw, pitch, zoom, x, y, z } = this.at;
     const target = [middle[0] + x, middle[1] + y, middle[2] + z];
-    const slope = Math.tan(ANGLE / 2);
-    const needed = Math.max(this.half.height / slope, this.half.width / (slope * aspect));
-    const distance = (needed + 0.5 * this.half.width) / zoom;
+    this.aspect = aspect;
+    const distance = this.distance() / zoom;
     const eye = [
       target[0] + distance * Math.sin(yaw) * Math.cos(pitch),
       target[1] + distance * Math.sin(pitch),

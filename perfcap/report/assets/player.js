@@ -2,11 +2,13 @@
 
 /** Sends `frame` when another frame is shown, and `state` when play, speed or repeat change. */
 export class Player extends EventTarget {
-  constructor(frames, rate) {
+  /** `opening` is shown first; what plays starts at the beginning all the same. */
+  constructor(frames, rate, opening = 0) {
     super();
     this.frames = frames;
     this.rate = rate;
-    this.frame = 0;
+    this.frame = opening;
+    this.untouched = true;
     this.playing = false;
     this.speed = 1;
     this.loop = true;
@@ -24,6 +26,7 @@ export class Player extends EventTarget {
 
   /** Go to a frame. */
   seek(frame) {
+    this.untouched = false;
     this.show(frame);
     this.clock.seek(this.frame);
   }
@@ -38,7 +41,7 @@ export class Player extends EventTarget {
 
   play() {
     if (this.playing) return;
-    if (this.frame === this.frames - 1) this.seek(0);
+    if (this.untouched || this.frame === this.frames - 1) this.seek(0);
     this.playing = true;
     this.clock.start();
     this.dispatchEvent(new Event("state"));

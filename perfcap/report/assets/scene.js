@@ -1,5 +1,6 @@
 // The 3D view: the person in the current frame, seen from an orbit or as filmed.
 
+import { cameraCenter, drawFrusta } from "./frusta.js";
 import { drawSkeleton, fitCanvas } from "./marks.js";
 import { fromRows, invertRigid, multiply, project } from "./matrix.js";
 import { Orbit } from "./orbit.js";
@@ -19,7 +20,9 @@ export class Scene {
     this.orbit.onTouch = () => this.setCamera(null);
     this.onCamera = () => {};
     this.camera = null; // intrinsics and pose of a view, while it is looked at as filmed
-    this.show = { kind: "captured", texture: true, wireframe: false, skeleton: false, follow: true };
+    this.show = { kind: "captured", texture: true, wireframe: false, skeleton: false, follow: true, cameras: false };
+    this.cameras = [];
+    this.view = 0;
     this.frame = 0;
     this.posed = "";
     this.middle = [...this.framing.path[0]];
@@ -53,6 +56,7 @@ export class Scene {
 
   set(change) {
     Object.assign(this.show, change);
+    if ("cameras" in change) this.orbit.hold(change.cameras ? this.reach() : null);
     this.invalidate();
   }
 
@@ -62,6 +66,18 @@ export class Scene {
     this.camera = camera;
     this.onCamera(camera !== null);
     this.invalidate();
+  }
+
+  /** Which of the cameras the video is of. */
+  setView(index) {
+    this.view = index;
+    this.invalidate();
+  }
+
+  /** How far the farthest camera stands from the middle, m. */
+  reach() {
+    const centers = this.cameras.map((camera) => cameraCenter(camera, this.frame, this.stage));
+    return Math.max(0, ...centers.map((center) => Math.hypot(...center.map((value, k) => value - this.middle[k]))));
   }
 
   draw(seconds) {
@@ -125,11 +141,23 @@ export class Scene {
     const context = this.above.getContext("2d");
     const { width, height } = this.above;
     context.clearRect(0, 0, width, height);
+    if (this.show.cameras) this.drawCameras(context, look);
     if (!this.show.skeleton) return;
     const points = stageJoints(this.joints, this.frame, this.stage).map((joint) => {
       const [x, y, w] = project(look.toScreen, joint);
       return w > 0 ? [(0.5 + (0.5 * x) / w) * width, (0.5 - (0.5 * y) / w) * height] : null;
     });
     drawSkeleton(context, points, Math.max(2, 0.006 * height));
+  }
+
+  drawCameras(context, look) {
+    const { width, height } = this.above;
+    const colors = getComputedStyle(this.canvas);
+    const color = (name) => colors.getPropertyValue(`--${name}`).trim();
+    const style = { width, height, size: width / this.above.clientWidth, ink: color("ink"), accent: color("accent"), shade: color("card") };
+    const cameras = this.cameras
+      .filter((camera) => this.camera === null || camera.index !== this.view)
+      .map((camera) => ({ ...camera, current: camera.index === this.view }));
+    drawFrusta(context, cameras, this.frame, this.stage, this.middle, look.toScreen, style);
   }
 }

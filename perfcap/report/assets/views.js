@@ -48,6 +48,14 @@ export class Views {
     return table ? { table, width: view.width, height: view.height } : null;
   }
 
+  /** All cameras, for the 3D view. */
+  cameras() {
+    return this.views.flatMap((view, index) => {
+      const table = this.arrays[`camera-${index}`];
+      return table ? [{ table, width: view.width, height: view.height, name: view.name, index }] : [];
+    });
+  }
+
   setFrame(frame) {
     this.frame = frame;
     this.invalidate();
