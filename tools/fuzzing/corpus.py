@@ -12,6 +12,7 @@ import calibration_files
 import cv2
 import detection_files
 import numpy as np
+import project_files
 import robots
 import torch
 import trimesh
@@ -19,7 +20,7 @@ from fuzzing import mutate
 from fuzzing.mutate import Random
 from fuzzing.recordings import data_sets
 from fuzzing.targets import Target, command, spoiled
-from takes import TakeFiles, make_take, write_take
+from takes import TakeFiles, detect, make_take, shrunk, write_take
 from tiny_networks import write_tiny
 
 from perfcap.detect.onnx import OnnxDetector
@@ -36,6 +37,7 @@ from perfcap.io.datasets.trc import read_trc
 from perfcap.io.detections import read_detections
 from perfcap.io.mesh import read_mesh
 from perfcap.io.moving_rig import read_moving_rig
+from perfcap.io.project import open_project
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline import PoseRefiner, Stage, capture
 
@@ -52,6 +54,7 @@ def targets(root: Path) -> list[Target]:
     return [
         *_cameras(root),
         *_detections(root),
+        *_projects(root),
         *_shapes(root, take),
         *_networks(root),
         Target("result", out, lambda f, _: _whole(read_result(f))),
@@ -113,6 +116,24 @@ def _detections(root: Path) -> list[Target]:
 
     places = (arrays, folder, coco, landmarks, plain, sapiens.parent)
     return [Target(place.name, place, read) for place in places]
+
+
+def _projects(root: Path) -> list[Target]:
+    take = make_take(4, views=2)
+    take = replace(take, cameras=shrunk(take.cameras, project_files.SIZE))
+    take = replace(take, detections=detect(take.actor, take.cameras, take.truth, False))
+    places = {"project_pose2sim": project_files.write_pose2sim,
+              "project_freemocap": project_files.write_freemocap}  # fmt: skip
+
+    def read(folder: Path, _: Random) -> Any:
+        found = open_project(folder)
+        if found is None:
+            return None
+        rig = read_cameras(found.cameras, [project_files.SIZE] * len(found.videos))
+        joints = read_detections(list(found.detections), views=rig.names)[0]
+        return rig.cameras, joints
+
+    return [Target(name, write(root / name, take), read) for name, write in places.items()]
 
 
 def _shapes(root: Path, take: TakeFiles) -> list[Target]:
