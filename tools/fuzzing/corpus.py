@@ -11,6 +11,7 @@ from typing import Any
 import calibration_files
 import cv2
 import detection_files
+import network_bodies
 import numpy as np
 import project_files
 import robots
@@ -91,6 +92,10 @@ def _detections(root: Path) -> list[Target]:
     detection_files.write_npz(arrays / "a.npz", joints3d_mm=detection_files.pose3d_mm())
     people = np.random.default_rng(0).random((6, 1, 25, 3)) * 200
     detection_files.write_openpose(folder / "a", [[p for p in row] for row in people])
+    smpl, bodies = _new(root, "detections_smpl"), _new(root, "detections_bodies")
+    np.savez(smpl / "a.npz", **network_bodies.smpl_arrays())
+    points = network_bodies.sam_arrays()
+    detection_files.write_json(bodies / "a.json", {k: v.tolist() for k, v in points.items()})
     coco = _new(root, "detections_coco")
     entries = [
         {"image_id": f"{i}.jpg", "keypoints": (people[i, 0, :17] + 1).reshape(-1).tolist()}
@@ -114,7 +119,7 @@ def _detections(root: Path) -> list[Target]:
         (path,) = folder.iterdir()
         return read_detections(path, sizes=SIZES[:1])[0]
 
-    places = (arrays, folder, coco, landmarks, plain, sapiens.parent)
+    places = (arrays, folder, smpl, bodies, coco, landmarks, plain, sapiens.parent)
     return [Target(place.name, place, read) for place in places]
 
 

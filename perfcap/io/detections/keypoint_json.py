@@ -11,26 +11,30 @@ from perfcap.errors import InputError
 from perfcap.io.detections.instance import parse_instance
 from perfcap.io.detections.landmark_json import holds_landmarks, read_landmarks
 from perfcap.io.detections.listing import Listing
+from perfcap.io.detections.network import is_network_json, read_network_json
 from perfcap.io.detections.openpose import choose_joint_set, first_frame, parse_triples
-from perfcap.io.detections.track import MAX_FRAMES, Array
+from perfcap.io.detections.track import MAX_FRAMES, Array, Track
 from perfcap.io.files import read_json
 
 Entries = Sequence[Mapping[str, Any]]
 
 
-def read_keypoint_json(path: Path, frames: int | None = None) -> Listing:
+def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing:
     """Read everybody of AlphaPose's or COCO's list of results, or of MMPose's predictions.
 
     Args:
         path: a list of ``{image_id, keypoints, score}``, or MMPose's list of
             ``{frame_id, instances}``, bare or under ``instance_info`` or ``predictions``, or
-            frames of landmarks, see ``read_landmarks``.
+            frames of landmarks, see ``read_landmarks``, or lists of a network, see
+            ``read_network``.
         frames: frames of the video; tells a numbering from 0 and one from 1 apart.
 
     Raises:
         InputError: another structure, unknown joint counts, nobody detected.
     """
     data = read_json(path, "keypoint JSON")
+    if is_network_json(data):
+        return read_network_json(path, data, frames)
     if holds_landmarks(data):
         return read_landmarks(path, data)
     entries = _entries(path, data)

@@ -14,6 +14,7 @@ from perfcap.io.clip import END_SLACK
 from perfcap.io.detections.keypoint_json import read_keypoint_json
 from perfcap.io.detections.keypoint_npy import read_keypoint_npy
 from perfcap.io.detections.listing import Listing, everybody, followed, in_pixels, slots_of
+from perfcap.io.detections.network import PICKLES, holds_network, read_network_npz
 from perfcap.io.detections.npz import read_npz
 from perfcap.io.detections.openpose import read_openpose
 from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
@@ -21,7 +22,7 @@ from perfcap.io.view_names import match_views
 
 EXPECTED = (
     "detections.npz, a folder of OpenPose JSON, keypoint JSON (AlphaPose, COCO, MMPose, "
-    "MediaPipe), or keypoints as .npy"
+    "MediaPipe), keypoints as .npy, or joints of SAM 3D Body, GVHMR or WHAM as .npz"
 )
 
 
@@ -146,11 +147,18 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
     if path.is_dir():
         return [read_openpose(path, frames)]
     if path.suffix.lower() == ".npz":
+        if holds_network(path):
+            return [read_network_npz(path, frames)]
         return read_npz(path, views)
     if path.suffix.lower() == ".npy":
         return read_keypoint_npy(path)
     if path.suffix.lower() == ".json":
         return [read_keypoint_json(path, frames)]
+    if path.suffix.lower() in PICKLES:
+        raise InputError(
+            f"{path}: is a pickle, which could run any code when it is read; write its joints as "
+            ".npz in the program's own environment, three lines in docs/coming_from.md"
+        )
     raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")
 
 
