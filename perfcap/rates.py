@@ -7,7 +7,8 @@ from typing import Any, Protocol
 
 from perfcap.errors import InputError
 
-_FASTEST = 1e5  # frames a second, as for videos that are written
+SLOWEST, FASTEST = 0.01, 1e5
+"""Frames a second, from and to: what videos can say."""
 
 
 class Timed(Protocol):
@@ -26,16 +27,16 @@ def frame_rate(value: Any, name: str = "rate") -> float:
         name: of the argument.
 
     Raises:
-        InputError: it is none, not above 0, or faster than any video.
+        InputError: it is none, or slower or faster than any video.
     """
     value = getattr(value, "fps", value)
     try:
         rate = math.nan if isinstance(value, str | bytes) else float(value)
     except (TypeError, ValueError, RuntimeError):  # the last: a tensor of several
         rate = math.nan
-    if not 0 < rate < _FASTEST:
+    if not SLOWEST <= rate < FASTEST:
         raise InputError(
-            f"{name} is {value!r:.80}, expected frames a second, one number above 0 and below "
-            f"{_FASTEST:g}"
+            f"{name} is {value!r:.80}, expected frames a second, one number from {SLOWEST:g} to "
+            f"{FASTEST:g}"
         )
     return rate

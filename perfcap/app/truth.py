@@ -18,6 +18,7 @@ from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
 from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
 from perfcap.metrics import Alignment
+from perfcap.rates import FASTEST, SLOWEST
 
 _UNKNOWN_FPS = 30.0
 _TRUTH_NAMES = ("truth.npz", "gt.npz")
@@ -176,7 +177,9 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(
             f"{path}: frames is {frames.dtype} {frames.shape}, expected {len(joints)} frame numbers"
         )
-    if fps is not None and (fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < fps < 1e5):
+    if fps is not None and (
+        fps.size != 1 or fps.dtype.kind not in "fiu" or not SLOWEST <= fps < FASTEST
+    ):
         raise InputError(f"{path}: fps is {fps}, expected a positive number")
     if joints.dtype.kind not in "fiu" or not np.isfinite(joints).all():
         raise InputError(f"{path}: joints3d holds {joints.dtype} that are not all finite numbers")

@@ -20,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import map_archive
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE
+from perfcap.rates import FASTEST, SLOWEST
 
 WHAT = "the surface.npz of a capture"
 LIMIT = 64 * 1024 * MEBIBYTE  # mapped, never loaded whole
@@ -184,7 +185,7 @@ def _write_blocks(member: IO[bytes], blocks: Iterable[NDArray[Any]], frames: int
 
 def _rate(path: Path, value: NDArray[Any] | None) -> float:
     plain = value is not None and value.size == 1 and value.dtype.kind in "fiu"
-    if value is None or not plain or not 0 < value.reshape(()) < 1e5:
+    if value is None or not plain or not SLOWEST <= value.reshape(()) < FASTEST:
         raise _unexpected(path, "fps", value, "a positive number")
     return float(value.reshape(()))
 

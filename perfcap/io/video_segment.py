@@ -12,6 +12,8 @@ import numpy as np
 from av.codec.context import Flags
 from numpy.typing import NDArray
 
+from perfcap.rates import FASTEST, SLOWEST
+
 Image = NDArray[np.uint8]
 
 
@@ -57,8 +59,8 @@ class Encoding:
         Raises:
             ValueError: that is no rate.
         """
-        if not 0 < fps < 1e5:
-            raise ValueError(f"fps is {fps}, expected a positive number")
+        if not SLOWEST <= fps < FASTEST:
+            raise ValueError(f"fps is {fps}, expected {SLOWEST:g} to {FASTEST:g}")
         return cls(Fraction(fps).limit_denominator(1001), crf, preset)
 
     @property

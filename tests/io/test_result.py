@@ -155,6 +155,7 @@ VERTICES = 288
         (motion(frames=np.arange(FRAMES - 1)), "expected finite"),
         (motion(frames=np.arange(0.0, FRAMES)), "frames is"),
         (motion(fps=np.array(-1.0)), "fps is"),
+        (motion(fps=np.array(1e-5)), "fps is"),
         (motion(fps=np.array("x")), "fps is"),
         (surface(FRAMES - 1, VERTICES), "expected"),
         (surface(FRAMES, VERTICES + 1), "expected"),

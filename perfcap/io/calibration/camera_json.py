@@ -10,6 +10,7 @@ from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
 from perfcap.io.calibration.view import View, make_view
 from perfcap.io.files import TEXT_LIMIT, read_json
+from perfcap.rates import FASTEST, SLOWEST
 
 PIXEL_CENTRES = (0.0, 0.5)
 LENS = ("distortion", "distortions", "dist", "distCoeffs", "dist_coeffs", "distortion_coefficients")
@@ -121,6 +122,6 @@ def _fps(path: Path, data: Mapping[str, Any]) -> float | None:
     fps = data.get("fps")
     if fps is None:
         return None
-    if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < 1e5:
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not SLOWEST <= fps < FASTEST:
         raise InputError(f"{path}: fps is {fps!r}, expected a positive number")
     return float(fps)

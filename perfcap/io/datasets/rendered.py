@@ -28,6 +28,7 @@ from perfcap.io.datasets.layout import (
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol, SurfaceTruth
 from perfcap.io.files import read_json
 from perfcap.metrics import Alignment
+from perfcap.rates import FASTEST, SLOWEST
 
 _TITLE = "the rendered sequences"
 _LAYOUT = "NAME/camera.json with NAME/gt.npz, or NAME/cameras.json with NAME/person1/gt.npz"
@@ -110,7 +111,7 @@ def _cameras(path: Path) -> tuple[CameraRig, float]:
     if rate is None:
         values = read_json(path, "a camera file")
         rate = values.get("fps") if isinstance(values, dict) else None
-    if not isinstance(rate, int | float) or not 0 < rate < 1e5:
+    if not isinstance(rate, int | float) or not SLOWEST <= rate < FASTEST:
         raise InputError(f"{path}: fps is {rate!r:.20}, expected frames a second")
     return rig, float(rate)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.io.datasets.layout import MAX_FRAMES
 from perfcap.io.files import read_text
+from perfcap.rates import FASTEST, SLOWEST
 
 _WHAT = "a TRC file: five lines of header, then a line a frame"
 _UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -46,7 +47,7 @@ def read_trc(path: Path) -> Markers:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     names = tuple(name for name in lines[3].split("\t")[2:] if name.strip())
     rate, unit = _number(path, header.get("DataRate")), header.get("Units", "")
-    if not names or not 0 < rate < 1e5 or unit not in _UNITS:
+    if not names or not SLOWEST <= rate < FASTEST or unit not in _UNITS:
         raise InputError(
             f"{path}: says {len(names)} markers, DataRate {rate:g}, Units {unit!r:.10}; expected "
             "markers in m or mm"
