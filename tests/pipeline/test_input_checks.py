@@ -52,7 +52,8 @@ def batched(found: Detections) -> Detections:
 
 
 @pytest.mark.parametrize(
-    "rate", [0.0, -30.0, 1e12, float("nan"), float("inf"), "30", (30.0,), torch.tensor([30.0, 25])]
+    "rate",
+    [0.0, 1e-4, -30.0, 1e12, float("nan"), float("inf"), "30", (30.0,), torch.tensor([30.0, 25])],
 )
 def test_rates(take: Take, rate: Any) -> None:
     with pytest.raises(InputError, match=r"rate is .* expected frames a second"):
