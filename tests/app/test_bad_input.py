@@ -74,6 +74,11 @@ def a_json_cut_short(take: TakeFiles, at: Path) -> dict[str, Any]:
 
 @case("expected detections.npz")
 def detections_of_an_unknown_kind(take: TakeFiles, at: Path) -> dict[str, Any]:
+    return {"detections": put(at / "a.xyz", b"x")}
+
+
+@case("a.pkl: is a pickle")
+def detections_that_could_run_code(take: TakeFiles, at: Path) -> dict[str, Any]:
     return {"detections": put(at / "a.pkl", b"x")}
 
 

@@ -247,6 +247,18 @@ def test_full_screen_and_back(page: Page) -> None:
     page.wait(f"!({hidden})")
 
 
+def test_angles_are_drawn_with_their_limits(page: Page) -> None:
+    angles = "#angles-charts .chart"
+    page.wait(f"document.querySelectorAll('{angles}').length > 12")
+    page.click(f"{angles} .jump")
+    text = page.evaluate(f"document.querySelector('{angles} .jump').textContent")
+    assert "from its limit at " in text
+    assert page.evaluate(FRAME) == int(text.rsplit(" ", 1)[1]) - START
+    assert page.evaluate("document.querySelectorAll('#angles line.limit').length") > 0
+    cursor = f"document.querySelector('{angles} line.cursor').getAttribute('x1')"
+    assert int(page.evaluate(cursor)) == page.evaluate(FRAME)
+
+
 def test_cameras_stand_in_the_3d_view(page: Page) -> None:
     page.click("#toggle-cameras")
     page.wait(f"{DRAWN.format('scene-marks')} > 3")

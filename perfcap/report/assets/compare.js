@@ -71,7 +71,7 @@ async function main() {
   parts.forEach((part) => part.setFrame(player.frame));
   player.addEventListener("frame", () => parts.forEach((part) => part.setFrame(player.frame)));
   setUpTransport(player, data);
-  setUpCharts(data, player);
+  const drawLater = setUpCharts(data, player);
   const letters = {
     v: setUpFullscreen(byId("full")),
     ...(scenes.length === 2 ? setUpScenes(scenes, data.results) : {}),
@@ -89,6 +89,7 @@ async function main() {
   const sides = () => scenes.map((scene) => ({ ...scene.orbit.goal })); // for tests
   globalThis.perfcap = Object.freeze({ player, sides });
   await setReady();
+  setTimeout(drawLater); // below what is seen first
 }
 
 main().catch((error) => {

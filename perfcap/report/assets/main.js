@@ -80,7 +80,7 @@ async function main() {
   parts.forEach((part) => part.setFrame(player.frame));
   player.addEventListener("frame", () => parts.forEach((part) => part.setFrame(player.frame)));
   setUpTransport(player, data);
-  setUpCharts(data, player);
+  const drawLater = setUpCharts(data, player);
   byId("look-camera").disabled = true;
   const onOpen = () => {
     byId("look-camera").disabled = views.camera() === null;
@@ -101,6 +101,7 @@ async function main() {
   }
   publish(player, body);
   await setReady();
+  setTimeout(drawLater); // below what is seen first
 }
 
 main().catch((error) => {

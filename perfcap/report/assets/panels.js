@@ -76,25 +76,31 @@ export function setUpViews(views, data, onOpen) {
   return Object.fromEntries(toggles.map(([name, toggle]) => [names[name], () => toggle.flip()]));
 }
 
-/** Charts by group, their files, and the marks above the slider. */
+/** Charts and the marks above the slider; gives what makes those that may come later. */
 export function setUpCharts(data, player) {
-  for (const group of ["frames", "angles"]) {
-    const chosen = data.charts.filter((chart) => chart.group === group);
-    const charts = chosen.map((chart) => new Chart(chart, data, player));
-    byId(`${group}-charts`).append(...charts.map((chart) => chart.element));
-    byId(group).hidden = charts.length === 0;
-    byId(`${group}-csv`).addEventListener("click", () => downloadCharts(data, chosen, group === "frames" ? "curves" : "angles"));
-    const shown = byId(`${group}-charts`);
-    const update = () => { if (shown.offsetParent !== null) charts.forEach((chart) => chart.update()); };
-    player.addEventListener("frame", update);
-    byId(group).querySelector("details")?.addEventListener("toggle", update);
-  }
   const lane = byId("lane");
   lane.setAttribute("viewBox", `-0.5 0 ${data.frames} 1`);
   for (const mark of data.marks) {
     const place = { x: mark.start - data.first - 0.5, width: mark.stop - mark.start, y: 0, height: 1 };
     lane.append(drawn("rect", { class: `mark-${mark.kind}`, ...place }));
   }
+  fillGroup("frames", "curves", data, player)();
+  return fillGroup("angles", "angles", data, player);
+}
+
+/** A part of the page with charts, and their file; gives what draws them. */
+function fillGroup(group, name, data, player) {
+  const chosen = data.charts.filter((chart) => chart.group === group);
+  byId(group).hidden = chosen.length === 0;
+  byId(`${group}-csv`).addEventListener("click", () => downloadCharts(data, chosen, name));
+  return () => {
+    const charts = chosen.map((chart) => new Chart(chart, data, player));
+    const place = byId(`${group}-charts`);
+    place.append(...charts.map((chart) => chart.element));
+    const update = () => { if (place.offsetParent !== null) charts.forEach((chart) => chart.update()); };
+    player.addEventListener("frame", update);
+    byId(group).querySelector("details")?.addEventListener("toggle", update);
+  };
 }
 
 /** The person and the controls alone on the screen, where the browser lets pages do that. */
