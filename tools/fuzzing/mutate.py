@@ -96,8 +96,9 @@ def text(rng: Random, content: str) -> str:
         if kind == 3:
             del lines[line]
         elif kind == 4:
-            often = rng.choice((1, 2, 500)) if len(content) < _LONG else 1
-            lines.insert(line, lines[rng.randrange(len(lines))] * often)
+            again = lines[rng.randrange(len(lines))]
+            often = rng.choice((1, 2, 500))
+            lines.insert(line, again * max(1, min(often, _LONG // max(len(again), 1))))
         elif kind == 5:
             lines[line] = lines[line][: rng.randrange(len(lines[line]) + 1)]
         else:
