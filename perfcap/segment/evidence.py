@@ -88,6 +88,11 @@ def log_ratio(
             _ANY_COLOR + np.log(surprise),
         )
     scene = models.background.log_density(pixels)
+    if settings.unseen > 0:  # the person may always have hidden it
+        scene = np.logaddexp(
+            scene + np.float32(np.log(1 - settings.unseen)),
+            np.float32(_ANY_COLOR + np.log(settings.unseen)),
+        )
     if backdrop is not None and known is not None:
         backed = background_density(
             pixels, chosen, backdrop.plate, backdrop.lighting, settings.plate

@@ -36,7 +36,7 @@ class Smoothness:
         temporal: nats of neighbours that did not change in time.
     """
 
-    contrast: float = 8.0
+    contrast: float = 6.0
     temporal: float = 10.0
 
 

@@ -33,6 +33,7 @@ class GrabCutSettings:
         smoothness: of neighbouring labels.
         backed: belief about pixels whose background is known.
         alone: belief about all others.
+        unseen: probability that background shows a colour that is nowhere around the person.
         limit: nats that colours may contribute at most.
         rounds: cuts, with colours learnt anew before each; one less from warm colours.
         coarse: px; a larger person is first found in an image shrunk to this size, then followed
@@ -49,6 +50,7 @@ class GrabCutSettings:
     smoothness: Smoothness = field(default_factory=Smoothness)
     backed: Belief = field(default_factory=lambda: Belief(surprise=0.5, prior=3.0))
     alone: Belief = field(default_factory=lambda: Belief(surprise=0.02, prior=8.0))
+    unseen: float = 0.1
     limit: float = 20.0
     rounds: int = 2
     coarse: float | None = 350.0
@@ -67,6 +69,7 @@ PAPER = GrabCutSettings(
     rounds=3,
     coarse=None,
     use_plate=False,
+    unseen=0.0,
     network=0.0,
     trimap=PLAIN_TRIMAP,
 )
@@ -75,5 +78,5 @@ PAPER = GrabCutSettings(
 MODEL_ONLY = replace(PAPER, smoothness=Smoothness(contrast=50.0, temporal=0.0))
 """The baseline without the motion cue (Fig. 4, third column; MPC-22), with GrabCut's weight."""
 
-SECOND_PASS = replace(GrabCutSettings(), backed=Belief(surprise=0.1, prior=6.0), coarse=500.0)
+SECOND_PASS = replace(GrabCutSettings(), backed=Belief(surprise=0.1, prior=4.0), coarse=500.0)
 """For a model whose pose was refined already: it is believed more, and looked at more closely."""

@@ -11,7 +11,7 @@ from disc_scene import disc, disc_clip, overlap
 from perfcap.errors import InputError
 from perfcap.segment.background import Lighting, Plate
 from perfcap.segment.baselines import box_grabcut
-from perfcap.segment.evidence import Backdrop
+from perfcap.segment.evidence import Backdrop, learn_colors, log_ratio
 from perfcap.segment.grabcut import segment
 from perfcap.segment.mixed_pixels import settle_mixed
 from perfcap.segment.scene import survey
@@ -51,6 +51,29 @@ def test_plate_finds_what_colors_cannot():
     assert overlap(backed.mask, clip.truth[12]) > overlap(alone.mask, clip.truth[12]) + 0.03
     assert backed.report.plate > 0.5
     assert alone.report.plate == 0
+
+
+def test_colors_of_neither_side_speak_for_neither():
+    rng = np.random.default_rng(0)
+    image = rng.normal(scale=3, size=(20, 40, 3)).astype(np.float32)
+    image[:, :20] += (200, 60, 60)
+    image[:, 20:] += (60, 60, 200)
+    image[0, 0] = (60, 250, 60)
+    left = np.arange(40) < 20
+    inside = np.broadcast_to(left, (20, 40)).copy()
+    pure = inside.copy()
+    pure[0, 0] = False
+    models = learn_colors(image, pure, inside, None, ALONE.color)
+    assert models is not None
+    everywhere = np.ones_like(inside)
+    sure, fair = (
+        log_ratio(image, everywhere, models, None, replace(ALONE, unseen=share)).reshape(20, 40)
+        for share in (0.0, 0.1)
+    )
+    assert sure[0, 0] == ALONE.limit
+    assert fair[0, 0] == pytest.approx(np.log(ALONE.alone.surprise / 0.1), abs=1e-3)
+    assert (fair[pure] > 3).all()
+    assert (fair[:, 20:] < -3).all()
 
 
 def test_motion_cue_helps_where_contrast_is_weak():
