@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.bounds import Bounds, StepBox, step_box
-from perfcap.solve.energy import Objective, StateType
+from perfcap.solve.energy import Objective, StateType, total
 from perfcap.solve.layout import Layout
 from perfcap.solve.solution import Solution, Status
 
@@ -69,7 +69,7 @@ class _Run(Generic[StateType]):
     def start(cls, objective: Objective, state: StateType) -> _Run[StateType]:
         layout = Layout.of(state)
         terms, gradient = _evaluate(objective, state, layout)
-        finite = _total(terms).isfinite() & gradient.isfinite().all(-1)
+        finite = total(terms).isfinite() & gradient.isfinite().all(-1)
         status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
         zero = torch.zeros_like(gradient)
         return cls(
@@ -97,7 +97,7 @@ def _advance(
         box = box.at_state(run.state, run.layout)
         full, step = box.clamp(full), box.clamp(step)
     promise = -(run.gradient * full).sum(-1)
-    converged = run.running & (promise.abs() <= settings.tolerance * _total(run.terms))
+    converged = run.running & (promise.abs() <= settings.tolerance * total(run.terms))
     running = run.running & ~converged
     run = replace(
         run,
@@ -114,7 +114,7 @@ def _move(run: _Run[StateType], step: Tensor, objective: Objective) -> _Run[Stat
     """Go to the end of a step (B, N); elements that are not finite there go back and end."""
     state = run.state.retract(run.layout.unflatten(step))
     terms, gradient = _evaluate(objective, state, run.layout)
-    finite = _total(terms).isfinite() & gradient.isfinite().all(-1)
+    finite = total(terms).isfinite() & gradient.isfinite().all(-1)
     lost = run.running & ~finite
     if bool(lost.any()):
         step = torch.where(lost.unsqueeze(-1), 0, step)
@@ -139,9 +139,5 @@ def _evaluate(
         step = zero.requires_grad_()
         report = objective.report(state.retract(layout.unflatten(step)))
         terms = {name: layout.per_element(value) for name, value in report.items()}
-        (gradient,) = torch.autograd.grad(_total(terms).sum(), step)
+        (gradient,) = torch.autograd.grad(total(terms).sum(), step)
     return {name: value.detach() for name, value in terms.items()}, gradient
-
-
-def _total(terms: dict[str, Tensor]) -> Tensor:
-    return torch.stack(list(terms.values())).sum(0)

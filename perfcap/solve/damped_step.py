@@ -16,6 +16,7 @@ from torch import Tensor
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.bounds import StepBox
 from perfcap.solve.box_step import box_step
+from perfcap.solve.damped_loop import Proposal
 from perfcap.solve.damping import added_damping
 from perfcap.solve.factorization import factorize
 from perfcap.solve.normal_equations import NormalEquations
@@ -63,27 +64,17 @@ class DampedModel:
         return added_damping(value, scale)
 
 
-@dataclass(frozen=True)
-class DampedStep:
-    """A step and what is known of it before it is taken.
+@dataclass(frozen=True, kw_only=True)
+class DampedStep(Proposal):
+    """A step within the bounds.
 
     Args:
-        step: zero where none was found, and for elements that no longer run, (B, N).
         damping: what was added to the diagonal, (B, N).
         multipliers: of the bounds that hold the step, (B, N).
-        valid: whether a step was found, (B,).
-        promised: decrease of the energy by the model without its damping, (B,).
-        share: the largest share of an unknown's curvature here that was added to it, (B,).
-        negligible: whether the step is rounding of the unknowns, (B,).
     """
 
-    step: Tensor
     damping: Tensor
     multipliers: Tensor
-    valid: Tensor
-    promised: Tensor
-    share: Tensor
-    negligible: Tensor
 
 
 def room_for_steps(equations: NormalEquations) -> Room | None:

@@ -302,8 +302,13 @@ class Objective(nn.Module):
 
     def forward(self, state: State) -> Tensor:
         """Total energy of each batch element, (*b,)."""
-        return torch.stack(list(self.report(state).values())).sum(0)
+        return total(self.report(state))
 
     def report(self, state: State) -> dict[str, Tensor]:
         """Each energy's share, (*b,) by name."""
         return {name: energy(state) for name, energy in self.items()}
+
+
+def total(terms: Mapping[str, Tensor]) -> Tensor:
+    """Sum of energies by name, (*b,)."""
+    return torch.stack(list(terms.values())).sum(0)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from perfcap.solve.energy import total
 from perfcap.solve.layout import Layout
 from perfcap.solve.products import apply, apply_transposed
 
@@ -91,7 +92,7 @@ class NormalEquations:
     @property
     def energy(self) -> Tensor:
         """Total energy, (B,)."""
-        return torch.stack(list(self.terms.values())).sum(0)
+        return total(self.terms)
 
     def gradient(self) -> Tensor:
         """Half the gradient of the energy, (B, N)."""

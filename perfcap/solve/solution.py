@@ -9,7 +9,7 @@ from typing import Generic
 import torch
 from torch import Tensor
 
-from perfcap.solve.energy import StateType
+from perfcap.solve.energy import StateType, total
 
 
 class Status(enum.IntEnum):
@@ -79,8 +79,7 @@ class Solution(Generic[StateType]):
     ) -> Solution[StateType]:
         """A solution from tensors (B,) over the flattened batch."""
         terms = {name: value.reshape(batch) for name, value in terms.items()}
-        energy = torch.stack(list(terms.values())).sum(0)
-        return cls(state, energy, terms, steps.reshape(batch), status.reshape(batch))
+        return cls(state, total(terms), terms, steps.reshape(batch), status.reshape(batch))
 
     def describe(self) -> list[str]:
         """A sentence for each batch element, in the order of the flattened batch."""

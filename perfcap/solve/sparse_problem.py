@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State
+from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, total
 from perfcap.solve.sparse import CoarseSpace, Curvature, OffersBlocks, OffersCoarseSpace
 
 
@@ -134,12 +134,6 @@ class SparseProblem:
         """``Energy.cost`` of every frame by itself, (P,); squared norms are (*b, F, G)."""
         cost = energy.kernel.value(squared).sum(-1)
         return (energy.weight.to(cost)[..., None] * cost).expand(self.frames).reshape(-1)
-
-
-def total(terms: dict[str, Tensor]) -> Tensor:
-    """Sum of energies by name, (P,)."""
-    first, *others = terms.values()
-    return sum(others, first)
 
 
 def _group_weight(energy: Energy[Any], residual: Residual, squared: Tensor) -> Tensor:

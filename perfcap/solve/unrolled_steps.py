@@ -10,11 +10,12 @@ from torch import Tensor
 
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds
+from perfcap.solve.damped_loop import advance
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.factorization import factorize
 from perfcap.solve.implicit_step import ReducedInverse, attach, restrict
 from perfcap.solve.layout import Layout
-from perfcap.solve.levenberg_marquardt import LevenbergMarquardt, advance, begin
+from perfcap.solve.levenberg_marquardt import LevenbergMarquardt, begin
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.solution import Sensitivity, Solution
 
@@ -47,12 +48,12 @@ def record(
 ) -> Record[StateType]:
     """Minimise, keeping every step that was taken by any element."""
     run, kept = begin(settings, objective, initial, bounds), []
-    for trial, after in advance(settings, run, objective):
+    for trial, after in advance(run, settings.max_steps):
         taken = trial.accepted
         if bool(taken.any()):
-            step = torch.where(taken.unsqueeze(-1), trial.step, 0)
-            held = trial.multipliers != 0
-            kept.append(RecordedStep(run.state, step, trial.damping, held, taken))
+            found = trial.found
+            step, held = torch.where(taken.unsqueeze(-1), found.step, 0), found.multipliers != 0
+            kept.append(RecordedStep(run.state, step, found.damping, held, taken))
         run = after
     return Record(tuple(kept), run.solution())
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 import torch
+from block_toy import Chain, StiffChain, block_toy
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from toy import Frames, toy
 
 from perfcap.geometry.plain import torch_only
-from perfcap.solve import Bounds, Implicit, LevenbergMarquardt, Status, Step, solve
+from perfcap.solve import Bounds, Implicit, LevenbergMarquardt, Status, Step, TruncatedNewton, solve
 
 KINDS = {
     "frames only": {"windows": 0},
@@ -98,3 +99,15 @@ def test_the_host_waits_thrice_a_step_without_bounds() -> None:
 
 def test_bounds_make_the_host_wait_a_few_times_more() -> None:
     assert reads_of("windows", bounded=True) <= 24
+
+
+@pytest.mark.parametrize("chain", [Chain, StiffChain])
+def test_conjugate_gradients_make_the_host_wait_once_a_round(chain: type[Chain]) -> None:
+    """And for the same as other steps, and whether a step is likely the last."""
+    objective, state = block_toy(chain=chain, seed=10)
+    counts = []
+    for steps in (2, 6):
+        with torch_only(), _Reads() as reads:
+            solve(objective, state, TruncatedNewton(steps, 0.0, damping=1e-3, max_rounds=2))
+        counts.append(reads.count)
+    assert 3 <= (counts[1] - counts[0]) / 4 <= 5
