@@ -14,7 +14,6 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import AUTO, cast
 from perfcap.app.capture_checks import (
-    check_actor,
     examined,
     made_up,
     wants_bones,
@@ -153,10 +152,8 @@ def _run(
         chosen = cast(casting_of(request, request.actor[0]), inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
-    told = check_actor(inputs, chosen.actor, solve_bones)
     performance = _perform(request, chosen.actor, inputs, solve_bones, work)
-    more = (*performance.warnings, *told)
-    performance = replace(performance, lost=inputs.lost, warnings=more)
+    performance = replace(performance, lost=inputs.lost)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)
         chosen.save(scratch)

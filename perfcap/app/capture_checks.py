@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from perfcap.actor.actor import Actor
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
@@ -20,7 +17,6 @@ from perfcap.io.doctor import (
     examine_cameras,
     examine_detections,
 )
-from perfcap.io.doctor.evidence import Scene
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
@@ -28,10 +24,6 @@ from perfcap.pipeline.performance import Performance
 
 _LOG = logging.getLogger(__name__)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
-_HEIGHT = (0.5, 2.6)  # m, of people
-_RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
-_TRIMS = 6  # rounds in which triangulation lets outliers go
-_LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
 def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
@@ -110,17 +102,6 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
     )
 
 
-def check_actor(inputs: Inputs, actor: Actor, solve_bones: bool) -> tuple[str, ...]:
-    """Warnings about the size of the actor.
-
-    Args:
-        inputs: of the capture.
-        actor: who is to be captured.
-        solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
-    """
-    return tuple(_size(inputs, actor, solve_bones))
-
-
 def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:
     """Whether to solve bone lengths; ``auto``: of nobody in particular, where views show them."""
     return choice == "solve" or (choice == "auto" and generic and shows_bone_lengths(detections))
@@ -136,31 +117,6 @@ def made_up(performance: Performance, first: int) -> Iterator[str]:
     if performance.lost:
         start, stop = first + performance.frames, first + performance.frames + performance.lost
         yield f"frames {start} to {stop - 1}: are missing in the video or its detections"
-
-
-def _size(inputs: Inputs, actor: Actor, solve_bones: bool) -> Iterator[str]:
-    """Whether the actor has the size of a person, and of this one where views show it."""
-    rest = actor.skeleton.rest_landmarks
-    height = float(rest[:, 1].max() - rest[:, 1].min())
-    if not _HEIGHT[0] < height < _HEIGHT[1]:
-        yield (
-            f"the actor is {height:.3g} m tall, expected {_HEIGHT[0]} to {_HEIGHT[1]}; scale it to "
-            "metres, or places and sizes are wrong by that factor"
-        )
-        return
-    if inputs.detections.views < 2 or solve_bones:
-        return
-    points, _ = (
-        Scene(inputs.rig.cameras, inputs.detections).straightened().sampled().triangulated(_TRIMS)
-    )
-    seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
-    own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
-    ratio = own / float(seen.nanmedian()) if bool(seen.isfinite().any()) else 1.0
-    if math.isfinite(ratio) and not _RATIO[0] < ratio < _RATIO[1]:
-        yield (
-            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
-            "the scale of the calibration, add --bones solve, or give the actor of this person"
-        )
 
 
 def _words(finding: Finding) -> str:

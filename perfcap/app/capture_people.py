@@ -12,7 +12,6 @@ import torch
 
 from perfcap.app.auto_actor import AUTO, Cast, cast
 from perfcap.app.capture_checks import (
-    check_actor,
     doubts,
     made_up,
     refuse_wrong,
@@ -130,17 +129,13 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
     for line in notes:
         _LOG.warning("%s", line)
     require_places(folder, view_folders(list(crowd.inputs.rig.names)))
-    people, told = [], []
+    people = []
     for number, (one, each) in enumerate(zip(chosen, everybody, strict=True)):
         generic = crowd.generic[number % len(crowd.generic)]
         solve_bones = wants_bones(request.bones, generic, each.detections)
         people.append(Person(one.actor, each.detections, solve_bones))
-        told.append(check_actor(each, one.actor, solve_bones))
     captured = _perform(request, crowd.inputs, people, until, work)
-    done = [
-        replace(each, lost=crowd.inputs.lost, warnings=(*each.warnings, *more))
-        for each, more in zip(captured, told, strict=True)
-    ]  # fmt: skip
+    done = [replace(each, lost=crowd.inputs.lost) for each in captured]
     cast_of = tuple(chosen)
     scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, tuple(notes))
     with replacing(folder, last=True) as scratch:

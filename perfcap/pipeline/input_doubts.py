@@ -1,10 +1,14 @@
-"""What ``perfcap doctor`` would say of cameras and joints that are given in Python."""
+"""What ``perfcap doctor`` would say of inputs that are given in Python, and of an actor."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 
+from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
@@ -13,6 +17,12 @@ from perfcap.io.doctor import (
     examine_cameras,
     examine_detections,
 )
+from perfcap.io.doctor.evidence import Scene
+
+_HEIGHT = (0.5, 2.6)  # m, of people
+_RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_TRIMS = 6  # rounds in which triangulation lets outliers go
+_LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
 def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
@@ -39,3 +49,38 @@ def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
         for found in findings
         if found.severity is not Severity.INFO
     )
+
+
+def actor_doubts(
+    actor: Actor, cameras: Camera, detections: Detections, solve_bones: bool
+) -> Iterator[str]:
+    """Whether the actor has the size of a person, and of this one where views show it.
+
+    Args:
+        actor: who is to be captured.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C).
+        solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
+    """
+    rest = actor.skeleton.rest_landmarks.detach().double().cpu()
+    height = float(rest[:, 1].max() - rest[:, 1].min())
+    if not _HEIGHT[0] < height < _HEIGHT[1]:
+        yield (
+            f"the actor is {height:.3g} m tall, expected {_HEIGHT[0]} to {_HEIGHT[1]}; scale it to "
+            "metres, or places and sizes are wrong by that factor"
+        )
+        return
+    if detections.views < 2 or solve_bones:
+        return
+    known = cameras.map(lambda part: part.detach().double().cpu())
+    found = detections.to(known.intrinsics).map(lambda part: part.detach())
+    points, _ = Scene(known, found).straightened().sampled().triangulated(_TRIMS)
+    seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
+    own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
+    ratio = own / float(seen.nanmedian()) if bool(seen.isfinite().any()) else 1.0
+    if math.isfinite(ratio) and not _RATIO[0] < ratio < _RATIO[1]:
+        yield (
+            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
+            "the scale and the focal lengths of the calibration, solve the bone lengths (--bones "
+            "solve, solve_bones=True), or give the actor of this person"
+        )

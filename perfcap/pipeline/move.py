@@ -26,7 +26,7 @@ from perfcap.pipeline.image_checks import examine_images
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_matching
-from perfcap.pipeline.input_doubts import input_doubts
+from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
@@ -66,9 +66,9 @@ def move(
     require_matching(cameras, detections, images)
     detections = detections.to(detections.joints2d).finite()  # 3D joints may be of another type
     until = _last_stage(until, images)
-    told: tuple[str, ...] = ()
+    told = tuple(actor_doubts(actor, cameras, detections, solve_bones))
     if images is None or not images.examined:
-        told = input_doubts(cameras, detections)
+        told += input_doubts(cameras, detections)
     if images is not None and until.needs_images and not images.examined:
         told += examine_images(images, cameras, detections)
     own = own_terms(energies)

@@ -9,7 +9,7 @@ from runs import Command
 from synthetic import cameras as circle
 from takes import TakeFiles, make_take, write_detections
 
-from perfcap.app.capture_checks import check_actor, refuse_wrong
+from perfcap.app.capture_checks import refuse_wrong
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
@@ -57,7 +57,6 @@ def inputs_of(detections: Detections, count: int = 3) -> Inputs:
 def test_good_views_are_not_spoken_of() -> None:
     take = make_take(20, views=3)
     refuse_wrong(inputs_of(take.detections))
-    assert check_actor(inputs_of(take.detections), take.actor, False) == ()
 
 
 def test_views_of_different_people_are_refused() -> None:
@@ -68,18 +67,3 @@ def test_views_of_different_people_are_refused() -> None:
     mixed = replace(first.detections, joints2d=pixels, joints3d=None)
     with pytest.raises(InputError, match="disagree on the person"):
         refuse_wrong(inputs_of(mixed))
-
-
-def test_an_actor_of_another_size_is_told() -> None:
-    take = make_take(20, views=3)
-    large = take.actor.resized(torch.full_like(shape_of(take.actor), 1.1))
-    (told,) = check_actor(inputs_of(take.detections), large, False)
-    assert "m tall" in told and "metres" in told
-    longer = take.actor.resized(torch.full_like(shape_of(take.actor), 0.4))
-    (told,) = check_actor(inputs_of(take.detections), longer, False)
-    assert "--bones solve" in told
-    assert check_actor(inputs_of(take.detections), longer, True) == ()
-
-
-def shape_of(actor: object) -> torch.Tensor:
-    return torch.zeros(len(actor.skeleton.group_names), dtype=torch.float64)  # type: ignore[attr-defined]

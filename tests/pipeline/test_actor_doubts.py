@@ -1,0 +1,42 @@
+"""Actors of another size than the person that the views show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from takes import make_take
+
+from perfcap.actor.actor import Actor
+from perfcap.pipeline.input_doubts import actor_doubts
+from perfcap.pipeline.jobs import capture
+
+
+def everywhere(actor: Actor, value: float) -> torch.Tensor:
+    return torch.full((len(actor.skeleton.group_names),), value, dtype=torch.float64)
+
+
+def test_the_right_actor_is_not_spoken_of() -> None:
+    take = make_take(20, views=3)
+    assert not list(actor_doubts(take.actor, take.cameras, take.detections, False))
+
+
+def test_an_actor_of_another_size_is_told() -> None:
+    take = make_take(20, views=3)
+    large = take.actor.resized(everywhere(take.actor, 1.1))
+    (told,) = actor_doubts(large, take.cameras, take.detections, False)
+    assert "m tall" in told and "metres" in told
+    longer = take.actor.resized(everywhere(take.actor, 0.4))
+    (told,) = actor_doubts(longer, take.cameras, take.detections, False)
+    assert "--bones solve" in told
+    assert not list(actor_doubts(longer, take.cameras, take.detections, True))
+
+
+def test_focal_lengths_that_are_too_long_in_every_view_are_told_in_python() -> None:
+    take = make_take(20, views=3)
+    longer = take.cameras.intrinsics.clone()
+    longer[:, [0, 1], [0, 1]] *= 1.3
+    found = capture(
+        take.actor, replace(take.cameras, intrinsics=longer), take.detections, take.rate
+    )
+    assert any("focal lengths of the calibration" in line for line in found.warnings)
