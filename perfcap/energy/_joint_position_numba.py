@@ -12,34 +12,43 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.energy.joint_position import SHORTEST, JointPosition
 from perfcap.solve._robust_numba import Robust, robust
 
 Floats = NDArray[np.floating[Any]]
 
 
-class _Known(NamedTuple):
-    """The arrays of a ``JointPosition`` of N frames."""
+class Known(NamedTuple):
+    """What a ``JointPosition`` of N frames knows, and the length below which bones have none."""
 
     direction: Floats  # (N, C, J, 3)
     bones: Floats  # (J, J)
     chain: Floats  # (J, J)
     share: Floats  # (J,)
     scale: Floats  # (J,)
+    shortest: float
+
+    @classmethod
+    def of(
+        cls, direction: Tensor, constants: tuple[Tensor, Tensor, Tensor, Tensor], shortest: float
+    ) -> Known:
+        """From directions (*b, F, C, J, 3) and what does not depend on frames."""
+        bones, chain, share, scale = (each.numpy() for each in constants)
+        rows = _rows(direction, *direction.shape[-3:])
+        return cls(rows, bones, chain, share, scale, shortest)
 
 
-def residual(energy: JointPosition, joints: Tensor) -> Tensor:
+def residual(known: Known, joints: Tensor) -> Tensor:
     """(*b, F, C * J, 3) of joints (*b, F, J, 3)."""
-    known, (*lead, count, _) = _known(energy), joints.shape
+    *lead, count, _ = joints.shape
     views = known.direction.shape[1]
     error = joints.new_empty(*lead, views * count, 3)
     _residual(known, _rows(joints, count, 3), error.numpy().reshape(-1, views, count, 3, 1))
     return error
 
 
-def derivative(energy: JointPosition, joints: Tensor, jacobian: Tensor) -> Tensor:
+def derivative(known: Known, joints: Tensor, jacobian: Tensor) -> Tensor:
     """(*b, F, C * J, 3, D) from that of the joints, (*b, F, J, 3, D)."""
-    known, (*lead, count, _, dim) = _known(energy), jacobian.shape
+    *lead, count, _, dim = jacobian.shape
     views = known.direction.shape[1]
     moved = joints.new_empty(*lead, views * count, 3, dim)
     _derivative(
@@ -47,13 +56,13 @@ def derivative(energy: JointPosition, joints: Tensor, jacobian: Tensor) -> Tenso
         _rows(joints, count, 3),
         _rows(jacobian, count, 3, dim),
         moved.numpy().reshape(-1, views, count, 3, dim),
-        SHORTEST,
     )
     return moved
 
 
 def add_to_blocks(
-    energy: JointPosition,
+    known: Known,
+    strength: tuple[Tensor, Tensor],
     joints: Tensor,
     jacobian: Tensor,
     kernel: Robust,
@@ -62,37 +71,31 @@ def add_to_blocks(
     """Add to curvature and gradient; the energy of each batch element, (B,).
 
     Args:
-        energy: with predictions and weight.
+        known: of the energy.
+        strength: confidence (*b, F, C * J) and weight of the energy.
         joints: (*b, F, J, 3).
         jacobian: their derivative, (*b, F, J, 3, D), of which the first three columns are the
             translation of all joints, which this energy does not see.
         kernel: of the energy.
         blocks: curvature (B, F, D, D) and gradient (B, F, D).
     """
-    known, (curvature, gradient) = _known(energy), blocks
+    (curvature, gradient), (confidence, weight) = blocks, strength
     (batch, _, dim), count = gradient.shape, joints.shape[-2]
     value = gradient.new_zeros(batch)
-    error = residual(energy, joints)
+    error = residual(known, joints)
     _add_to_blocks(
         known,
         _rows(joints, count, 3),
         _rows(jacobian, count, 3, dim),
         _rows(error, known.direction.shape[1], count, 3),
-        _rows(energy.confidence, known.direction.shape[1], count),
-        _rows(energy.weight.to(gradient).expand(joints.shape[:-3])),
+        _rows(confidence, known.direction.shape[1], count),
+        _rows(weight.to(gradient).expand(joints.shape[:-3])),
         kernel,
-        SHORTEST,
         curvature.numpy().reshape(-1, dim, dim),
         gradient.numpy().reshape(-1, dim),
         value.numpy(),
     )
     return value
-
-
-def _known(energy: JointPosition) -> _Known:
-    views, count = energy.direction.shape[-3:-1]
-    constants = (energy.bones, energy.chain, energy.share, energy.scale)
-    return _Known(_rows(energy.direction, views, count, 3), *(x.numpy() for x in constants))
 
 
 def _rows(tensor: Tensor, *shape: int) -> Floats:
@@ -101,7 +104,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _bone(known: _Known, joints: Floats, bone: int) -> tuple[float, float, float, float]:
+def _bone(known: Known, joints: Floats, bone: int) -> tuple[float, float, float, float]:
     """Vector of a bone and its length."""
     x, y, z = 0.0, 0.0, 0.0
     for j in range(len(joints)):
@@ -114,7 +117,7 @@ def _bone(known: _Known, joints: Floats, bone: int) -> tuple[float, float, float
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _residual(known: _Known, joints: Floats, error: Floats) -> None:
+def _residual(known: Known, joints: Floats, error: Floats) -> None:
     """Joints (N, J, 3) minus predictions, centred, in their units: (N, C, J, 3, 1)."""
     length = np.empty((joints.shape[1], 1), joints.dtype)
     for n in range(len(joints)):
@@ -128,13 +131,11 @@ def _residual(known: _Known, joints: Floats, error: Floats) -> None:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _derivative(
-    known: _Known, joints: Floats, jacobian: Floats, moved: Floats, shortest: float
-) -> None:
+def _derivative(known: Known, joints: Floats, jacobian: Floats, moved: Floats) -> None:
     """The same, (N, C, J, 3, D), of the derivative of joints (N, J, 3, D)."""
     longer = np.empty((jacobian.shape[1], jacobian.shape[3]), jacobian.dtype)
     for n in range(len(joints)):
-        _lengthen(known, joints[n], jacobian[n], longer, shortest)
+        _lengthen(known, joints[n], jacobian[n], longer)
         for view in range(moved.shape[1]):
             for j in range(len(longer)):
                 for i in range(3):
@@ -144,7 +145,7 @@ def _derivative(
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
-def _subtract_predictions(known: _Known, direction: Floats, length: Floats, moved: Floats) -> None:
+def _subtract_predictions(known: Known, direction: Floats, length: Floats, moved: Floats) -> None:
     """Subtract bones of lengths (J, D) along directions (J, 3) from joints (J, 3, D), and centre.
 
     The innermost loops run along rows of contiguous memory, which vectorises.
@@ -168,16 +169,14 @@ def _subtract_predictions(known: _Known, direction: Floats, length: Floats, move
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
-def _lengthen(
-    known: _Known, joints: Floats, jacobian: Floats, longer: Floats, shortest: float
-) -> None:
+def _lengthen(known: Known, joints: Floats, jacobian: Floats, longer: Floats) -> None:
     """Derivative (J, D) of the lengths of bones; a bone of no length has none."""
     for bone in range(len(longer)):
         for k in range(longer.shape[1]):
             longer[bone, k] = 0
         x, y, z, length = _bone(known, joints, bone)
         for j in range(len(joints)):
-            share = known.bones[bone, j] / max(length, shortest)
+            share = known.bones[bone, j] / max(length, known.shortest)
             if share != 0:
                 for k in range(longer.shape[1]):
                     longer[bone, k] += share * (
@@ -187,14 +186,13 @@ def _lengthen(
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _add_to_blocks(
-    known: _Known,
+    known: Known,
     joints: Floats,
     jacobian: Floats,
     error: Floats,
     confidence: Floats,
     weight: Floats,
     kernel: Robust,
-    shortest: float,
     curvature: Floats,
     gradient: Floats,
     value: Floats,
@@ -207,7 +205,7 @@ def _add_to_blocks(
     strength = np.empty(count, jacobian.dtype)
     for n in range(len(joints)):
         share, cost = weight[n // frames], 0.0
-        _lengthen(known, joints[n], jacobian[n], longer, shortest)
+        _lengthen(known, joints[n], jacobian[n], longer)
         for view in range(error.shape[1]):
             at_all = False
             for j in range(count):
@@ -224,9 +222,7 @@ def _add_to_blocks(
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
-def _move(
-    known: _Known, direction: Floats, longer: Floats, jacobian: Floats, moved: Floats
-) -> None:
+def _move(known: Known, direction: Floats, longer: Floats, jacobian: Floats, moved: Floats) -> None:
     """Derivative of u, (J, 3, D); bones whose length changes by rounding alone are rigid."""
     count, _, dim = jacobian.shape
     for j in range(count):
@@ -250,7 +246,7 @@ def _stretches(longer: Floats) -> bool:
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
 def _add_view(
-    known: _Known,
+    known: Known,
     moved: Floats,
     error: Floats,
     strength: Floats,

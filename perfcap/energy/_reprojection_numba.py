@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.energy.reprojection import Reprojection
+from perfcap.detect.detections import Detections
 from perfcap.solve._robust_numba import Robust, robust
 
 Floats = NDArray[np.floating[Any]]
 
 
 def add_to_blocks(
-    energy: Reprojection,
+    seen: Detections,
+    strength: tuple[Tensor, Tensor],
     projected: tuple[Tensor, Tensor],
     moved: Tensor,
     kernel: Robust,
@@ -29,7 +30,8 @@ def add_to_blocks(
     """Add to curvature and gradient; the energy of each batch element, (B,).
 
     Args:
-        energy: with detections and weight.
+        seen: detections of N points.
+        strength: scale of each view and weight of the energy.
         projected: pixels (*b, F, C, N, 2) and their derivative (*b, F, C, N, 2, 3).
         moved: derivative of the points, (*b, F, N, 3, D).
         kernel: of the energy.
@@ -40,15 +42,15 @@ def add_to_blocks(
     batch, _, dim = gradient.shape
     views, count = pixels.shape[-3:-1]
     value = gradient.new_zeros(batch)
-    seen = energy.detections
+    scale, weight = strength
     _add_to_blocks(
         _rows(pixels, views, count, 2),
         _rows(seen.joints2d, views, count, 2),
         _rows(seen.confidence2d, views, count),
-        _rows(energy.scale.expand(pixels.shape[:-2]), views),
+        _rows(scale.expand(pixels.shape[:-2]), views),
         _rows(camera, views, count, 2, 3),
         _rows(moved, count, 3, dim),
-        _rows(energy.weight.to(gradient).expand(pixels.shape[:-4])),
+        _rows(weight.to(gradient).expand(pixels.shape[:-4])),
         kernel,
         curvature.numpy().reshape(-1, dim, dim),
         gradient.numpy().reshape(-1, dim),

@@ -15,7 +15,7 @@ from torch import Tensor
 from perfcap.actor.deformation import Deformation
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
 from perfcap.solve._coarse_numba import add_outer
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]

@@ -11,7 +11,7 @@ from torch import Tensor
 from perfcap.actor.deformation import Deformation
 from perfcap.geometry.rotation import rotvec_to_matrix, skew
 from perfcap.solve._coarse_torch import add_outer
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 
 
 def stretch(

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
-from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry._rotation_numba import quaternion_of
 
 Floats = NDArray[np.floating[Any]]
 
 
-def linearize_features(energy: Trajectory, motion: Motion) -> tuple[Tensor, Tensor]:
-    """See ``Trajectory.linearize_features``."""
+def linearize_features(
+    scale: tuple[Tensor, Tensor, Tensor], motion: Motion
+) -> tuple[Tensor, Tensor]:
+    """See ``Trajectory.linearize_features``; scales of translation, rotation and angles."""
     *lead, frames, count = motion.angles.shape
     features = motion.angles.new_empty(*lead, frames, 7 + count)
     jacobian = motion.angles.new_zeros(*lead, frames, 7 + count, 6 + count)
     scales = motion.angles.new_empty(*lead, 1, 7 + count)
-    scales[..., :3], scales[..., 3:7] = energy.translation, 2 * energy.rotation
-    scales[..., 7:] = energy.angles
+    scales[..., :3], scales[..., 3:7], scales[..., 7:] = scale[0], 2 * scale[1], scale[2]
     _linearize(
         scales.numpy().reshape(-1, 7 + count),
         *(_rows(x, frames) for x in (motion.translation, motion.rotation, motion.angles)),

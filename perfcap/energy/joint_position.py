@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import torch
 from torch import Tensor
 
@@ -15,6 +17,9 @@ from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
+
+if TYPE_CHECKING:
+    from perfcap.energy._joint_position_numba import Known
 
 SHORTEST = 1e-9  # a bone of no length has no direction
 
@@ -107,8 +112,10 @@ class JointPosition(Energy[Motion]):
         joints, frame, shared = self.points.linearize(motion)
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
-        blocks = curvature, gradient
-        return _joint_position_numba.add_to_blocks(self, joints, frame, kernel, blocks)
+        strength, blocks = (self.confidence, self.weight), (curvature, gradient)
+        return _joint_position_numba.add_to_blocks(
+            self._known(), strength, joints, frame, kernel, blocks
+        )
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form: only the lengths of bones are not linear in the joints."""
@@ -132,7 +139,7 @@ class JointPosition(Energy[Motion]):
         if self._compiled_for(joints):
             from perfcap.energy import _joint_position_numba
 
-            return Residual(_joint_position_numba.residual(self, joints), self.confidence)
+            return Residual(_joint_position_numba.residual(self._known(), joints), self.confidence)
         length = bone_vectors(joints).norm(dim=-1)[..., None, :, None]  # *b F 1 J 1
         predicted = self.chain @ (length * self.direction)  # *b F C J 3
         error = self._centre(joints.unsqueeze(-3) - predicted)
@@ -143,7 +150,7 @@ class JointPosition(Energy[Motion]):
         if self._compiled_for(joints) and is_plain(joints, jacobian):
             from perfcap.energy import _joint_position_numba
 
-            return _joint_position_numba.derivative(self, joints, jacobian)
+            return _joint_position_numba.derivative(self._known(), joints, jacobian)
         bones = bone_vectors(joints)
         along = bones / bones.norm(dim=-1, keepdim=True).clamp(min=SHORTEST)
         turned = _bone_derivative(jacobian)
@@ -152,6 +159,13 @@ class JointPosition(Energy[Motion]):
         moved = jacobian.flatten(-2).unsqueeze(-3) - self.chain @ lengthened
         views, size = moved.shape[-3], jacobian.shape[-4:]
         return self._centre(moved).reshape(*moved.shape[:-3], views * size[1], *size[2:])
+
+    def _known(self) -> Known:
+        """For compiled loops."""
+        from perfcap.energy import _joint_position_numba
+
+        constants = self.bones, self.chain, self.share, self.scale
+        return _joint_position_numba.Known.of(self.direction, constants, SHORTEST)
 
     def _compiled_for(self, joints: Tensor) -> bool:
         """Whether only numbers are asked for, of as many frames as there are predictions."""

@@ -81,8 +81,8 @@ class Reprojection(Energy[Motion]):
         projected = self.cameras.linearize(joints)
         if not is_plain(*projected):
             return None
-        blocks = curvature, gradient
-        return _reprojection_numba.add_to_blocks(self, projected, frame, kernel, blocks)
+        strength, blocks = (self.scale, self.weight), (curvature, gradient)
+        return _reprojection_numba.add_to_blocks(seen, strength, projected, frame, kernel, blocks)
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form but for the bend of the cameras, which is differentiated twice."""

@@ -74,7 +74,7 @@ class Trajectory(WindowEnergy[Motion]):
         if is_plain(motion.translation, motion.rotation, motion.angles) and is_plain(*scales):
             from perfcap.energy import _trajectory_numba
 
-            return _trajectory_numba.linearize_features(self, motion)
+            return _trajectory_numba.linearize_features(scales, motion)
         features = self.features(motion)
         count = motion.angles.shape[-1]
         jacobian = features.new_zeros(*features.shape, 6 + count)

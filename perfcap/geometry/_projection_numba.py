@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.geometry.camera import NEAR, Camera
-
 Floats = NDArray[np.floating[Any]]
 
 
@@ -27,25 +25,38 @@ class Views(NamedTuple):
     limit: Floats  # (M, C, 1)
 
 
-def linearize(camera: Camera, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Pixels (*b, F, C, N, 2) and derivative (*b, F, C, N, 2, 3); see ``Camera.linearize``."""
+def linearize(
+    points: Tensor,
+    pinhole: tuple[Tensor, Tensor, Tensor],
+    lens: tuple[Tensor, Tensor] | None,
+    near: float,
+) -> tuple[Tensor, Tensor]:
+    """Pixels (*b, F, C, N, 2) and derivative (*b, F, C, N, 2, 3); see ``Camera.linearize``.
+
+    Args:
+        points: (*b, F, N, 3).
+        pinhole: intrinsics, rotation and translation of C views.
+        lens: distortion, and the squared radius beyond which it is held constant.
+        near: depth at which nearer points are projected.
+    """
     *lead, count, _ = points.shape
-    views, lens = camera.views, camera.distortion
+    intrinsics, rotation, translation = pinhole
+    views = translation.shape[-2]
     place = _rows(points, count, 3)
     none = place[:0]  # of the same type
     arrays = Views(
-        _rows(camera.intrinsics, views, 3, 3),
-        _rows(camera.rotation, views, 3, 3),
-        _rows(camera.translation, views, 3),
-        none if lens is None else _rows(lens, views, 5),
-        none if lens is None else _rows(camera.radius_limit(), views, 1),
+        _rows(intrinsics, views, 3, 3),
+        _rows(rotation, views, 3, 3),
+        _rows(translation, views, 3),
+        none if lens is None else _rows(lens[0], views, 5),
+        none if lens is None else _rows(lens[1], views, 1),
     )
     pixels = points.new_empty(*lead, views, count, 2)
     jacobian = points.new_empty(*lead, views, count, 2, 3)
     _linearize(
         arrays,
         place,
-        NEAR,
+        near,
         pixels.numpy().reshape(-1, views, count, 2),
         jacobian.numpy().reshape(-1, views, count, 2, 3),
     )

@@ -80,7 +80,9 @@ class Camera(Record):
         if self._compiled_for(points):
             from perfcap.geometry import _projection_numba
 
-            return _projection_numba.linearize(self, points)
+            pinhole = self.intrinsics, self.rotation, self.translation
+            lens = None if self.distortion is None else (self.distortion, self.radius_limit())
+            return _projection_numba.linearize(points, pinhole, lens, NEAR)
         local = self.to_camera(points)
         depth = local[..., 2].clamp(min=NEAR)
         plane = local[..., :2] / depth[..., None]

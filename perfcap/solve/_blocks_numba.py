@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.solve._coarse_numba import add_outer, find_slot
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]

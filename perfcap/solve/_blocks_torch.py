@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve._coarse_torch import add_outer
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 
 
 class BlockCurvature:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.solve._products_numba import add_multiple, dot, solve_lower_vector, solve_upper_vector
-from perfcap.solve.factorization import Factorization
 from perfcap.solve.normal_equations import NormalEquations
 
 Floats = NDArray[np.floating[Any]]
@@ -36,24 +35,29 @@ class Model(NamedTuple):
     root: Floats  # (B, R, R)
 
 
-def as_arrays(factorization: Factorization) -> Model:
-    """The arrays of a factorization without shared unknowns."""
-    cholesky, window = factorization.cholesky, factorization.window
-    bases = () if window is None else window.bases
-    sizes = [] if window is None else window.sizes
-    lengths = [len(basis) for basis in bases]
-    size = np.repeat(np.array(sizes, np.int64), lengths)
-    none = cholesky[..., :0]
+class Bases(NamedTuple):
+    """Temporal bases of window energies, and how many features each sees."""
+
+    rows: tuple[Tensor, ...]  # (R_k, F)
+    sizes: list[int]
+
+
+def as_arrays(
+    cholesky: Tensor, solved: Tensor, jacobian: Tensor, defect: Tensor, bases: Bases, root: Tensor
+) -> Model:
+    """The arrays of a factorization without shared unknowns; see ``Model``."""
+    rows, sizes = bases
+    size = np.repeat(np.array(sizes, np.int64), [len(basis) for basis in rows])
     return Model(
         plain(cholesky),
-        plain(none if window is None else window.solved),
-        plain(none.mT if window is None else window.jacobian),
-        plain(none[..., :0, :] if window is None else window.defect),
-        plain(torch.cat((cholesky.new_empty(0, cholesky.shape[1]), *bases))),
+        plain(solved),
+        plain(jacobian),
+        plain(defect),
+        plain(torch.cat((cholesky.new_empty(0, cholesky.shape[1]), *rows))),
         np.cumsum(size) - size,
-        np.repeat(np.cumsum([0, *sizes], dtype=np.int64)[:-1], lengths),
+        np.repeat(np.cumsum([0, *sizes], dtype=np.int64)[:-1], [len(basis) for basis in rows]),
         size,
-        plain(none[:, 0, :0] if window is None else window.cholesky.mT),
+        plain(root),
     )
 
 

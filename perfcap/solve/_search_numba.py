@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.solve.conjugate_gradient import Search
+from perfcap.solve.search import Search
 
 Floats = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from perfcap.solve.conjugate_gradient import Search
+from perfcap.solve.search import Search
 
 
 def invert(diagonal: Tensor, damping: Tensor, running: Tensor, inverse: Tensor) -> None:

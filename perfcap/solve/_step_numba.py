@@ -20,7 +20,7 @@ from perfcap.solve._model_numba import Model, from_basis, newton_steps, plain, t
 from perfcap.solve._products_numba import dot
 from perfcap.solve._step_room import Filter, Room
 from perfcap.solve.box_step import PIVOTS, ROUNDS, feasible_descent
-from perfcap.solve.damped_step import DampedModel, DampedStep, negligible_share
+from perfcap.solve.damped_model import DampedModel, DampedStep, negligible_share
 from perfcap.solve.factorization import identity_where
 from perfcap.solve.normal_equations import NormalEquations
 

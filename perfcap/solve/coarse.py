@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.sparse_problem import SparseEquations
 
 

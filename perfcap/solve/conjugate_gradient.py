@@ -10,6 +10,7 @@ from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.coarse import CoarseCorrection
+from perfcap.solve.search import Search
 from perfcap.solve.sparse_problem import SparseEquations
 
 
@@ -25,38 +26,6 @@ class Descent:
 
     step: Tensor
     promised: Tensor
-    rounds: Tensor
-
-
-@dataclass(frozen=True)
-class Search:
-    """Conjugate gradients under way; every tensor is written in place.
-
-    Args:
-        damping: what is added to the diagonal of the matrix, (P, M, q).
-        preconditioner: inverses of the damped diagonal blocks, (P, M, q, q).
-        step: sum of what was gone so far, (P, M, q).
-        residual: what is left of the right side there, (P, M, q).
-        direction: to go next, (P, M, q).
-        product: H direction, without the damping, then the preconditioned residual; zero between
-            rounds, (P, M, q).
-        slope: preconditioned square of the residual, (P,).
-        enough: slope at which a problem ends, (P,).
-        worth: decrease of the model in a round below which a problem ends, (P,).
-        running: problems that have not ended, (P,).
-        rounds: rounds that problems ran, (P,).
-    """
-
-    damping: Tensor
-    preconditioner: Tensor
-    step: Tensor
-    residual: Tensor
-    direction: Tensor
-    product: Tensor
-    slope: Tensor
-    enough: Tensor
-    worth: Tensor
-    running: Tensor
     rounds: Tensor
 
 

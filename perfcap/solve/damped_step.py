@@ -7,74 +7,18 @@ serves gradients, graphics cards and shared unknowns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
-from perfcap.solve.bounds import StepBox
 from perfcap.solve.box_step import box_step
-from perfcap.solve.damped_loop import Proposal
-from perfcap.solve.damping import added_damping
+from perfcap.solve.damped_model import DampedModel, DampedStep, negligible_share
 from perfcap.solve.factorization import factorize
 from perfcap.solve.normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     from perfcap.solve._step_room import Room
-
-_NEGLIGIBLE = 4  # units in the last place of the unknowns
-
-
-@dataclass(frozen=True)
-class DampedModel:
-    """A model and how it is damped.
-
-    Args:
-        equations: the model.
-        value: damping of each element, B numbers.
-        undamped: which elements try a step without damping to speak of, B flags.
-        running: which elements go on, B flags.
-        here: scale of the unknowns at the state, (B, N).
-        scale: the largest so far, which a damping of one adds to the diagonal, (B, N).
-        at: coordinates of the state, (B, N).
-        box: bounds on the step, as seen from the state.
-        multipliers: of the bounds in a similar problem, (B, N).
-    """
-
-    equations: NormalEquations
-    value: list[float]
-    undamped: list[bool]
-    running: list[bool]
-    here: Tensor
-    scale: Tensor
-    at: Tensor
-    box: StepBox | None
-    multipliers: Tensor
-
-    def damping(self) -> Tensor:
-        """What is added to the diagonal, (B, N): where an undamped step is tried, a share of what
-        the unknowns show here, however much that has been elsewhere.
-        """
-        value, scale = self.scale.new_tensor(self.value), self.scale
-        if any(self.undamped):
-            undamped = torch.tensor(self.undamped, device=value.device).unsqueeze(-1)
-            scale = torch.where(undamped & (self.here > 0), self.here, scale)
-        return added_damping(value, scale)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DampedStep(Proposal):
-    """A step within the bounds.
-
-    Args:
-        damping: what was added to the diagonal, (B, N).
-        multipliers: of the bounds that hold the step, (B, N).
-    """
-
-    damping: Tensor
-    multipliers: Tensor
 
 
 def room_for_steps(equations: NormalEquations) -> Room | None:
@@ -127,8 +71,3 @@ def damped_step(model: DampedModel, room: Room | None = None) -> DampedStep:
         share=torch.where(model.here > 0, damping / model.here, 0).amax(-1),
         negligible=size <= negligible_share(step.dtype) * reach,
     )
-
-
-def negligible_share(dtype: torch.dtype) -> float:
-    """Of the squared length of the coordinates: steps that are shorter are rounding."""
-    return float((_NEGLIGIBLE * torch.finfo(dtype).eps) ** 2)

@@ -61,9 +61,15 @@ class Factorization:
     @cached_property
     def arrays(self) -> Model:
         """The same for compiled loops, without what belongs to shared unknowns."""
-        from perfcap.solve import _model_numba
+        from perfcap.solve._model_numba import Bases, as_arrays
 
-        return _model_numba.as_arrays(self)
+        cholesky, window = self.cholesky, self.window
+        if window is None:
+            none = cholesky[..., :0]
+            empty = none[..., :0, :]
+            return as_arrays(cholesky, none, none.mT, empty, Bases((), []), none[:, 0, :0])
+        bases, root = Bases(window.bases, window.sizes), window.cholesky.mT
+        return as_arrays(cholesky, window.solved, window.jacobian, window.defect, bases, root)
 
     def solve(self, rows: Tensor) -> Tensor:
         """H^-1 times rows (B, N)."""

@@ -13,7 +13,8 @@ from torch import Tensor
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.damped_loop import Run, minimize
-from perfcap.solve.damped_step import DampedModel, DampedStep, damped_step, room_for_steps
+from perfcap.solve.damped_model import DampedModel, DampedStep
+from perfcap.solve.damped_step import damped_step, room_for_steps
 from perfcap.solve.damping import damping_scale
 from perfcap.solve.energy import Objective, StateType
 from perfcap.solve.layout import Layout

@@ -12,23 +12,8 @@ from typing import Any, Protocol, runtime_checkable
 from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
+from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.energy import Residual
-
-
-@dataclass(frozen=True)
-class CoarseSpace:
-    """Motions of groups of blocks that cost an energy little.
-
-    Args:
-        group: group 0 ... C - 1 of each block, -1 for none, (M,).
-        groups: C.
-        modes: how a block moves along each of the r motions of its group, (*b, F, M, q, r), or
-            (P, M, q, r) inside the solver.
-    """
-
-    group: Tensor
-    groups: int
-    modes: Tensor
 
 
 class Curvature(Protocol):

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, total
-from perfcap.solve.sparse import CoarseSpace, Curvature, OffersBlocks, OffersCoarseSpace
+from perfcap.solve.sparse import Curvature, OffersBlocks, OffersCoarseSpace
 
 
 @runtime_checkable

@@ -11,12 +11,12 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.coarse import CoarseCorrection, coarse_correction
+from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.conjugate_gradient import conjugate_gradients
 from perfcap.solve.damped_loop import Proposal, Run, minimize
 from perfcap.solve.energy import Objective, StateType, Step
 from perfcap.solve.progress import ROUNDING, Outcome, Progress
 from perfcap.solve.solution import Solution
-from perfcap.solve.sparse import CoarseSpace
 from perfcap.solve.sparse_problem import SparseEquations, SparseProblem
 
 _FLOOR = 1e-6  # of the mean curvature, for unknowns that nothing sees

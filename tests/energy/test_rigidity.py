@@ -22,7 +22,7 @@ from perfcap.solve import (
     TruncatedNewton,
     solve,
 )
-from perfcap.solve.sparse import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.sparse_problem import SparseProblem
 
 

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from perfcap.solve import Energy, Objective, Residual, Step
-from perfcap.solve.sparse import BlockLinearization, CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace
+from perfcap.solve.sparse import BlockLinearization
 
 
 @dataclass(frozen=True)

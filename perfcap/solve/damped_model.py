@@ -1,0 +1,70 @@
+"""What a damped step is found from, and what it is: for compiled loops and torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.solve.bounds import StepBox
+from perfcap.solve.damped_loop import Proposal
+from perfcap.solve.damping import added_damping
+from perfcap.solve.normal_equations import NormalEquations
+
+_NEGLIGIBLE = 4  # units in the last place of the unknowns
+
+
+@dataclass(frozen=True)
+class DampedModel:
+    """A model and how it is damped.
+
+    Args:
+        equations: the model.
+        value: damping of each element, B numbers.
+        undamped: which elements try a step without damping to speak of, B flags.
+        running: which elements go on, B flags.
+        here: scale of the unknowns at the state, (B, N).
+        scale: the largest so far, which a damping of one adds to the diagonal, (B, N).
+        at: coordinates of the state, (B, N).
+        box: bounds on the step, as seen from the state.
+        multipliers: of the bounds in a similar problem, (B, N).
+    """
+
+    equations: NormalEquations
+    value: list[float]
+    undamped: list[bool]
+    running: list[bool]
+    here: Tensor
+    scale: Tensor
+    at: Tensor
+    box: StepBox | None
+    multipliers: Tensor
+
+    def damping(self) -> Tensor:
+        """What is added to the diagonal, (B, N): where an undamped step is tried, a share of what
+        the unknowns show here, however much that has been elsewhere.
+        """
+        value, scale = self.scale.new_tensor(self.value), self.scale
+        if any(self.undamped):
+            undamped = torch.tensor(self.undamped, device=value.device).unsqueeze(-1)
+            scale = torch.where(undamped & (self.here > 0), self.here, scale)
+        return added_damping(value, scale)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DampedStep(Proposal):
+    """A step within the bounds.
+
+    Args:
+        damping: what was added to the diagonal, (B, N).
+        multipliers: of the bounds that hold the step, (B, N).
+    """
+
+    damping: Tensor
+    multipliers: Tensor
+
+
+def negligible_share(dtype: torch.dtype) -> float:
+    """Of the squared length of the coordinates: steps that are shorter are rounding."""
+    return float((_NEGLIGIBLE * torch.finfo(dtype).eps) ** 2)
