@@ -12,7 +12,7 @@ from rich.table import Table
 
 from perfcap.app.console import PlainConsole
 from perfcap.app.people_truth import match_truths, read_truths
-from perfcap.app.scores import joint_scores, joint_tables, mask_scores, surface_scores
+from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
 from perfcap.app.truth import Truth, find_truth, read_found, read_truth
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
@@ -130,7 +130,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     require_one_capture(folder)
     found = read_found(folder / "motion.npz")
     scores = joint_scores(found, truth)
-    notes = list(truth.sequence.warnings)
+    notes = [*truth.sequence.warnings, *joint_doubts(found, truth)]
     if (folder / "surface.npz").is_file():
         found_scores, remarks = surface_scores(open_surface(folder / "surface.npz"), truth, every)
         scores |= found_scores

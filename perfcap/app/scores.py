@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.app.truth import FoundJoints, Truth, match_frames, require_rate
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.datasets import SurfaceTruth
@@ -26,6 +26,7 @@ from perfcap.metrics import (
     foot_skate,
     joint_errors,
     joint_table,
+    mismatches,
     penetration,
     reprojection_error,
     silhouette_scores,
@@ -92,6 +93,16 @@ def joint_tables(found: FoundJoints, truth: Truth) -> dict[str, Scores]:
         means = joint_table(aligned_distances(estimate, true, valid, alignment), LANDMARKS)
         tables[str(alignment)] = {n: float(v) for n, v in means.items() if v.isfinite()}
     return tables
+
+
+def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
+    """Mistakes in the truth that its joints show; see ``mismatches``."""
+    if truth.sequence.joints3d is None:
+        return []
+    rows, others = match_frames(found.frames, truth, str(found.path))
+    estimate, true = found.joints[rows], _scored(truth.sequence.joints3d[others], truth)
+    valid = counted_joints(estimate, true, partial=True)
+    return list(mismatches(estimate, true, valid, LANDMARKS16.mirrored()))
 
 
 def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[Scores, list[str]]:

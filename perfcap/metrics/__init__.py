@@ -25,6 +25,7 @@ from perfcap.metrics.masks import (
     mask_overlap,
     silhouette_scores,
 )
+from perfcap.metrics.mismatch import mismatches
 from perfcap.metrics.missing import counted_joints
 from perfcap.metrics.motion import (
     LimitViolations,
@@ -79,6 +80,7 @@ __all__ = [
     "marker_error",
     "marker_positions",
     "mask_overlap",
+    "mismatches",
     "penetration",
     "reprojection_error",
     "root_aligned",

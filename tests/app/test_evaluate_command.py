@@ -53,6 +53,19 @@ def test_truth_may_be_a_folder(
     assert perfcap(["evaluate", result, "--truth", tmp_path]).code == 0
 
 
+def test_a_truth_of_another_world_is_told(
+    take: TakeFiles, result: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    truth = arrays(take.truth)
+    z_up = truth | {"joints3d": truth["joints3d"][..., [0, 2, 1]] * [1.0, -1.0, 1.0]}
+    np.savez(tmp_path / "z_up.npz", **z_up)
+    outcome = perfcap(["evaluate", result, "--truth", tmp_path / "z_up.npz"])
+    assert outcome.code == 0 and "rotation of all frames by 90 degrees" in outcome.out
+    (note,) = json.loads((result / "metrics.json").read_text())["notes"]
+    assert "world of the cameras" in note
+    assert "rotation" not in perfcap(["evaluate", result, "--truth", take.truth]).out
+
+
 def test_frames_are_matched_by_number(
     take: TakeFiles, result: Path, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -1,0 +1,110 @@
+"""Mistakes that explain why an estimate is far from its truth: other worlds, frames and sides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from perfcap.geometry.alignment import procrustes, similarity_align
+from perfcap.metrics.alignment import HIPS, root_of
+
+_FAR = 0.05  # m: a nearer estimate needs no explanation
+_LEFT = 0.4  # share of the error that an explanation may leave
+_LAGS = 10  # frames
+_TURN = 10.0  # degrees by which one world differs from another
+_STILL = 1e-3  # m
+_STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
+
+
+def mismatches(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int]
+) -> tuple[str, ...]:
+    """A sentence for each mistake in the truth, or in what it is compared with, that shows.
+
+    Each must take most of the error away by itself; errors of captures do not look like that.
+
+    Args:
+        estimate: joints (F, J, 3), metres.
+        truth: the same.
+        valid: joints that count, (F, J).
+        mirrored: each joint's counterpart on the other side; itself in the middle.
+    """
+    if not bool(valid.any()) or _error(estimate, truth, valid) < _FAR:
+        return ()
+    told = tuple(_explained(estimate, truth, valid, mirrored))
+    if told:
+        return told
+    left = _error(similarity_align(estimate, truth, valid.to(estimate.dtype)), truth, valid)
+    if not left > _STRANGE:
+        return ()
+    return (
+        f"even aligned frame by frame the joints are {1000 * left:.0f} mm off; check that those of "
+        "the truth are in the order of the landmarks, and of this person and clip",
+    )
+
+
+def _explained(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int]
+) -> Iterator[str]:
+    now = _error(estimate, truth, valid)
+    if _stays(root_of(truth), valid) and not _stays(root_of(estimate), valid):
+        yield (
+            "the hips of the truth stay in one place, those of the result do not; the truth is "
+            "relative to them, so that only aligned errors count"
+        )
+    lag, left = _best_lag(estimate, truth, valid)
+    if left < _LEFT:
+        yield (
+            f"with the truth of {abs(lag)} frames {'later' if lag > 0 else 'earlier'} {left:.0%} "
+            "of the error is left; check the numbers of its frames"
+        )
+    order = list(mirrored)
+    left = _error(estimate[:, order], truth, valid) / now
+    if left < _LEFT:
+        yield (
+            f"with left and right of the truth exchanged {left:.0%} of the error is left; left and "
+            "right are the person's own"
+        )
+    turn, left = _turned(estimate, truth, valid)
+    if left / now < _LEFT and turn > _TURN:
+        yield (
+            f"after one rotation of all frames by {turn:.0f} degrees {left / now:.0%} of the error "
+            "is left; give the truth in the world of the cameras"
+        )
+
+
+def _error(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
+    return float((estimate - truth)[valid].norm(dim=-1).mean())
+
+
+def _stays(points: Tensor, valid: Tensor) -> bool:
+    seen = points[valid[:, list(HIPS)].all(-1)]
+    return len(seen) > 1 and float((seen - seen[0]).norm(dim=-1).max()) < _STILL
+
+
+def _best_lag(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[int, float]:
+    """By how many frames the truth fits best, and the share of the error that this leaves."""
+    best = 0, 1.0
+    for lag in range(-_LAGS, _LAGS + 1):
+        if lag == 0 or abs(lag) >= len(truth) // 2:
+            continue
+        here = slice(max(-lag, 0), len(truth) - max(lag, 0))
+        there = slice(max(lag, 0), len(truth) - max(-lag, 0))
+        both = valid[here] & valid[there]
+        if not bool(both.any()):
+            continue
+        before = _error(estimate[here], truth[here], both)
+        left = _error(estimate[here], truth[there], both) / max(before, 1e-9)
+        best = min(best, (lag, left), key=lambda each: each[1])
+    return best
+
+
+def _turned(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, float]:
+    """One rigid motion of all frames: its angle in degrees, and the error it leaves, metres."""
+    source, target = estimate[valid], truth[valid]
+    moved = procrustes(source, target, scale=False)
+    cosine = (moved.rotation.diagonal().sum() - 1) / 2
+    left = float((moved.apply(source) - target).norm(dim=-1).mean())
+    return float(torch.rad2deg(cosine.clamp(-1, 1).arccos())), left

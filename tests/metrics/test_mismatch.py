@@ -1,0 +1,76 @@
+"""Truths of other worlds, frames, sides and orders are told; errors of captures are not."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from takes import make_take
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.metrics import mismatches
+from perfcap.metrics.alignment import root_aligned
+
+ORDER = LANDMARKS16.mirrored()
+
+
+@pytest.fixture(scope="module")
+def joints() -> Tensor:
+    take = make_take(60)
+    return take.actor.joints(take.truth)
+
+
+def told(estimate: Tensor, truth: Tensor, valid: Tensor | None = None) -> tuple[str, ...]:
+    everything = torch.ones(truth.shape[:-1], dtype=torch.bool)
+    return mismatches(estimate, truth, everything if valid is None else valid, ORDER)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.03, 0.2])
+def test_errors_of_a_capture_are_not_explained(joints: Tensor, size: float) -> None:
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    slow = noise.cumsum(0) / (1 + torch.arange(60)[:, None, None]).sqrt()
+    offset = torch.tensor([0.1, 0.0, 2 * size]).to(joints)
+    if size < 0.2:
+        assert told(joints + size * slow + offset, joints) == ()
+    else:
+        assert not any("exchanged" in line or "rotation" in line for line in told(
+            joints + size * slow + offset, joints
+        ))  # fmt: skip
+
+
+def test_frames_that_are_late(joints: Tensor) -> None:
+    (line,) = told(joints[:-5], joints[5:])
+    assert "5 frames earlier" in line
+    (line,) = told(joints[5:], joints[:-5])
+    assert "5 frames later" in line
+
+
+def test_sides(joints: Tensor) -> None:
+    lines = told(joints, joints[:, list(ORDER)])
+    assert any("left and right of the truth exchanged" in line for line in lines)
+
+
+def test_another_world(joints: Tensor) -> None:
+    turn = rotvec_to_matrix(torch.tensor([torch.pi / 2, 0, 0]).to(joints))
+    (line,) = told(joints, joints @ turn.mT)
+    assert "rotation of all frames by 90 degrees" in line
+
+
+def test_truth_relative_to_the_hips(joints: Tensor) -> None:
+    (line,) = told(joints, root_aligned(joints))
+    assert "relative to them" in line
+
+
+def test_another_order(joints: Tensor) -> None:
+    (line,) = told(joints, joints.flip(-2))
+    assert "order of the landmarks" in line
+
+
+def test_joints_that_are_missing_take_no_part(joints: Tensor) -> None:
+    valid = torch.rand(joints.shape[:-1], generator=torch.Generator().manual_seed(0)) > 0.3
+    holes = torch.where(valid.unsqueeze(-1), joints, torch.nan)
+    turn = rotvec_to_matrix(torch.tensor([0, 0, torch.pi / 2]).to(joints))
+    assert told(joints, holes, valid) == ()
+    assert any("rotation" in line for line in told(joints, holes @ turn.mT, valid))
+    assert told(joints, holes, torch.zeros_like(valid)) == ()
