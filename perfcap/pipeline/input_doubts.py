@@ -21,6 +21,7 @@ from perfcap.io.doctor.evidence import Scene
 
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -77,8 +78,11 @@ def actor_doubts(
     points, _ = Scene(known, found).straightened().sampled().triangulated(_TRIMS)
     seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
     own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
-    ratio = own / float(seen.nanmedian()) if bool(seen.isfinite().any()) else 1.0
-    if math.isfinite(ratio) and not _RATIO[0] < ratio < _RATIO[1]:
+    shown = float(seen.nanmedian()) if seen.numel() else math.nan
+    if not (math.isfinite(shown) and shown > _NONE):
+        return
+    ratio = own / shown
+    if not _RATIO[0] < ratio < _RATIO[1]:
         yield (
             f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
             "the scale and the focal lengths of the calibration, solve the bone lengths (--bones "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,13 +12,16 @@ from torch import Tensor, nn
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, LANDMARKS16, JointSet
+from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.input_doubts import input_doubts
 from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.pose_estimate import Clips, Raw, read_estimates
+from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates
 from perfcap.pipeline.start_clip import start_clip
 from perfcap.pipeline.track_motion import select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
@@ -70,6 +74,9 @@ class PoseRefiner(nn.Module):
         learn_weights: make the weights of the energies parameters.
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
+    Of the first clip of 2D joints that it sees it says in warnings what ``perfcap doctor`` would:
+    exchanged axes and sides, units, views that disagree.
+
     Attributes:
         names: of the energies whose weights can be learned.
         log_weights: logarithms of a factor on the weight of each of them.
@@ -98,6 +105,7 @@ class PoseRefiner(nn.Module):
         self.config = _without(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
         self.energies = own_terms(energies)
+        self._examined = False
         self.names = TERMS
         like = actor.skeleton.lower
         self.log_weights = nn.Parameter(
@@ -146,11 +154,25 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
+            if joints2d is not None:
+                self._examine(estimates[0])
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
         return refined if batched else _single(refined)
+
+    def _examine(self, clip: ClipEstimate) -> None:
+        """Warn of mistakes that the first clip shows: once, as a training loop has no time."""
+        seen = clip.detections.map(lambda part: part.detach().cpu())
+        if self._examined or not is_plain(seen.joints2d):
+            return
+        self._examined = True
+        if seen.joints3d is not None:  # where they are does not count here
+            centred = seen.joints3d - mid_hip(seen.joints3d).unsqueeze(-2)
+            seen = replace(seen, joints3d=centred)
+        for line in input_doubts(clip.cameras, seen):
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
 
     def _solve_twice(
         self, clips: list[ClipProblem], initial: list[Motion]

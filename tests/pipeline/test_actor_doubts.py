@@ -32,6 +32,16 @@ def test_an_actor_of_another_size_is_told() -> None:
     assert not list(actor_doubts(longer, take.cameras, take.detections, True))
 
 
+def test_views_that_show_no_legs_say_nothing_of_their_length() -> None:
+    take = make_take(20, views=3)
+    unseen = torch.zeros_like(take.detections.confidence2d)
+    nobody = replace(take.detections, confidence2d=unseen)
+    assert not list(actor_doubts(take.actor, take.cameras, nobody, False))
+    origin = torch.zeros(20, 16, 3, dtype=torch.float64)  # all joints in one place
+    point = replace(take.detections, joints2d=take.cameras.project(origin))
+    assert not list(actor_doubts(take.actor, take.cameras, point, False))
+
+
 def test_focal_lengths_that_are_too_long_in_every_view_are_told_in_python() -> None:
     take = make_take(20, views=3)
     longer = take.cameras.intrinsics.clone()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -118,6 +119,18 @@ def test_pixels_and_poses_of_one_view() -> None:
     placed = VIEWS.to_camera(JOINTS)[:, :1] + 0.04 * normal(FRAMES, 1, 16, 3)
     known = refiner().eval()(front, PIXELS[:, :1], joints3d=placed, placed=True)
     assert error(known.joints) < error(both.joints) < 0.3
+
+
+def test_mistakes_that_the_first_clip_shows_are_told_once() -> None:
+    layer = refiner().eval()
+    flipped = torch.stack((PIXELS[..., 0], 400 - PIXELS[..., 1]), -1)
+    with pytest.warns(UserWarning, match="PoseRefiner: .*(exchanged|upside down|y up|axes)"):
+        layer(VIEWS, flipped)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        layer(VIEWS, flipped)
+        refiner().eval()(VIEWS, PIXELS)
+        copy.deepcopy(layer)(VIEWS, flipped)
 
 
 def test_batch_equals_loop() -> None:
