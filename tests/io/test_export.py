@@ -317,6 +317,22 @@ def test_results_without_angles_still_leave(recording: Recording, tmp_path: Path
     ]
 
 
+@pytest.mark.parametrize("damage", ["missing", "another shape", "another type"])
+def test_ranges_do_without_limits(recording: Recording, tmp_path: Path, damage: str) -> None:
+    with np.load(recording.result.folder / "motion.npz", allow_pickle=False) as data:
+        arrays = {name: data[name] for name in data.files}
+    upper = arrays.pop("angle_upper")
+    if damage != "missing":
+        arrays["angle_upper"] = upper[:-1] if damage == "another shape" else upper.astype(np.int64)
+    np.savez(tmp_path / "motion.npz", **arrays)
+    damaged = replace(recording, result=replace(recording.result, folder=tmp_path))
+    folder = write("csv", tmp_path / "out", damaged)
+    rows = (folder / f"{NAME}_ranges.csv").read_text().splitlines()[1:]
+    assert len(rows) == len(upper) and all(row.split(",")[2] == "nan" for row in rows)
+    lower = [row.split(",")[1] == "nan" for row in rows]
+    assert all(lower) if damage == "another type" else not any(lower)
+
+
 def test_archives_hold_no_time_of_day(recording: Recording, tmp_path: Path) -> None:
     one, two = (write("npz", tmp_path / n, recording) / f"{NAME}.npz" for n in "ab")
     assert one.read_bytes() == two.read_bytes() and zipfile.is_zipfile(one)

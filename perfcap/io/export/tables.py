@@ -52,7 +52,8 @@ def _write_ranges(path: Path, recording: Recording, motion: dict[str, NDArray[An
     found = read_archive(source, names, "the motion.npz of a capture")
     angles, count = np.degrees(motion["angles"]), len(motion["angle_names"])
     none = np.full(count, np.nan)
-    limits = [found[n] if found.get(n, none).shape == (count,) else none for n in names]
+    limits = [found.get(name, none) for name in names]
+    limits = [each if each.shape == (count,) else none for each in limits]
     if any(limit.dtype.kind != "f" for limit in limits):
         limits = [none, none]
     least, most = angles.min(0), angles.max(0)
