@@ -1,7 +1,8 @@
 """Silhouettes by more and more knowledge (Xu et al. 2018, Fig. 4, 5 and 12).
 
-From a box alone; from a network alone; from the posed model; with the motion cue (the paper's);
-with what perfcap adds, and with each of these left out; and again after the pose was refined.
+From each cue alone, in the band that the posed model leaves open: colours, the plate, motion, a
+network; from the posed model with the motion cue (the paper's); with all that perfcap adds, and
+with each cue left out; and again after the pose was refined.
 """
 
 from __future__ import annotations
@@ -39,6 +40,26 @@ _NOTES = (
 )
 _FIRST = GrabCutSettings()
 _NO_MOTION = replace(_FIRST.smoothness, temporal=0.0)
+_NO_SHADES = replace(_FIRST.trimap, contact=0.0)
+
+
+def _believed(settings: GrabCutSettings, prior: float) -> GrabCutSettings:
+    """With as many nats for the posed model's own depth."""
+    backed, alone = (replace(b, prior=prior) for b in (settings.backed, settings.alone))
+    return replace(settings, backed=backed, alone=alone)
+
+
+_CUE_ALONE = replace(
+    _believed(_FIRST, 0.0), smoothness=_NO_MOTION, network=0.0, use_plate=False, use_colors=False
+)
+_ALONE = {
+    "colours": replace(_CUE_ALONE, use_colors=True),
+    "plate": replace(_CUE_ALONE, use_plate=True),
+    # neighbours that move together belong together; who is who only the model's depth can say
+    "motion, and the model's depth": replace(
+        _believed(_CUE_ALONE, _FIRST.alone.prior), smoothness=_FIRST.smoothness
+    ),
+}
 _VARIANTS = {
     "model": MODEL_ONLY,
     "model + motion (the paper's)": PAPER,
@@ -46,13 +67,13 @@ _VARIANTS = {
     "default, model believed more": SECOND_PASS,
 }
 _LEFT_OUT = {
-    "no network": replace(_FIRST, network=0.0),
+    "no colours": replace(_FIRST, use_colors=False),
     "no plate": replace(_FIRST, use_plate=False),
+    "no network": replace(_FIRST, network=0.0),
     "no plate, no network": replace(_FIRST, use_plate=False, network=0.0),
     "no motion": replace(_FIRST, smoothness=_NO_MOTION),
-    "model not believed": replace(
-        _FIRST, backed=replace(_FIRST.backed, prior=0.0), alone=replace(_FIRST.alone, prior=0.0)
-    ),
+    "no contact shadows": replace(_FIRST, trimap=_NO_SHADES),
+    "model not believed": _believed(_FIRST, 0.0),
 }
 
 
@@ -146,6 +167,8 @@ def _rows(
     boxes = (box_grabcut(take.image(f), take.model(first, f)) for f in take.frames)
     yield row("box", boxes)
     yield row("network alone", (take.alone(first, network, f) for f in take.frames))
+    for name, settings in _ALONE.items():
+        yield row(f"{name} alone", take.masks(first, settings, network))
     for name, settings in (_VARIANTS | _LEFT_OUT).items():
         yield row(f"first pass, {name}", take.masks(first, settings, network))
     for name, settings in _VARIANTS.items():

@@ -15,7 +15,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
-from perfcap.pipeline.extract_silhouettes import FrameBlock, SilhouetteSource
+from perfcap.pipeline.extract_silhouettes import FEET, FrameBlock, SilhouetteSource
 from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.pose_spread import parts_of_triangles
 from perfcap.pipeline.sight import Sight
@@ -125,7 +125,7 @@ class PeopleSource(SilhouetteSource):
         nobody = np.zeros((len(self.people), *self.sight.cameras.size[block.view]), np.bool_)
         models = [_masks(layers[f]) if f in layers else nobody for f in block.shown]
         bones = self._bones(block.view, block.shown)
-        footage = Footage(list(block.images), models, bones)
+        footage = Footage(list(block.images), models, bones, FEET)
         first = block.wanted.start - block.shown.start
         chosen = range(first, first + len(block.wanted))
         for index, found in zip(

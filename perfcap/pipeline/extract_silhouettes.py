@@ -36,7 +36,7 @@ _LIMBS = (
     ("l_elbow", "l_wrist"), ("r_hip", "l_hip"), ("r_hip", "r_knee"), ("r_knee", "r_ankle"),
     ("r_ankle", "r_toe"), ("l_hip", "l_knee"), ("l_knee", "l_ankle"), ("l_ankle", "l_toe"),
 )  # fmt: skip
-
+FEET = tuple(i for i, (_, end) in enumerate(_LIMBS) if end in ("r_toe", "l_toe"))
 
 _ASKED = 5  # frames of a stretch in which a network is compared with the other cues
 
@@ -163,7 +163,7 @@ class SilhouetteSource:
         """The frames of a block, and which of them are wanted."""
         models = [self._model(block.view, f, block) for f in block.shown]
         bones = self._bones(block.view, block.shown)
-        footage = Footage(list(block.images), models, bones)
+        footage = Footage(list(block.images), models, bones, FEET)
         first = block.wanted.start - block.shown.start
         return footage, range(first, first + len(block.wanted))
 

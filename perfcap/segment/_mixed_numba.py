@@ -14,7 +14,7 @@ def settle(
     behind: NDArray[np.float32],
     known: NDArray[np.bool_],
     distance: NDArray[np.float32],
-    limits: tuple[int, float, float, float],
+    limits: tuple[int, float, float, float, float],
     mask: NDArray[np.bool_],
 ) -> None:
     """Give pixels to the side whose colour they have more of.
@@ -27,7 +27,7 @@ def settle(
         distance: to the mask's boundary, (H, W) px, positive inside.
         limits: px within which pure colours are looked for; px from the boundary beyond which a
             pixel is pure; squared colour difference below which two sides cannot be told apart;
-            and by how much a share must differ from a half.
+            by how much a share must differ from a half; and by how much it may leave [0, 1].
         mask: (H, W), changed.
     """
     sums = np.empty((3, 4))  # colours inside, outside, and of the plate there; weights
@@ -46,7 +46,7 @@ def settle(
             step = sums[0, k] / sums[0, 3] - outside
             along += step * (image[row, column, k] - outside)
             square += step * step
-        if square > limits[2] and abs(along / square - 0.5) > limits[3]:
+        if square > limits[2] and limits[3] < abs(along / square - 0.5) < 0.5 + limits[4]:
             mask[row, column] = along > 0.5 * square
 
 

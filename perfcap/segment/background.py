@@ -8,7 +8,7 @@ darkened by a shadow; a shadow keeps the texture, a person does not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -29,6 +29,27 @@ _DARK = 30  # grey levels below which a ratio says nothing about exposure
 
 
 @dataclass(frozen=True)
+class Shade:
+    """Shadows in which the plate may lie: how dark, and how well they keep its texture.
+
+    Attributes:
+        window: px, side of the neighbourhood in which a shadow must keep the texture.
+        darkest: share of the light that is left in a shadow.
+        brightest: light, relative to the plate's, where the plate itself lies in shadow.
+        tint: share by which light on one channel may differ from that on all.
+        slope: grey levels by which colours depart where light varies in a neighbourhood.
+        texture: nats for each unit by which a neighbourhood departs from its shadow.
+    """
+
+    window: int = 7
+    darkest: float = 0.35
+    brightest: float = 1.8
+    tint: float = 0.06
+    slope: float = 3.0
+    texture: float = 2.0
+
+
+@dataclass(frozen=True)
 class PlateSettings:
     """How plates are made and compared with.
 
@@ -39,12 +60,9 @@ class PlateSettings:
         jitter: px, how far edges of the background wander (compression, vibration).
         noise: least standard deviation of a colour, grey levels.
         unsteady: deviation of the surroundings, grey levels, above which a plate is not used.
-        window: px, side of the neighbourhood in which a shadow must keep the texture.
-        darkest: share of the light that is left in a shadow.
-        brightest: light, relative to the plate's, where the plate itself lies in shadow.
-        tint: share by which light on one channel may differ from that on all.
+        shade: shadows anywhere.
+        contact: shadows around feet that stand on the ground: darker, and they end within pixels.
         shadow_noise: standard deviation of colours in shadow, added, grey levels.
-        shadow_texture: nats for each unit by which a neighbourhood departs from its shadow.
         shadow_prior: probability that background lies in shadow.
         clutter: probability that background does not fit the plate at all.
     """
@@ -54,12 +72,11 @@ class PlateSettings:
     jitter: float = 0.4
     noise: float = 3.0
     unsteady: float = 16.0
-    window: int = 7
-    darkest: float = 0.35
-    brightest: float = 1.8
-    tint: float = 0.06
+    shade: Shade = field(default_factory=Shade)
+    contact: Shade = field(
+        default_factory=lambda: Shade(5, darkest=0.2, brightest=1.1, slope=10.0, texture=1.0)
+    )
     shadow_noise: float = 3.0
-    shadow_texture: float = 2.0
     shadow_prior: float = 0.1
     clutter: float = 0.001
 
@@ -151,12 +168,17 @@ def build_plate(
 
 
 def find_lighting(
-    image: Plane, surroundings: Mask, plate: Plate, settings: PlateSettings
+    image: Plane,
+    surroundings: Mask,
+    plate: Plate,
+    settings: PlateSettings,
+    contact: Mask | None = None,
 ) -> Lighting | None:
     """How the plate is lit in an image (h, w, 3) of the same part.
 
     Exposure and noise are taken from the ``surroundings`` (h, w), which surely show background;
-    None where they do not fit: the camera has moved, or the scene has changed.
+    None where they do not fit: the camera has moved, or the scene has changed. Around feet, at
+    ``contact`` (h, w), shadows are of another kind (``PlateSettings.contact``).
     """
     sample = np.nonzero((surroundings & plate.known).ravel())[0]
     if len(sample) < _LEAST:
@@ -170,33 +192,48 @@ def find_lighting(
     noise = float(np.sqrt(np.median(squared) / _CHI_SQUARED_MEDIAN))
     if noise > settings.unsteady:
         return None
-    return Lighting(gain, noise, *_shadows(image, plate, gain, noise, settings))
-
-
-def _shadows(
-    image: Plane, plate: Plate, gain: Plane, noise: float, settings: PlateSettings
-) -> tuple[Plane, Plane]:
-    """Light that changes slowly over the image, and how little it explains (see ``Lighting``)."""
     behind = plate.color * gain
+    variance = _variance(plate.deviation, noise, settings)
+    light, strain = _shadows(image, behind, variance, settings.shade)
+    if contact is not None and contact.any():
+        part = _surrounding(contact, settings.contact.window)
+        darker, less = _shadows(image[part], behind[part], variance[part], settings.contact)
+        better = contact[part] & (less < strain[part])
+        light[part][better], strain[part][better] = darker[better], less[better]
+    return Lighting(gain, noise, light, strain)
+
+
+def _shadows(image: Plane, behind: Plane, variance: Plane, shade: Shade) -> tuple[Plane, Plane]:
+    """Light that changes slowly over the image, and how little it explains (see ``Lighting``)."""
+    image, behind = np.ascontiguousarray(image), np.ascontiguousarray(behind)
     light = np.empty_like(image)
     _background_numba.relight(
-        _mean(image * behind, settings.window),
-        _mean(behind * behind, settings.window),
-        (settings.darkest, settings.brightest, settings.tint),
+        _mean(image * behind, shade.window),
+        _mean(behind * behind, shade.window),
+        (shade.darkest, shade.brightest, shade.tint),
         light,
     )
-    variance = _variance(plate.deviation, noise, settings) + np.float32(settings.shadow_noise**2)
+    variance = variance + np.float32(shade.slope**2)
     departure = np.empty_like(variance)
     _background_numba.depart(image, behind, light, variance, departure)
     # three is what noise alone gives
-    strain = np.float32(settings.shadow_texture) * np.maximum(
-        _mean(departure, settings.window) - np.float32(3), 0
+    strain = np.float32(shade.texture) * np.maximum(
+        _mean(departure, shade.window) - np.float32(3), 0
     )
     best, least = np.empty_like(light), np.empty_like(strain)
     _background_numba.best_shade(
-        image, behind, light, strain, variance, settings.window // 2, best, least
+        image, behind, light, strain, variance, shade.window // 2, best, least
     )
     return best, least
+
+
+def _surrounding(chosen: Mask, window: int) -> Box:
+    """The box of chosen pixels (h, w), and of their neighbourhoods' neighbourhoods."""
+    rows, columns = (
+        slice(max(int(found[0]) - window, 0), int(found[-1]) + window + 1)
+        for found in (np.nonzero(chosen.any(axis))[0] for axis in (1, 0))
+    )
+    return rows, columns
 
 
 def background_density(

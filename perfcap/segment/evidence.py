@@ -82,24 +82,27 @@ def log_ratio(
     pixels = image[chosen]
     known = None if backdrop is None else backdrop.plate.known[chosen]
     surprise = choose(known, settings.backed.surprise, settings.alone.surprise)
-    with np.errstate(divide="ignore"):  # no surprise: log 0
-        person = np.logaddexp(
-            models.foreground.log_density(pixels) + np.log(1 - surprise),
-            _ANY_COLOR + np.log(surprise),
-        )
-    scene = models.background.log_density(pixels)
-    if settings.unseen > 0:  # the person may always have hidden it
-        scene = np.logaddexp(
-            scene + np.float32(np.log(1 - settings.unseen)),
-            np.float32(_ANY_COLOR + np.log(settings.unseen)),
-        )
+    if settings.use_colors:
+        person = _mixed(models.foreground.log_density(pixels), surprise)
+        # the person may always have hidden it
+        scene = _mixed(models.background.log_density(pixels), np.float32(settings.unseen))
+    else:
+        person = scene = np.full(len(pixels), _ANY_COLOR, np.float32)
     if backdrop is not None and known is not None:
         backed = background_density(
             pixels, chosen, backdrop.plate, backdrop.lighting, settings.plate
         )
         clutter = scene + np.float32(np.log(settings.plate.clutter))
         scene = np.where(known, np.logaddexp(backed, clutter), scene)
-    return np.clip(person - scene, -settings.limit, settings.limit)
+    ratio: Plane = np.clip(person - scene, -settings.limit, settings.limit)
+    return ratio
+
+
+def _mixed(density: Plane, unknown: Plane | np.float32) -> Plane:
+    """Log density of colours that are as expected, or with some probability just any colour."""
+    with np.errstate(divide="ignore"):  # none is unknown: log 0
+        mixed: Plane = np.logaddexp(density + np.log(1 - unknown), _ANY_COLOR + np.log(unknown))
+    return mixed
 
 
 def choose(known: Mask | None, backed: float, alone: float) -> Plane:

@@ -173,7 +173,9 @@ def _look(
     if settings.smoothness.temporal > 0:
         others = [picture.astype(np.float32) for picture in adjacent]
         cue = temporal_gradient(pixels, others, around, settings.motion)
-    lighting = None if plate is None else find_lighting(pixels, around, plate, settings.plate)
+    lighting = None
+    if plate is not None:
+        lighting = find_lighting(pixels, around, plate, settings.plate, trimap.contact)
     backdrop = None if plate is None or lighting is None else Backdrop(plate, lighting)
     moves = cue.gradient is not None
     report = FrameReport(full.size > 0, moves, cue.level, cropped=full.cropped)

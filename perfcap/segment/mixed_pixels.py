@@ -18,6 +18,7 @@ _REACH = 3  # px within which pure colours are looked for
 _PURE = 1.1  # px from the boundary
 _APART = 30.0  # grey levels by which two sides must differ
 _SLACK = 0.1  # of a share around a half that decides nothing
+_BEYOND = 0.2  # by which a share may leave [0, 1]; further out the pixel is no mixture
 
 
 def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, open_: Mask) -> Mask:
@@ -38,7 +39,7 @@ def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, ope
         backdrop.plate.color * backdrop.lighting.gain,
         np.ascontiguousarray(backdrop.plate.known),
         distance,
-        (_REACH, _PURE, _APART**2, _SLACK),
+        (_REACH, _PURE, _APART**2, _SLACK, _BEYOND),
         settled,
     )
     return settled

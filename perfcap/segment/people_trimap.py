@@ -30,7 +30,10 @@ _RANK = np.argsort(_RANKED).astype(np.uint8)
 
 
 def trimap_of(
-    model: Mask, bones: NDArray[np.floating], settings: TrimapSettings | None = None
+    model: Mask,
+    bones: NDArray[np.floating],
+    settings: TrimapSettings | None = None,
+    feet: Sequence[int] = (),
 ) -> Trimap:
     """Regions around one model (H, W), as ``build_trimap``; or around several, (K, H, W).
 
@@ -38,14 +41,18 @@ def trimap_of(
         model: silhouettes of posed models.
         bones: of one (B, 2, 2) px, or of each, (K, B, 2, 2).
         settings: widths.
+        feet: which of a person's bones lead from an ankle to the toes.
     """
     if model.ndim == 2:
-        return build_trimap(model, bones, settings)
-    return joined(own_trimaps(model, bones, settings))
+        return build_trimap(model, bones, settings, feet=feet)
+    return joined(own_trimaps(model, bones, settings, feet))
 
 
 def own_trimaps(
-    models: Mask, bones: NDArray[np.floating], settings: TrimapSettings | None = None
+    models: Mask,
+    bones: NDArray[np.floating],
+    settings: TrimapSettings | None = None,
+    feet: Sequence[int] = (),
 ) -> tuple[Trimap, ...]:
     """Regions around each of K people, all of the same box, which holds everybody.
 
@@ -55,6 +62,7 @@ def own_trimaps(
         models: silhouettes of their posed models, each as if alone, (K, H, W).
         bones: of their skeletons, (K, B, 2, 2) px.
         settings: widths.
+        feet: which of a person's bones lead from an ankle to the toes.
 
     Raises:
         InputError: arrays of other shapes.
@@ -68,7 +76,7 @@ def own_trimaps(
     boxes = [box for size, box in (extent(model, settings) for model in models) if size]
     box = _around(boxes) if boxes else (slice(0, 0), slice(0, 0))
     pairs = zip(models, bones, strict=True)
-    return tuple(build_trimap(*pair, settings, box) for pair in pairs)
+    return tuple(build_trimap(*pair, settings, box, feet) for pair in pairs)
 
 
 def joined(trimaps: Sequence[Trimap]) -> Trimap:
@@ -79,7 +87,10 @@ def joined(trimaps: Sequence[Trimap]) -> Trimap:
     largest = max(trimaps, key=lambda each: each.size)
     labels = _RANKED[np.max([_RANK[each.labels] for each in trimaps], 0)]
     distance = np.max([each.distance for each in trimaps], 0)
-    return replace(largest, labels=labels, distance=distance, people=tuple(trimaps))
+    shaded = [each.contact for each in trimaps if each.contact is not None]
+    contact: Mask | None = np.any(shaded, 0) if shaded else None
+    people = tuple(trimaps)
+    return replace(largest, labels=labels, distance=distance, contact=contact, people=people)
 
 
 def _around(boxes: Sequence[Box]) -> Box:

@@ -58,11 +58,13 @@ class Footage:
         models: silhouettes (H, W) of the person's posed model, or (K, H, W) of everybody's.
         bones: (n, B, 2, 2) px, or (n, K, B, 2, 2); the last one of a person is the spine, from
             neck to hips.
+        feet: which bones of a person lead from an ankle to the toes.
     """
 
     images: Sequence[Image]
     models: Sequence[Mask]
     bones: NDArray[np.floating]
+    feet: Sequence[int] = ()
 
     def __post_init__(self) -> None:
         if not len(self.images) == len(self.models) == len(self.bones):
@@ -94,7 +96,9 @@ def segment_block(
     settings = settings or SequenceSettings()
     cuts = _cuts(footage.images, settings.cut)
     trimaps = {
-        index: trimap_of(footage.models[index], footage.bones[index], settings.frame.trimap)
+        index: trimap_of(
+            footage.models[index], footage.bones[index], settings.frame.trimap, footage.feet
+        )
         for index in wanted
     }
     surroundings = _Surroundings(footage, trimaps, cuts, scene, settings)

@@ -39,6 +39,7 @@ class GrabCutSettings:
         coarse: px; a larger person is first found in an image shrunk to this size, then followed
             along the boundary in the full image. None: never.
         narrow: shrunk pixels on each side of the boundary that are looked at again.
+        use_colors: whether colours of the person and of the surroundings count.
         use_plate: whether to ask the plate at all.
         network: nats that a network's mask may contribute at most; 0: it is not asked.
         trimap: widths.
@@ -55,6 +56,7 @@ class GrabCutSettings:
     rounds: int = 2
     coarse: float | None = 350.0
     narrow: float = 3.0
+    use_colors: bool = True
     use_plate: bool = True
     network: float = 3.0
     trimap: TrimapSettings = field(default_factory=TrimapSettings)

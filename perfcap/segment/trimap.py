@@ -5,6 +5,7 @@ Pixel labels are those of GrabCut, the numbers of OpenCV's ``GC_`` constants.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -19,6 +20,7 @@ Labels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Box = tuple[slice, slice]
 
+_HEEL, _TOES = 0.5, 0.3  # of the line from ankle to toes, by which a foot is longer at both ends
 _SHIFT = 4  # fractional bits of line ends
 _FAR = 1 << 14  # px, further ends are cut off: lines of 2^31 sub-pixels overflow
 
@@ -34,6 +36,7 @@ class TrimapSettings:
             model. Near the edge, or outside, a limb may simply be in the wrong place; None
             believes it everywhere, as the paper does.
         margin: of sure background that is kept around, to learn its colours from.
+        contact: how far around the line of a foot the ground may lie in its shade; 0: nowhere.
         limit: no width is more than this many pixels.
     """
 
@@ -41,10 +44,11 @@ class TrimapSettings:
     inner: float = 0.04
     skeleton: float | None = 0.01
     margin: float = 0.05
+    contact: float = 0.06
     limit: float = 120.0
 
 
-PLAIN_TRIMAP = TrimapSettings(outer=0.05, inner=0.03, skeleton=None)
+PLAIN_TRIMAP = TrimapSettings(outer=0.05, inner=0.03, skeleton=None, contact=0.0)
 """Eq. 9 to the letter; the paper gives no widths."""
 
 
@@ -60,6 +64,7 @@ class Trimap:
         size: of the person, px; 0 if nobody is in the image.
         outer: width of the uncertain band outside the model, px.
         inner: and inside it, px.
+        contact: (h, w), around the model's feet, where they may shade the ground; None: nowhere.
         people: of several people, the regions around each, in the same box; empty of one.
     """
 
@@ -70,6 +75,7 @@ class Trimap:
     size: float
     outer: float
     inner: float
+    contact: Mask | None = None
     people: tuple[Trimap, ...] = ()
 
     @property
@@ -107,8 +113,12 @@ class Trimap:
         bones = np.argwhere((self.labels == FOREGROUND) & (self.distance <= self.inner))
         rows, columns = (bones * scale).astype(np.int64).T
         labels[np.minimum(rows, height - 1), np.minimum(columns, width - 1)] = FOREGROUND
+        contact = self.contact
+        if contact is not None:
+            near = cv2.resize(contact.view(np.uint8), (width, height), interpolation=cv2.INTER_AREA)
+            contact = near > 0
         size = self.size * scale
-        return Trimap(labels, distance, self.box, self.shape, size, outer, inner)
+        return Trimap(labels, distance, self.box, self.shape, size, outer, inner, contact)
 
     def full(self) -> Labels:
         """Labels of the whole image, (H, W)."""
@@ -122,6 +132,7 @@ def build_trimap(
     bones: NDArray[np.floating],
     settings: TrimapSettings | None = None,
     box: Box | None = None,
+    feet: Sequence[int] = (),
 ) -> Trimap:
     """Split an image into sure and probable foreground and background.
 
@@ -132,6 +143,7 @@ def build_trimap(
         bones: line segments of its skeleton, (B, 2, 2) px; not finite ones are left out.
         settings: widths.
         box: the part of the image to split; what the model and its surroundings need if None.
+        feet: which of the bones lead from an ankle to the toes.
 
     Raises:
         InputError: arrays of other shapes.
@@ -149,7 +161,22 @@ def build_trimap(
     depth = -np.inf if settings.skeleton is None else min(settings.skeleton * size, settings.limit)
     corner = np.array([box[1].start, box[0].start])
     labels[draw_bones(bones - corner, labels.shape) & (distance > depth)] = FOREGROUND
-    return Trimap(labels, distance, box, shape, size, outer, inner)
+    contact = _around_feet(bones[list(feet)] - corner, distance, settings.contact * size)
+    return Trimap(labels, distance, box, shape, size, outer, inner, contact)
+
+
+def _around_feet(
+    feet: NDArray[np.floating], distance: NDArray[np.float32], reach: float
+) -> Mask | None:
+    """Pixels (h, w) outside the model within ``reach`` px of feet (n, 2, 2) px; None without."""
+    ankles, toes = feet[:, :1], feet[:, 1:]
+    ends = np.concatenate((ankles - _HEEL * (toes - ankles), toes + _TOES * (toes - ankles)), 1)
+    lines = draw_bones(ends, distance.shape)
+    if not reach or not lines.any():
+        return None
+    away = cv2.distanceTransform(1 - lines.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    near: Mask = (away <= reach) & (distance <= 0)
+    return near
 
 
 def extent(model: Mask, settings: TrimapSettings) -> tuple[float, Box]:

@@ -30,8 +30,8 @@ def still():
     return plate, images[0].astype(np.float32), disc((40, 40), 18, (80, 80))
 
 
-def density(image, plate, around):
-    lighting = find_lighting(image, around, plate, SETTINGS)
+def density(image, plate, around, contact=None):
+    lighting = find_lighting(image, around, plate, SETTINGS, contact)
     everywhere = np.ones(image.shape[:2], bool)
     pixels = image.reshape(-1, 3)
     found = background_density(pixels, everywhere, plate, lighting, SETTINGS)
@@ -99,6 +99,30 @@ def test_shadow_keeps_texture_and_flat_cloth_does_not(still):
     shadow, _ = density(shaded, plate, ~person)
     cloth, _ = density(covered, plate, ~person)
     assert np.median(shadow[inner]) > np.median(cloth[inner]) + 8
+
+
+def test_dark_steep_shadows_are_expected_around_feet_alone(still):
+    """A contact shadow: black under the foot, full light six pixels further down."""
+    plate, image, foot = still
+    rows = np.mgrid[:80, :80][0]
+    below = (rows >= 58) & (rows < 64) & (abs(np.mgrid[:80, :80][1] - 40) < 14) & ~foot
+    shaded = image * np.where(below, 0.2 + 0.12 * (rows - 58), 1)[..., None].astype(np.float32)
+    shaded[foot] = (60, 40, 35)
+    around = np.hypot(*(np.mgrid[:80, :80] - 40)) > 30
+    contact = (rows > 50) & (rows < 68) & ~foot
+    plain, lighting = density(shaded, plate, around)
+    forgiven, eased = density(shaded, plate, around, contact)
+    dark = below & (rows < 61)
+    assert np.median(forgiven[dark]) > np.median(plain[dark]) + 10
+    assert (eased.strain <= lighting.strain).all()
+    np.testing.assert_array_equal(forgiven[~contact], plain[~contact])
+    lit = image.copy()  # nothing about a foot makes the ground brighter
+    lit[below] = np.minimum(image[below] * 1.6, 255)
+    bright, _ = density(lit, plate, around, contact)
+    plain, _ = density(lit, plate, around)
+    assert np.median(bright[below]) < np.median(plain[below]) + 2
+    _, nowhere = density(shaded, plate, around, np.zeros_like(foot))
+    np.testing.assert_array_equal(nowhere.strain, lighting.strain)
 
 
 def test_next_to_a_person_the_light_comes_from_the_other_side(still):

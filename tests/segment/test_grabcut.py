@@ -123,6 +123,31 @@ def test_mixed_pixels_go_to_the_side_they_have_more_of():
         np.testing.assert_array_equal(settle_mixed(wrong, image, backdrop, ~known), wrong)
 
 
+def test_a_rim_of_a_third_colour_is_no_mixture():
+    """Grazing light on a sleeve is darker than the wall behind it, and still the sleeve."""
+    shades = np.repeat([200, 20, 60], [10, 1, 10])
+    image = np.rint(shades[None, :, None] * np.ones((9, 1, 3))).astype(np.uint8)
+    known = np.ones((9, 21), bool)
+    plate = Plate(np.full((9, 21, 3), 60, np.uint8), np.ones((9, 21), np.float32), known)
+    light = np.ones((9, 21, 3), np.float32), np.zeros((9, 21), np.float32)
+    backdrop = Backdrop(plate, Lighting(np.ones(3, np.float32), 1.0, *light))
+    sleeve = np.broadcast_to(shades != 60, (9, 21))
+    np.testing.assert_array_equal(settle_mixed(sleeve, image, backdrop, known), sleeve)
+
+
+def test_every_cue_can_be_left_out():
+    clip = disc_clip(frames=25, error=(5.0, -4.0))
+    plate = survey(clip.images, clip.models).plate
+    blind = replace(GrabCutSettings(), use_colors=False)
+    plate_alone = find(clip, blind, plate, index=12)
+    assert plate_alone.report.plate > 0.5
+    assert overlap(plate_alone.mask, clip.truth[12]) > 0.94
+    assert not find(clip, replace(blind, use_plate=False), plate, index=12).evidence.any()
+    without = find(clip, ALONE, plate, index=12)
+    assert without.report.plate == 0
+    assert without.evidence.any()
+
+
 def test_mask_stays_within_the_trimap(clip):
     found = find(clip, ALONE)
     labels = found.trimap.full()

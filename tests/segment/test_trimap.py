@@ -55,6 +55,32 @@ def test_skeleton_is_believed_deep_inside_the_model_only():
     assert (row[75 : min(140, plain.box[1].stop)] == FOREGROUND).all()
 
 
+def test_feet_may_shade_the_ground_around_them():
+    model = np.zeros((150, 150), bool)
+    model[20:120, 60:80] = True
+    shin, foot = [[70.0, 60.0], [70.0, 110.0]], [[70.0, 110.0], [90.0, 110.0]]
+    bones = np.array([shin, foot])
+    trimap = build_trimap(model, bones, feet=(1,))
+    contact = np.zeros(trimap.shape, bool)
+    contact[trimap.box] = trimap.contact
+    assert not (contact & model).any()
+    beyond_toes, beside_heel = contact[112, 94], contact[115, 59]
+    assert beyond_toes and beside_heel
+    rows = np.nonzero(contact.any(1))[0]
+    reach = TrimapSettings().contact * trimap.size
+    assert rows[0] >= 110 - reach and rows[-1] <= 110 + reach
+    half = trimap.resize(0.5).contact
+    assert half.shape == trimap.resize(0.5).labels.shape
+    assert 4 * half.sum() == pytest.approx(trimap.contact.sum(), rel=0.25)
+    for nowhere in (
+        build_trimap(model, bones),
+        build_trimap(model, np.full((2, 2, 2), np.nan), feet=(1,)),
+        build_trimap(model, bones, PLAIN_TRIMAP, feet=(1,)),
+    ):
+        assert nowhere.contact is None
+        assert nowhere.resize(0.5).contact is None
+
+
 def test_image_border_is_no_outline():
     model = np.zeros((80, 60), bool)
     model[30:, 10:50] = True  # continues below the image
