@@ -42,8 +42,8 @@ GROUPS = {
     ),
     "The solver": ("solver_classics", "solver_speed", "bundle_adjustment"),
     "How fast, and how much memory?": (
-        "long_clip", "long_surface", "surface_speed", "deformation_speed", "silhouette_speed",
-        "report_speed", "batch",
+        "long_clip", "long_surface", "image_memory", "surface_speed", "deformation_speed",
+        "silhouette_speed", "report_speed", "batch",
     ),
     "Into other programs": ("export_check", "retarget", "robot_playback"),
     "All of them": ("all",),

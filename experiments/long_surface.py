@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,11 +53,11 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Swinging:
-    """A clip there and back again, shrunk."""
+    """Frames of a clip in another order, and of other sizes (H, W)."""
 
     reader: FrameReader
     order: list[int]
-    side: int
+    sizes: Sequence[tuple[int, int]]
 
     def __len__(self) -> int:
         return len(self.order)
@@ -64,8 +65,16 @@ class Swinging:
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         """A reader's only method."""
         frames = [self.reader.read_view(view, f, f + 1)[0] for f in self.order[start:stop]]
-        size = (self.side, self.side)
-        return np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames])
+        height, width = self.sizes[view]
+        smaller = height < frames[0].shape[0]
+        kind = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
+        return np.stack([cv2.resize(f, (width, height), interpolation=kind) for f in frames])
+
+
+def there_and_back(count: int, frames: int) -> list[int]:
+    """So many of ``count`` frames, each next to its neighbours."""
+    there = [*range(count), *range(count - 2, 0, -1)]
+    return (there * -(-frames // len(there)))[:frames]
 
 
 def run(config: Experiment) -> Report:
@@ -80,9 +89,7 @@ def run(config: Experiment) -> Report:
 
 
 def _row(recording: Recording, frames: int, config: Experiment) -> tuple[object, ...]:
-    count = recording.detections.frame_count
-    there = [*range(count), *range(count - 2, 0, -1)]
-    order = (there * -(-frames // len(there)))[:frames]
+    order = there_and_back(recording.detections.frame_count, frames)
     index = torch.tensor(order)
     images, detections = _shrunk(recording, order, config.size), recording.detections.frames(index)
     cameras = recording.cameras.frames(index)
@@ -95,7 +102,7 @@ def _row(recording: Recording, frames: int, config: Experiment) -> tuple[object,
     wall = 1e3 * (time.perf_counter() - started) / frames
     with Memory() as saving, tempfile.TemporaryDirectory() as folder:
         found.save(folder)
-    result = _size(found)
+    result = result_mib(found)
     peaks = [m.peak / 2**20 for m in (memory, saving)]
     return frames, wall, result, peaks[0], peaks[0] - result, peaks[1]
 
@@ -106,10 +113,10 @@ def _shrunk(recording: Recording, order: list[int], side: int) -> Images:
     shift = 0.5 * (scale - 1)  # pixel centres are integers
     matrix = torch.tensor([[scale, 0, shift], [0, scale, shift], [0, 0, 1]], dtype=torch.float64)
     small: Camera = PixelMap(matrix[None]).cameras(whole.cameras, [(side, side)])
-    return Images(Swinging(whole.reader, order, side), small.frames(torch.tensor(order)))
+    return Images(Swinging(whole.reader, order, small.size), small.frames(torch.tensor(order)))
 
 
-def _size(found: Performance) -> float:
+def result_mib(found: Performance) -> float:
     """What a capture keeps of a clip, MiB."""
     refinement, motion = found.refinement, found.motion
     assert refinement is not None and refinement.surface is not None
