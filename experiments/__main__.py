@@ -21,7 +21,7 @@ GROUPS = {
     ),
     "And the surface?": (
         "stage_ablation", "real_silhouettes", "segmentation_ablation", "shaken_masks",
-        "held_out_masks", "boundary_trust", "paired_or_soft",
+        "held_out_masks", "worst_masks", "boundary_trust", "paired_or_soft",
     ),
     "Raw images, without background or masks (Rhodin et al. 2016)": ("contours", "contour_cues"),
     "Bodies and characters": (

@@ -64,7 +64,7 @@ def run(config: Experiment) -> Report:
         for number in range(config.clips):
             clip = staged(Path(folder), library, number, config.frames, config.size, config.seed)
             for network in config.networks:
-                found = _capture(clip, network, config)
+                found = capture_staged(clip, network, config.until)
                 parts = np.array(list(_overlaps(clip, found)))
                 overlaps = parts[:, 0]
                 doubted = np.zeros(len(overlaps), bool)
@@ -92,7 +92,8 @@ def run(config: Experiment) -> Report:
     return Report((Table(title, columns, tuple(rows), 2), Table("all", summary, means, 2)))
 
 
-def _capture(clip: Staged, network: str, config: Experiment) -> Performance:
+def capture_staged(clip: Staged, network: str, until: str) -> Performance:
+    """Up to a stage, with a network of person masks or without."""
     segmenter = None if network == NO_SEGMENTER else OnnxSegmenter(find_segmenter(network))
     return capture(
         clip.actor,
@@ -100,7 +101,7 @@ def _capture(clip: Staged, network: str, config: Experiment) -> Performance:
         clip.detections,
         RATE,
         images=Images(clip.clip, clip.cameras, segmenter=segmenter),
-        until=Stage[config.until.upper()],
+        until=Stage[until.upper()],
     )
 
 

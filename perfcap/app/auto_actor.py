@@ -52,12 +52,11 @@ class Casting:
             InputError: there is no such actor, or an option that does not belong to it.
         """
         if self.actor != AUTO:
-            for name, given in (("--height", self.height is not None), ("--masks", self.masks)):
-                if given:
-                    raise InputError(
-                        f"{name}: is for --actor {AUTO}; expected none with --actor {self.actor}, "
-                        "which has a body of its own"
-                    )
+            if self.height is not None:
+                raise InputError(
+                    f"--height: is for --actor {AUTO}; expected none with --actor {self.actor}, "
+                    "which has a body of its own"
+                )
             return find_actor(self.actor)
         if self.height is not None:
             Person(height=self.height)  # refuses what no person is

@@ -15,7 +15,7 @@ from perfcap.errors import InputError
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks
 
-_INSIDE = 0.5  # share of the sure joints that lie in one's own silhouette
+LEAST_INSIDE = 0.5  # share of the sure joints that lie in one's own silhouette
 _SURE = 0.3  # confidence from which a joint counts
 _LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
 _HEIGHT = 300.0  # px, rows of the pictures that are compared
@@ -39,12 +39,12 @@ def mask_doubts(
     for view, name in enumerate(chosen.clip.names):
         if bool(found.empty[view]):
             yield f"masks of {name}: are empty in most frames; the body follows the other views"
-        elif float(found.joints[view]) < _INSIDE:
+        elif float(found.joints[view]) < LEAST_INSIDE:
             yield (
                 f"masks of {name}: hold {100 * float(found.joints[view]):.0f} % of the detected "
                 "joints; expected those of the person that the joints belong to"
             )
-    sound = ~found.empty & (found.joints >= _INSIDE)
+    sound = ~found.empty & (found.joints >= LEAST_INSIDE)
     if not bool(sound.any()):
         return
     if float(found.beyond[sound].median()) > _LOOSE:
@@ -66,8 +66,8 @@ def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
     Raises:
         InputError: they are empty, inverted, or of somebody else.
     """
-    shares = _joints_inside(chosen, masks)
-    if not bool((shares >= _INSIDE).any()):
+    shares = joints_inside(chosen, masks)
+    if not bool((shares >= LEAST_INSIDE).any()):
         told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
         raise InputError(
             f"--masks: hold {told} % of the detected joints of the views; expected images that are "
@@ -93,12 +93,12 @@ def _overlap(model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: Person
             missing = float((drawn & ~mask).sum()) / area
             rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
     table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
-    inside = _joints_inside(chosen, masks)
+    inside = joints_inside(chosen, masks)
     empty = table[..., 2].mean(0) > 0.5
     return _Overlap(inside, table[..., 0].median(0).values, table[..., 1].median(0).values, empty)
 
 
-def _joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
+def joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
     """Share of the sure joints of each view that lie in the mask, (C,); 1 without joints."""
     pixels = chosen.detections.joints2d.round().long()  # F C 16 2
     height, width = masks.inside.shape[-2:]

@@ -16,6 +16,7 @@ from perfcap.app.auto_actor import AUTO, cast
 from perfcap.app.capture_checks import (
     examined,
     made_up,
+    told,
     wants_bones,
 )
 from perfcap.app.capture_folder import spare_inputs, states_of, unchanged
@@ -29,11 +30,13 @@ from perfcap.app.capture_request import (
     segmenter_of,
     settings_of,
     used_files,
+    uses_masks,
 )
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
+from perfcap.app.masked_frames import given_doubts, partly_masked
 from perfcap.app.project import in_project
 from perfcap.app.report import ReportRequest, write_report
 from perfcap.app.true_views import ViewRequest, settled
@@ -43,6 +46,7 @@ from perfcap.io.actor import load_actor
 from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
 from perfcap.io.files import read_json
+from perfcap.io.given_masks import MaskFolders
 from perfcap.io.mask_files import view_folders
 from perfcap.io.people_folder import is_several, people_of
 from perfcap.io.result import require_one_capture
@@ -110,6 +114,7 @@ def _capture(request: CaptureRequest) -> int:
     with locked(folder):
         finish(folder)  # what a killed run had complete
         check_people(request)
+        uses_masks(request)
         sources = [casting_of(request, name).source() for name in request.actor]
         used = list(used_files(request, (source.path for source in sources)))
         spare_inputs(folder, used, detected=any(networks_of(request)))
@@ -148,11 +153,17 @@ def _run(
     given = inputs
     inputs, views = settled(given, wrong)
     inputs = examined(inputs, needs_images=images, detected=detected)
+    masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
+    if masks is not None:
+        more = [*partly_masked(inputs, masks)]
+        if request.actor != (AUTO,):  # a body says the same of its own
+            more += given_doubts(inputs, masks)
+        inputs = told(inputs, more)
     with progress_bars() as tell:
         chosen = cast(casting_of(request, request.actor[0]), inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
-    performance = _perform(request, chosen.actor, inputs, solve_bones, work)
+    performance = _perform(request, chosen.actor, inputs, masks, solve_bones, work)
     performance = replace(performance, lost=inputs.lost)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)
@@ -186,7 +197,12 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
 
 
 def _perform(
-    request: CaptureRequest, actor: Actor, inputs: Inputs, solve_bones: bool, work: Checkpoint
+    request: CaptureRequest,
+    actor: Actor,
+    inputs: Inputs,
+    masks: MaskFolders | None,
+    solve_bones: bool,
+    work: Checkpoint,
 ) -> Performance:
     # stages that look at images run a thread a core; more inside each would only be in the way
     torch.set_num_threads(1)
@@ -201,7 +217,7 @@ def _perform(
             inputs.detections.to(like),
             inputs.clip.fps,
             settings_of(request),
-            images=Images(inputs.clip, cameras, segmenter, examined=True),
+            images=Images(inputs.clip, cameras, segmenter, masks, examined=True),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,

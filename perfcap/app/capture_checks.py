@@ -39,10 +39,16 @@ def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
     """
     refuse_wrong(inputs)
     more = doubts(inputs, needs_images=needs_images, detected=detected)
-    inputs = replace(inputs, warnings=(*inputs.warnings, *more))
     for line in inputs.warnings:
         _LOG.warning("%s", line)
-    return inputs
+    return told(inputs, more)
+
+
+def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:
+    """The inputs with more sentences about them, which are said at once."""
+    for line in lines:
+        _LOG.warning("%s", line)
+    return replace(inputs, warnings=(*inputs.warnings, *lines))
 
 
 def refuse_wrong(inputs: Inputs) -> None:

@@ -101,6 +101,20 @@ def segmenter_of(request: CaptureRequest) -> Path | None:
     return found
 
 
+def uses_masks(request: CaptureRequest) -> bool:
+    """Whether silhouettes are looked for, so that known ones take their place.
+
+    Raises:
+        InputError: masks are given and neither a stage nor a body has a use for them.
+    """
+    stage, preset = Stage[request.until.upper()], PRESETS[request.preset]
+    used = stage.needs_images and preset.segment
+    if request.masks and not used and request.actor != (AUTO,):
+        whose = f"--until {request.until}" if preset.segment else f"--preset {request.preset}"
+        raise InputError(f"--masks: are not looked at with {whose}; leave one of them out")
+    return used and bool(request.masks)
+
+
 def networks_of(request: CaptureRequest) -> Iterator[Path]:
     """Folders of the networks that a request uses."""
     for names, kind in ((request.detectors, DETECTORS), (request.lifters, LIFTERS)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,8 +16,8 @@ from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.clip import Clip, open_source
-from perfcap.io.late_source import LateSource
+from perfcap.io.clip import Clip
+from perfcap.io.given_masks import MaskFolders
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.config import PoseConfig
@@ -66,15 +65,20 @@ class ChosenFrames:
         return images
 
 
-def choose_frames(inputs: Inputs, count: int) -> ChosenFrames:
-    """Frames spread over a clip in which the person is seen well.
+def choose_frames(inputs: Inputs, count: int, among: Sequence[int] | None = None) -> ChosenFrames:
+    """Frames spread over a clip, or over some of its frames, in which the person is seen well.
 
     Raises:
         InputError: nobody is detected.
     """
     detections, pixel_map = inputs.detections, inputs.pixel_map
+    where = "any frame" if among is None else f"the {len(among)} frames with masks in every view"
+    if among is not None:
+        kept = torch.zeros(detections.frame_count, 1, 1, dtype=torch.bool)
+        kept[list(among)] = True
+        detections = replace(detections, confidence2d=detections.confidence2d * kept)
     if not bool((detections.confidence2d > 0).any()):
-        raise InputError("--detections: show nobody in any frame; expected one person's joints")
+        raise InputError(f"--detections: show nobody in {where}; expected one person's joints")
     chosen = spread_frames(detections, count)
     some = detections.frames(chosen).to(torch.zeros((), dtype=torch.float64))
     cameras = pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes).frames(chosen)
@@ -82,31 +86,12 @@ def choose_frames(inputs: Inputs, count: int) -> ChosenFrames:
     return ChosenFrames(inputs.clip, tuple(chosen.tolist()), cameras.to(some.joints2d), some)
 
 
-def read_masks(chosen: ChosenFrames, folders: Sequence[Path]) -> PersonMasks:
-    """Masks of the chosen frames from folders of images, one a view, numbered as the videos are.
-
-    Raises:
-        InputError: other numbers of views or images, or images of another size than the videos'.
-    """
-    clip = chosen.clip
-    if len(folders) != clip.views:
-        raise InputError(
-            f"--masks: are {len(folders)} folders, expected one for each of {clip.views} views"
-        )
+def read_masks(chosen: ChosenFrames, masks: MaskFolders) -> PersonMasks:
+    """Known masks of chosen frames, each of which has one in every view."""
     views = []
-    for folder, video, size in zip(folders, clip.sources, clip.sizes, strict=True):
-        source = open_source(folder)
-        source = LateSource(source, video.late) if isinstance(video, LateSource) else source
-        needed = clip.start + chosen.frames[-1] + 1
-        if len(source) < needed or source.size != size:
-            raise InputError(
-                f"--masks {folder}: holds {len(source)} images of {source.size[1]}x"
-                f"{source.size[0]}; expected one of {size[1]}x{size[0]} for each frame of the "
-                f"video, at least {needed}"
-            )
-        frames = [clip.start + frame for frame in chosen.frames]
-        images = np.stack([source.read(f, f + 1)[0].max(-1) for f in frames])
-        views.append(torch.from_numpy(images > 0))
+    for view in range(chosen.clip.views):
+        found = [masks.mask(view, frame) for frame in chosen.frames]
+        views.append(torch.from_numpy(np.stack([mask for mask in found if mask is not None])))
     return PersonMasks.padded(chosen.cameras, views)
 
 

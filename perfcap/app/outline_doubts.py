@@ -37,21 +37,33 @@ class OutlineEdges:
     size: float
 
 
-def outline_doubts(chosen: ChosenFrames, masks: PersonMasks) -> Iterator[str]:
-    """Sentences about views whose masks do not end at edges of the images."""
+def outline_doubts(
+    chosen: ChosenFrames, masks: PersonMasks, *, girths: bool = True
+) -> Iterator[str]:
+    """Sentences about views whose masks do not end at edges of the images.
+
+    Args:
+        chosen: the frames.
+        masks: theirs.
+        girths: whether those of a body follow the masks; else it is a surface.
+    """
     for view, found in enumerate(outline_edges(chosen, masks)):
         name, off = chosen.clip.names[view], abs(found.offset)
         if found.clarity < _CLEAR:
+            follows = "Girths follow them" if girths else "The surface follows them"
             yield (
                 f"masks of {name}: end at no edges of the images; are they boxes, rough, or of "
-                "another video? Girths follow them"
+                f"another video? {follows}"
             )
         elif off > max(_LEAST, _OFF * found.size):
             far = f"{off:.0f} px ({100 * off / found.size:.1f} % of the person's height)"
             kind, what = ("larger", "outside") if found.offset > 0 else ("smaller", "inside")
+            follows = "the surface follows them"
+            if girths:
+                follows = f"girths are {kind} by three to six times that"
             yield (
-                f"masks of {name}: end about {far} {what} the edges of the images; girths are "
-                f"{kind} by three to six times that, give masks that end where the person does"
+                f"masks of {name}: end about {far} {what} the edges of the images; {follows}, give "
+                "masks that end where the person does"
             )
 
 

@@ -10,15 +10,17 @@ import torch
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import mask_doubts, require_person
+from perfcap.app.body_doubts import mask_doubts
 from perfcap.app.fit_sheet import save_fit_sheet
-from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person, read_masks
+from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
+from perfcap.app.masked_frames import masked_frames
 from perfcap.app.measures import save_measures
 from perfcap.app.outline_doubts import outline_doubts
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
+from perfcap.io.given_masks import MaskFolders
 from perfcap.io.result_folder import BODY
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
@@ -134,10 +136,11 @@ def find_body(
         InputError: nobody is detected, or masks or the model cannot be used.
     """
     model = load_body_model(request.model)
-    chosen = choose_frames(inputs, request.count)
-    masks = read_masks(chosen, request.masks) if request.masks else None
-    if masks is not None:
-        require_person(chosen, masks)
+    given_masks = MaskFolders.open(request.masks, inputs.clip) if request.masks else None
+    if given_masks is None:
+        chosen, masks = choose_frames(inputs, request.count), None
+    else:
+        chosen, masks = masked_frames(inputs, request.count, given_masks)
     given = request.height, masks, request.silhouettes, request.settings
     fit, masks = fit_person(model, chosen, *given, checkpoint)
     return PersonalBody(model, fit, chosen, masks, request.height)

@@ -44,8 +44,9 @@ class Capture:
     height: float | None = None
     """Of the person, metres, for --actor auto; one camera does not tell it."""
     masks: tuple[Path, ...] = ()
-    """Silhouettes of the person, for --actor auto: a folder of images for each view, one image a
-    frame of the video, 0 is background; found in the images of several views if not given."""
+    """Silhouettes of the person that are used as they are: a folder of images for each view, 0 is
+    background; one for each frame of the video, or of some, then numbered as they are, from 0. The
+    others are found in the images."""
     cameras: Path | None = None
     """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder.
     One view needs none: its lens is read from the video, or assumed."""

@@ -120,6 +120,7 @@ class Evidence:
         known = {} if np.isnan(agreement).all() else {"mask_agreement": _rounded(agreement)}
         return {
             **known,
+            "given_masks": [frame for frame, row in rows if any(r.given for r in row)],
             "doubtful_masks": (self.doubtful + first_frame).tolist(),
             "scene_cuts": [frame for frame, row in rows if any(r.cut for r in row)],
             "nobody_in_view": [frame for frame, row in rows if not any(r.person for r in row)],

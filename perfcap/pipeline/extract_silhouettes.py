@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,10 +17,10 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
-from perfcap.pipeline.images import FrameReader, Frames
+from perfcap.pipeline.images import FrameReader, Frames, KnownMasks
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
-from perfcap.segment import Scene, Segmentation, extract_contour, survey
+from perfcap.segment import FrameReport, Scene, Segmentation, extract_contour, survey
 from perfcap.segment.network_cue import CueTrust, PersonNetwork, learn_trust
 from perfcap.segment.scene import sample_frames
 from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, ask, segment_block
@@ -53,6 +53,7 @@ def extract_silhouettes(
     checkpoint: Checkpoint = NO_CHECKPOINT,
     name: str = "extract_silhouettes",
     network: PersonNetwork | None = None,
+    known: KnownMasks | None = None,
 ) -> Evidence:
     """Segment a clip, view after view, block after block.
 
@@ -68,11 +69,14 @@ def extract_silhouettes(
         checkpoint: keeps finished blocks.
         name: under which it keeps them.
         network: that finds person masks, as one more cue; none if not given.
+        known: masks that are used as they are; the others are found.
     """
-    source = SilhouetteSource(actor, sight, reader, motion, settings, workers, network)
+    source = SilhouetteSource(actor, sight, reader, motion, settings, workers, network, known)
 
     def records(block: FrameBlock) -> list[MaskRecord]:
-        return [_record(found) for found in source.segment(block)]
+        given = {} if known is None else _known(known, block)
+        found = iter(source.segment(block, given))
+        return [_given(given[f]) if f in given else _record(next(found)) for f in block.wanted]
 
     total = motion.frames * sight.views
     views: list[list[MaskRecord]] = []
@@ -111,8 +115,9 @@ class SilhouetteSource:
         settings: SequenceSettings,
         workers: int | None = 1,
         network: PersonNetwork | None = None,
+        known: KnownMasks | None = None,
     ) -> None:
-        self.actor, self.sight, self.reader = actor, sight, reader
+        self.actor, self.sight, self.reader, self.known = actor, sight, reader, known
         self.network = network if settings.frame.network > 0 else None
         self.motion, self.settings, self.workers = motion, settings, workers
 
@@ -141,6 +146,8 @@ class SilhouetteSource:
 
     def scene(self, view: int, span: range) -> Scene:
         """What frames of a stretch share, and how far a network is to be trusted in them."""
+        if self.known is not None and all(self.known.knows(view, frame) for frame in span):
+            return Scene(None, float("nan"), 0)  # nobody will ask
         samples = sample_frames(span.start, span.stop, self.settings.scene.samples)
         scene = self._survey(view, samples)
         if self.network is None:
@@ -154,9 +161,10 @@ class SilhouetteSource:
         images = self.reader.read_view(view, shown.start, shown.stop)
         return FrameBlock(view, wanted, shown, images, scene)
 
-    def segment(self, block: FrameBlock) -> list[Segmentation]:
-        """The person in the wanted frames of a block."""
-        footage, chosen = self._footage(block)
+    def segment(self, block: FrameBlock, known: Collection[int] = ()) -> list[Segmentation]:
+        """The person in the wanted frames of a block, but in those that are known."""
+        footage, wanted = self._footage(block)
+        chosen = [i for i in wanted if block.shown.start + i not in known]
         return list(segment_block(footage, chosen, block.scene, self.settings, self.network))
 
     def _footage(self, block: FrameBlock) -> tuple[Footage, range]:
@@ -225,6 +233,19 @@ def project_bones(camera: Camera, joints: Tensor) -> NDArray[np.float64]:
     pairs = [(index[a], index[b]) for a, b in _LIMBS] + [(index["neck"], len(LANDMARKS))]
     lines: NDArray[np.float64] = pixels[:, pairs].double().numpy(force=True)
     return lines
+
+
+def _known(masks: KnownMasks, block: FrameBlock) -> dict[int, Mask]:
+    """The known ones of the wanted frames of a block."""
+    found = {frame: masks.mask(block.view, frame) for frame in block.wanted}
+    return {frame: mask for frame, mask in found.items() if mask is not None}
+
+
+def _given(mask: Mask) -> MaskRecord:
+    """Of a mask that nobody here has found: it is believed."""
+    contour = extract_contour(mask)
+    report = FrameReport(bool(mask.any()), given=True)
+    return MaskRecord(encode_labels(mask), encode_confidence(contour.confidence), report)
 
 
 def _record(found: Segmentation) -> MaskRecord:

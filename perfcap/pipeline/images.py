@@ -25,6 +25,16 @@ class FrameReader(Protocol):
         """RGB frames ``start`` to ``stop`` of a view, (stop - start, H, W, 3) uint8."""
 
 
+class KnownMasks(Protocol):
+    """Masks of the person that somebody has; ``perfcap.io.given_masks.MaskFolders`` is one."""
+
+    def knows(self, view: int, frame: int) -> bool:
+        """Whether there is one of a frame."""
+
+    def mask(self, view: int, frame: int) -> NDArray[np.bool_] | None:
+        """(H, W) of the view's images; None where nobody has one."""
+
+
 @dataclass(frozen=True)
 class Images:
     """Frames, and cameras in their pixels.
@@ -33,12 +43,14 @@ class Images:
         reader: the frames, in the order of those that are captured.
         cameras: C views in pixels of the images, (C,) or (F, C), with their sizes.
         segmenter: a network that finds people in them, as a cue of silhouettes; None to go without.
+        masks: silhouettes of the person where they are known, used as they are; None without any.
         examined: somebody has seen already that they show the person whose joints are captured.
     """
 
     reader: FrameReader
     cameras: Camera
     segmenter: PersonNetwork | None = None
+    masks: KnownMasks | None = None
     examined: bool = False
 
     def __post_init__(self) -> None:
@@ -50,7 +62,9 @@ class Images:
 
     def checked(self) -> Self:
         """The same, whose frames are refused where they are not those of the cameras."""
-        return replace(self, reader=_Checked(self.reader, self.cameras.size))
+        sizes = self.cameras.size
+        masks = None if self.masks is None else _CheckedMasks(self.masks, sizes)
+        return replace(self, reader=_Checked(self.reader, sizes), masks=masks)
 
     def frames(self, span: slice) -> Self:
         """The images of some frames in a row, and their cameras."""
@@ -58,7 +72,8 @@ class Images:
         if step != 1:
             raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
         cameras = self.cameras.frames(slice(start, stop))
-        return replace(self, reader=_Part(self.reader, start, stop), cameras=cameras)
+        masks = None if self.masks is None else _PartOfMasks(self.masks, start)
+        return replace(self, reader=_Part(self.reader, start, stop), cameras=cameras, masks=masks)
 
 
 @dataclass(frozen=True)
@@ -97,3 +112,37 @@ class _Part:
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         stop = min(self.start + stop, self.stop)
         return self.reader.read_view(view, self.start + start, stop)
+
+
+@dataclass(frozen=True)
+class _CheckedMasks:
+    """Masks of the sizes of images."""
+
+    masks: KnownMasks
+    sizes: Sequence[tuple[int, int]]
+
+    def knows(self, view: int, frame: int) -> bool:
+        return self.masks.knows(view, frame)
+
+    def mask(self, view: int, frame: int) -> NDArray[np.bool_] | None:
+        found = self.masks.mask(view, frame)
+        if found is not None and (found.shape != self.sizes[view] or found.dtype != np.bool_):
+            raise InputError(
+                f"mask of view {view}, frame {frame}: is {found.dtype} {tuple(found.shape)}, "
+                f"expected bool {tuple(self.sizes[view])} as the images are"
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class _PartOfMasks:
+    """Masks from frame ``start`` on."""
+
+    masks: KnownMasks
+    start: int
+
+    def knows(self, view: int, frame: int) -> bool:
+        return self.masks.knows(view, self.start + frame)
+
+    def mask(self, view: int, frame: int) -> NDArray[np.bool_] | None:
+        return self.masks.mask(view, self.start + frame)

@@ -160,6 +160,7 @@ class Refiner:
                 *(self.workers, tell, self.checkpoint),
                 name=name,
                 network=self.images.segmenter,
+                known=self.images.masks,
             )
 
     def pose(self, evidence: Evidence, motion: Motion) -> PoseRefinement:

@@ -52,6 +52,7 @@ class FrameReport:
         cropped: whether the image's border cuts the model off.
         agreement: intersection over union of the mask and a network's, around the person; NaN
             where none was asked.
+        given: whether the mask was known, and nothing was looked at.
     """
 
     person: bool
@@ -62,6 +63,7 @@ class FrameReport:
     cut: bool = False
     cropped: bool = False
     agreement: float = float("nan")
+    given: bool = False
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ class Footage:
 
 def segment_block(
     footage: Footage,
-    wanted: range,
+    wanted: Sequence[int],
     scene: Scene,
     settings: SequenceSettings | None = None,
     network: PersonNetwork | None = None,
@@ -88,7 +88,7 @@ def segment_block(
     Args:
         footage: the frames, and one before and after for the motion cue, which need not be there.
             Of these, models are not looked at.
-        wanted: indices of the frames within the footage.
+        wanted: indices of the frames within the footage, increasing.
         scene: from ``survey`` of the stretch.
         settings: of the segmentation.
         network: asked as far as ``scene.trust`` goes.

@@ -70,7 +70,7 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
         (["--detector", "pose"], "both given"),
         (["--masks", "a", "--no-silhouettes"], "leave one"),
         (["--masks", "a", "b"], "are 2 folders, expected one for each of 1 views"),
-        (["--masks", "nowhere"], "no such file or folder"),
+        (["--masks", "nowhere"], "no such folder"),
         (["--body-model", "nobody"], "ada"),
     ],
 )

@@ -198,10 +198,12 @@ def test_masks_of_nobody_are_refused(
     assert "of the detected joints of the views; expected images that are white" in line
 
 
-def test_masks_belong_to_auto(views: Views, tmp_path: Path, perfcap: Command) -> None:
+def test_masks_that_nothing_looks_at_are_refused(
+    views: Views, tmp_path: Path, perfcap: Command
+) -> None:
     given = masks_of(views, "masks")
     line = perfcap(views.command(tmp_path, *given, "--actor", "sam")).refused()
-    assert "--masks: is for --actor auto" in line
+    assert "--masks: are not looked at with --until track_motion; leave one of them out" in line
 
 
 def test_clocks_are_told_and_kept(views: Views, tmp_path: Path, perfcap: Command) -> None:

@@ -1,0 +1,59 @@
+"""Known masks of some frames: are they of the person, and do they end where the person does?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from perfcap.app.body_doubts import LEAST_INSIDE, joints_inside, require_person
+from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
+from perfcap.app.inputs import Inputs
+from perfcap.app.outline_doubts import outline_doubts
+from perfcap.io.given_masks import MaskFolders
+from perfcap.rigging import PersonMasks
+
+_LOOKED_AT = 12  # frames
+
+
+def masked_frames(
+    inputs: Inputs, count: int, masks: MaskFolders
+) -> tuple[ChosenFrames, PersonMasks]:
+    """Some frames that have masks in every view, spread over them.
+
+    Raises:
+        InputError: nobody is detected in these, or the masks show somebody else, or nobody.
+    """
+    chosen = choose_frames(inputs, count, masks.complete())
+    found = read_masks(chosen, masks)
+    require_person(chosen, found)
+    return chosen, found
+
+
+def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
+    """Views of which some frames alone have masks, a sentence each."""
+    clip, start = inputs.clip, inputs.clip.start
+    for name, files in zip(clip.names, masks.files, strict=True):
+        if len(files) < len(clip):
+            first, last = start + min(files), start + max(files)
+            yield (
+                f"masks of {name}: are given for {len(files)} of {len(clip)} frames, {first} to "
+                f"{last} (counted from 0); those of the others are found in the images"
+            )
+
+
+def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
+    """What a user should know of masks that a capture uses as they are, a sentence each.
+
+    Raises:
+        InputError: they show somebody else, or nobody.
+    """
+    if not masks.complete():
+        return
+    clip = inputs.clip
+    chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
+    for name, share in zip(clip.names, joints_inside(chosen, found).tolist(), strict=True):
+        if share < LEAST_INSIDE:
+            yield (
+                f"masks of {name}: hold {100 * share:.0f} % of the detected joints; expected those "
+                "of the person, numbered as the frames of the video"
+            )
+    yield from outline_doubts(chosen, found, girths=False)

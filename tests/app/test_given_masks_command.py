@@ -1,0 +1,88 @@
+"""``perfcap capture --masks``: silhouettes that somebody has are used as they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from runs import Command
+from takes import TakeFiles, write_take
+from written_files import report
+
+from perfcap.render.projected_mesh import ProjectedMesh
+
+GIVEN = (2, 3, 7)
+FRAMES = 10
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> TakeFiles:
+    return write_take(tmp_path_factory.mktemp("take"), FRAMES)
+
+
+def true_masks(files: TakeFiles) -> list[np.ndarray]:
+    take = files.take
+    faces = torch.as_tensor(take.actor.template.faces.copy())
+    return [
+        ProjectedMesh.seen_by(take.cameras, vertices, faces).rasterize().mask.numpy()
+        for vertices in take.actor.surface(take.truth)
+    ]
+
+
+def write_masks(folder: Path, masks: dict[int, np.ndarray]) -> Path:
+    folder.mkdir()
+    for frame, mask in masks.items():
+        cv2.imwrite(str(folder / f"{frame:06d}.png"), 255 * mask.astype(np.uint8))
+    return folder
+
+
+def test_given_masks_come_out_as_they_went_in(
+    small: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    truth = true_masks(small)
+    folder = write_masks(tmp_path / "masks", {f: truth[f] for f in GIVEN})
+    call = ("--until", "refine_pose", "--segmenter", "none", "--no-overlay")
+    done = perfcap(small.command(tmp_path / "out", *call, "--masks", str(folder)))
+    assert done.code in (0, 3), done
+    assert any("are given for 3 of 10 frames, 2 to 7" in note for note in done.notes), done.notes
+    written = [
+        cv2.imread(str(tmp_path / "out" / "masks" / f"{f:06d}.png"), cv2.IMREAD_GRAYSCALE) > 0
+        for f in range(FRAMES)
+    ]
+    same = [bool(np.array_equal(found, mask)) for found, mask in zip(written, truth, strict=True)]
+    assert [f for f in range(FRAMES) if same[f]] == list(GIVEN)
+    assert report(tmp_path / "out")["refinement"]["given_masks"] == list(GIVEN)
+
+
+def test_masks_of_all_frames_leave_nothing_to_find(
+    small: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unwanted(*_: object) -> None:
+        raise AssertionError("nobody should look for a person")
+
+    monkeypatch.setattr("perfcap.segment.sequence.segment", unwanted)
+    monkeypatch.setattr("perfcap.pipeline.extract_silhouettes.survey", unwanted)
+    folder = write_masks(tmp_path / "masks", dict(enumerate(true_masks(small))))
+    call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
+    done = perfcap(small.command(tmp_path / "out", *call))
+    assert done.code in (0, 3), done
+    assert not [note for note in done.notes if "are given for" in note]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda mask: ~mask, "of the detected joints of the views"),
+        (lambda mask: np.roll(mask, 60, 1), "of the detected joints of the views"),
+    ],
+    ids=["inverted", "aside"],
+)
+def test_masks_of_nobody_are_refused_before_any_solve(
+    small: TakeFiles, tmp_path: Path, perfcap: Command, spoil, words: str
+) -> None:
+    folder = write_masks(tmp_path / "m", {f: spoil(true_masks(small)[f]) for f in GIVEN})
+    call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
+    assert words in perfcap(small.command(tmp_path / "out", *call)).refused()
