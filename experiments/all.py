@@ -47,23 +47,21 @@ SMALL: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 LONG = (
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
-    "contour_cues", "contours",
-    "deformation_speed", "detector_frames", "detector_noise", "detector_photographs",
-    "export_check", "finetune_through_solver", "held_out_masks", "lifter_motion", "lifter_real",
-    "long_clip", "joint_refinement", "long_surface", "mask_corruption", "orbit_frames",
-    "paired_or_soft", "people_labels", "pose_fusion",
-    "real_body", "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
-    "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed", "trust_video",
-    "video_alone",
-    "views_sweep",
+    "contour_cues", "contours", "deformation_speed", "detector_frames", "detector_noise",
+    "detector_photographs", "export_check", "finetune_through_solver", "held_out_masks",
+    "image_memory", "joint_refinement", "lifter_motion", "lifter_real", "long_clip",
+    "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "people_labels",
+    "pose_fusion", "real_body", "real_silhouettes", "report_speed", "segmentation_ablation",
+    "shaken_masks", "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
+    "trust_video", "video_alone", "views_sweep", "worst_masks",
 )  # fmt: skip
 
 
 # make what they need themselves
 _NO_DATA = (
-    "adjoint_speed", "batch", "body_fit", "bundle_adjustment", "deformation_speed", "long_clip",
-    "own_skeleton", "paired_or_soft", "shape_over_time", "silhouette_speed", "solver_classics",
-    "solver_speed",
+    "adjoint_speed", "batch", "body_fit", "bundle_adjustment", "deformation_speed",
+    "image_memory", "long_clip", "own_skeleton", "paired_or_soft", "shape_over_time",
+    "silhouette_speed", "solver_classics", "solver_speed",
 )  # fmt: skip
 
 
