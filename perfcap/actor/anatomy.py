@@ -41,17 +41,22 @@ _PANJABI = "White and Panjabi, Clinical Biomechanics of the Spine, 2nd ed. 1990"
 _KURZ = "Kurz, Stretching Scientifically, 4th ed. 2003, table of normal ranges"
 _RUSSELL = "Russell et al., Extreme Ankle Range of Motion of Ballet Dancers, Foot Ankle Spec. 2010"
 _KAPANDJI = "Kapandji, The Physiology of the Joints, vol. 2, 6th ed. 2010"
+_KAPANDJI_3 = "Kapandji, The Physiology of the Joints, vol. 3, 2nd ed. 1974"
+_TAINAKA = "Tainaka et al., J. Sports Sci. Med. 2014, mean and two deviations of 123 athletes"
+_BENNELL = "Bennell et al., Br. J. Sports Med. 2001, mean and two deviations in a lunge"
+_FEIPEL = "Feipel et al., Med. Probl. Perform. Art. 2004"
 
-# Positive is named by the angle. Limits are those of healthy adults; the larger published value is
-# taken where sources differ, because one hinge stands for several joints of a real body.
+# Positive is named by the angle. Limits are what nobody goes beyond, not what is usual: the largest
+# published value is taken, of dancers and athletes too, because a limit that is too narrow bends
+# the rest of the body, and because one hinge stands for several joints of a real one.
 CENTRE_LIMITS = {
-    "spine_flexion": Limit(-30, 80, f"{_AAOS}: thoracolumbar flexion 80; {_KURZ}: extension 30"),
+    "spine_flexion": Limit(-60, 105, f"{_KAPANDJI_3}: thoracolumbar flexion 105, extension 60"),
     "spine_lateral": Limit(-35, 35, f"{_AAOS}: 35 each side; positive to the left"),
     "spine_axial": Limit(-45, 45, f"{_AAOS}: 45 each side; positive to the left"),
     "neck_flexion": Limit(-55, 70, f"{_KURZ}: flexion 70, extension 55"),
     "neck_lateral": Limit(-45, 45, f"{_AAOS}: 45 each side; positive to the left"),
     "neck_axial": Limit(-70, 70, f"{_KURZ}: 70 each side; positive to the left"),
-    "head_nod": Limit(-25, 25, f"{_PANJABI}: C0-C1, 25 of flexion-extension"),
+    "head_nod": Limit(-45, 45, f"{_PANJABI}: flexion-extension of C0-C1 25, of C1-C2 20"),
 }
 SIDE_LIMITS = {
     "shoulder_elevation": Limit(-60, 180, f"{_AAOS}: flexion, abduction 180; extension 60"),
@@ -60,12 +65,12 @@ SIDE_LIMITS = {
     ),
     "shoulder_rotation": Limit(-108, 90, f"{_NORKIN}: medial 90, lateral 108"),
     "elbow_flexion": Limit(0, 150, f"{_AAOS}: 0 to 150"),
-    "hip_flexion": Limit(-30, 130, f"{_AAOS}: extension 30; {_KURZ}: flexion 130"),
-    "hip_abduction": Limit(-30, 50, f"{_AAOS}: adduction 30; {_KURZ}: abduction 50"),
-    "hip_rotation": Limit(-45, 45, f"{_AAOS}: 45 each way; positive inwards"),
+    "hip_flexion": Limit(-30, 145, f"{_AAOS}: extension 30; {_KAPANDJI}: passive flexion 145"),
+    "hip_abduction": Limit(-30, 60, f"{_AAOS}: adduction 30; {_FEIPEL}: 120 between the thighs"),
+    "hip_rotation": Limit(-70, 65, f"{_TAINAKA}: external 56 + 14, internal 50 + 14"),
     "knee_flexion": Limit(0, 160, f"{_KAPANDJI}: 160 passive"),
-    "ankle_dorsiflexion": Limit(-89, 30, f"{_RUSSELL}: plantar 89, dorsal 30"),
-    "ankle_inversion": Limit(-25, 35, f"{_AAOS}: inversion 35; {_KAPANDJI}: eversion 25"),
+    "ankle_dorsiflexion": Limit(-89, 46, f"{_RUSSELL}: plantar 89; {_BENNELL}: dorsal 34 + 12"),
+    "ankle_inversion": Limit(-30, 52, f"{_KAPANDJI}: supination 52, pronation 30"),
 }
 
 PARENTS = {
