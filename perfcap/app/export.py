@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
@@ -79,6 +80,8 @@ def _export(request: ExportRequest) -> int:
             options = Options(unit, request.surface, request.markers, request.order)
             chosen.write(scratch, recording.facing_up(up), options)
         written = sorted(entry.name for entry in scratch.iterdir())
+        for entry in written:
+            spare_result(request.folder, out / entry)
     console = PlainConsole(soft_wrap=True)
     if not np.array_equal(recording.upright, np.eye(3)):
         console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
