@@ -141,8 +141,13 @@ def _recording(request: ExportRequest, name: str, result: Result) -> Recording:
         )
     if part.stop is not None and part.stop > numbers[-1] + 1:
         PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
-    up = upright(torch.from_numpy(result.joints)) if request.world_up == "auto" else None
-    up = axis(request.world_up) if up is None else up
+    stands = upright(torch.from_numpy(result.joints))
+    up = stands if request.world_up == "auto" else axis(request.world_up)
+    if float(up.to(stands) @ stands) < 0:
+        PlainConsole().print(
+            f"--world-up {request.world_up}: the person is upside down then; auto takes the "
+            "opposite axis"
+        )
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
     return replace(recording, upright=upright_from(up.numpy()))
 

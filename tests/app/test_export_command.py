@@ -237,3 +237,11 @@ def test_the_result_itself_is_not_replaced(folder: Path, perfcap: Command) -> No
     call = ["export", folder, "--to", "npz", "--name", "motion", "--out", folder]
     assert "motion.npz, which the result" in perfcap(call).refused()
     assert (folder / "motion.npz").read_bytes() == before
+
+
+def test_upside_down_is_told(folder: Path, perfcap: Command) -> None:
+    told = {
+        up: "upside down" in perfcap(["export", folder, "--to", "trc", f"--world-up={up}"]).out
+        for up in ("auto", "y", "-y", "x")
+    }
+    assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]
