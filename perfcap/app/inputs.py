@@ -196,7 +196,7 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
     about += tuple(_camera_rate(rig, clip))
-    maps = read_pixel_map(request.video_map) if request.video_map else None
+    maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
         _require_possible(request.cameras, rig)
