@@ -19,6 +19,7 @@ from perfcap.io.result_folder import (
     METRICS,
     OWN,
     PAGE,
+    PERSON,
     REPORT,
     SURFACE,
     WORK,
@@ -63,6 +64,8 @@ def spare_others(folder: Path, overwrite: bool, detected: bool) -> None:
         return
     names = [name for name in _written(detected) if name not in (METRICS, PAGE)]
     found = [name for name in names if (folder / name).exists()]
+    people = [place for place in sorted(folder.iterdir()) if PERSON.fullmatch(place.name)]
+    found += [f"{p.name}/{name}" for p in people for name in FILES if (p / name).exists()]
     found += [f"{MASKS}/"] if holds_masks(folder / MASKS) else []
     if found:
         raise InputError(

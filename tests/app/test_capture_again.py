@@ -15,6 +15,7 @@ from written_files import motion
 
 from perfcap.app.capture_folder import (
     spare_inputs,
+    spare_others,
     spare_result,
     state_of,
     states_of,
@@ -82,6 +83,15 @@ def test_files_of_somebody_else_stay(take: TakeFiles, tmp_path: Path, perfcap: C
     assert all(path.read_bytes() == b"mine" for path in kept)
     assert sorted(os.listdir(out)) == ["camera.json", "masks", "overlay.mp4"]
     assert perfcap(take.command(out, *QUICK, "--overwrite")).code == 0
+
+
+def test_people_of_somebody_else_stay(tmp_path: Path) -> None:
+    (tmp_path / "person1").mkdir()
+    spare_others(tmp_path, overwrite=False, detected=True)
+    (tmp_path / "person1" / "motion.npz").write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"holds person1/motion\.npz but no result"):
+        spare_others(tmp_path, overwrite=False, detected=True)
+    spare_others(tmp_path, overwrite=True, detected=True)
 
 
 def test_a_result_and_what_it_was_captured_from_are_spared(tmp_path: Path) -> None:
