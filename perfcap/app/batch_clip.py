@@ -167,7 +167,7 @@ def _death_with_parent() -> Callable[[], None] | None:
 
 
 def last_line(log: Path) -> str:
-    """What a log ends with; of options that are refused, which are told in a box, its first words.
+    """What a log ends with; of options that are refused, which come in a box, its first words.
 
     Below these the box repeats the help of the option.
     """

@@ -58,7 +58,7 @@ def spare_others(folder: Path, overwrite: bool, detected: bool) -> None:
         detected: whether ``detections.npz`` is written too.
 
     Raises:
-        InputError: somebody else's files would be replaced or removed.
+        InputError: the user's own files would be replaced or removed.
     """
     if overwrite or holds_result(folder) or (folder / WORK).exists():
         return

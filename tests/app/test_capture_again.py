@@ -70,7 +70,7 @@ def test_no_input_has_the_place_of_a_result(tmp_path: Path, name: str) -> None:
         spare_inputs(tmp_path, [tmp_path / "." / name], detected=False)
 
 
-def test_files_of_somebody_else_stay(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+def test_own_files_stay(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     """Before, masks were removed and other files replaced where there was no result."""
     out = tmp_path / "mine"
     (out / "masks" / "left").mkdir(parents=True)
@@ -85,7 +85,7 @@ def test_files_of_somebody_else_stay(take: TakeFiles, tmp_path: Path, perfcap: C
     assert perfcap(take.command(out, *QUICK, "--overwrite")).code == 0
 
 
-def test_people_of_somebody_else_stay(tmp_path: Path) -> None:
+def test_own_folders_of_people_stay(tmp_path: Path) -> None:
     (tmp_path / "person1").mkdir()
     spare_others(tmp_path, overwrite=False, detected=True)
     (tmp_path / "person1" / "motion.npz").write_bytes(b"mine")

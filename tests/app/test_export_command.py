@@ -239,7 +239,7 @@ def test_the_result_itself_is_not_replaced(folder: Path, perfcap: Command) -> No
     assert (folder / "motion.npz").read_bytes() == before
 
 
-def test_upside_down_is_told(folder: Path, perfcap: Command) -> None:
+def test_upside_down_is_named(folder: Path, perfcap: Command) -> None:
     told = {
         up: "upside down" in perfcap(["export", folder, "--to", "trc", f"--world-up={up}"]).out
         for up in ("auto", "y", "-y", "x")

@@ -64,7 +64,7 @@ def test_a_report_with_a_truth(folder: Path, take: TakeFiles, perfcap: Command) 
 def test_a_truth_of_another_world_is_told(
     folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
-    """The curves would show it as errors of the capture; ``perfcap evaluate`` told it."""
+    """The curves would show it as errors of the capture; ``perfcap evaluate`` named it."""
     with np.load(take.truth) as data:
         x, y, z = np.moveaxis(data["joints3d"], -1, 0)
     np.savez(tmp_path / "turned.npz", joints3d=np.stack((x, -z, y), -1))

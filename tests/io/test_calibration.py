@@ -62,7 +62,7 @@ def test_lenses_that_would_be_overlooked(tmp_path: Path, name: str) -> None:
 
 
 def test_names_that_are_misspelled(tmp_path: Path) -> None:
-    """Half a pixel, or a size that nobody compares with the video's, was left out."""
+    """Half a pixel, or a size that is not compared with the video's, was left out."""
     for name, meant in (("pixel_center", "pixel_centre"), ("heigth", "height")):
         path = write(tmp_path / "camera.json", {**entry(), name: 1})
         with pytest.raises(InputError, match=f"has '{name}', which is not read; call it {meant}"):
