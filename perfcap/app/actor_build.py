@@ -20,10 +20,12 @@ from perfcap.app.actor_make import (
     require_no_source,
     rigged_mesh,
 )
+from perfcap.app.actor_sheet import SHEET
+from perfcap.app.capture_folder import same_file
 from perfcap.app.console import PlainConsole
 from perfcap.app.measures import save_measures
 from perfcap.errors import InputError
-from perfcap.io.actor_folder import MANIFEST, UNKNOWN, save_actor
+from perfcap.io.actor_folder import MANIFEST, MESH, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
 from perfcap.io.body_model import DEFAULT_BODY
@@ -72,6 +74,7 @@ def run_build(request: BuildRequest) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
+    _spare_inputs(request)
     actor, licence, provenance, measurements = _made(request)
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
@@ -82,6 +85,16 @@ def run_build(request: BuildRequest) -> int:
     code = run_inspect(str(request.out), None, request.out)
     PlainConsole().print(f"capture with --actor {request.out}", soft_wrap=True)
     return code
+
+
+def _spare_inputs(request: BuildRequest) -> None:
+    for path in (request.source, request.mapping, request.overrides):
+        for name in (MESH, MANIFEST, SHEET):
+            if path is not None and same_file(path, request.out / name):
+                raise InputError(
+                    f"--out {request.out}: {name} of the actor would replace the input {path}; "
+                    "choose another folder"
+                )
 
 
 def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from perfcap.io.result_folder import own_file
 TRIES = 4  # of a clip whose process died
 DONE, INCOMPLETE = 0, 3
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+_TOP, _BOTTOM = "╭╰"
 _BOX = " │╭╮╰╯─"
 _TAIL = 4096  # bytes of a log in which the last message is
 
@@ -165,10 +167,16 @@ def _death_with_parent() -> Callable[[], None] | None:
 
 
 def last_line(log: Path) -> str:
-    """What a log ends with, without the box that options are refused in."""
+    """What a log ends with; of options that are refused, which come in a box, its first words.
+
+    Below these the box repeats the help of the option.
+    """
     with log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - _TAIL))
-        lines = [line.strip(_BOX) for line in file.read().decode(errors="replace").splitlines()]
-    # options that are refused are told in a box, whose last line names the help
-    told = [line for line in lines if line and not line.startswith("For full helptext")]
+        lines = file.read().decode(errors="replace").rstrip().splitlines()
+    tops = [number for number, line in enumerate(lines) if line.startswith(_TOP)]
+    if tops and lines[-1].startswith(_BOTTOM):
+        boxed = (line.strip(_BOX) for line in lines[tops[-1] + 1 :])
+        return one_line(" ".join(takewhile(bool, boxed)))
+    told = [line for line in (line.strip(_BOX) for line in lines) if line]
     return one_line(told[-1]).removeprefix("perfcap: ") if told else "said nothing"

@@ -19,7 +19,7 @@ from perfcap.app.capture_checks import (
     told,
     wants_bones,
 )
-from perfcap.app.capture_folder import spare_inputs, states_of, unchanged
+from perfcap.app.capture_folder import spare_inputs, spare_others, states_of, unchanged
 from perfcap.app.capture_people import Crowd, check_people, find_people, run_people
 from perfcap.app.capture_request import (
     CaptureRequest,
@@ -125,6 +125,7 @@ def _capture(request: CaptureRequest) -> int:
             known = _known_result(folder, request, call)
             if known is not None:
                 return known
+            spare_others(folder, request.overwrite, detected=any(networks_of(request)))
             work = begin_work(folder, call, request.overwrite)
         try:
             return _run(request, folder, [source.generic for source in sources], work, call)

@@ -9,7 +9,22 @@ from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 
 from perfcap.errors import InputError
-from perfcap.io.result_folder import ABOUT, DETECTIONS, FILES, MASKS, SURFACE
+from perfcap.io.files import read_json
+from perfcap.io.mask_files import holds_masks
+from perfcap.io.result_folder import (
+    ABOUT,
+    DETECTIONS,
+    FILES,
+    MASKS,
+    METRICS,
+    OWN,
+    PAGE,
+    PERSON,
+    REPORT,
+    SURFACE,
+    WORK,
+    holds_result,
+)
 
 _MOST_FILES = 1_000_000  # that are looked at in one folder
 
@@ -25,14 +40,64 @@ def spare_inputs(folder: Path, inputs: Iterable[Path], detected: bool) -> None:
     Raises:
         InputError: an input has the place of a result.
     """
-    names = (*FILES, SURFACE, MASKS, *ABOUT, *((DETECTIONS,) if detected else ()))
     for path in inputs:
-        for name in names:
-            if _same(path, folder / name):
+        for name in (*_written(detected), MASKS):
+            if same_file(path, folder / name):
                 raise InputError(
                     f"--out {folder}: {name} of the result would replace the input {path}; choose "
                     "another folder"
                 )
+
+
+def spare_others(folder: Path, overwrite: bool, detected: bool) -> None:
+    """Refuse a folder whose files have the names of a result's and are of no result.
+
+    Args:
+        folder: of the results, after ``finish``.
+        overwrite: whether these may be replaced.
+        detected: whether ``detections.npz`` is written too.
+
+    Raises:
+        InputError: the user's own files would be replaced or removed.
+    """
+    if overwrite or holds_result(folder) or (folder / WORK).exists():
+        return
+    names = [name for name in _written(detected) if name not in (METRICS, PAGE)]
+    found = [name for name in names if (folder / name).exists()]
+    people = [place for place in sorted(folder.iterdir()) if PERSON.fullmatch(place.name)]
+    found += [f"{p.name}/{name}" for p in people for name in FILES if (p / name).exists()]
+    found += [f"{MASKS}/"] if holds_masks(folder / MASKS) else []
+    if found:
+        raise InputError(
+            f"--out {folder}: holds {', '.join(found)} but no result; choose another folder, or "
+            "add --overwrite if they may be replaced or removed"
+        )
+
+
+def spare_result(folder: Path, target: Path, own: str = "") -> None:
+    """Refuse a file that would take the place of a result, or of what it was captured from.
+
+    Args:
+        folder: of the result.
+        target: about to be written.
+        own: the name in the folder that it may have.
+
+    Raises:
+        InputError: says what it would replace.
+    """
+    places = [folder / name for name in OWN if name != own]
+    try:
+        report = read_json(folder / REPORT, "the report of a capture")
+    except InputError:  # a result is its motion
+        report = {}
+    inputs = report.get("input_files") if isinstance(report, dict) else None
+    places += [Path(name) for name in inputs] if isinstance(inputs, dict) else []
+    for place in places:
+        if same_file(target, place):
+            raise InputError(
+                f"--out {target}: is {place}, which the result {folder} consists of or was "
+                "captured from; choose another name"
+            )
 
 
 def state_of(path: Path) -> str | None:
@@ -69,7 +134,13 @@ def unchanged(before: object, now: Mapping[str, str | None]) -> bool:
     return before == now and None not in now.values()
 
 
-def _same(path: Path, other: Path) -> bool:
+def _written(detected: bool) -> tuple[str, ...]:
+    """Names of files of a result."""
+    return (*FILES, SURFACE, *ABOUT, *((DETECTIONS,) if detected else ()))
+
+
+def same_file(path: Path, other: Path) -> bool:
+    """Whether two paths are of one file or folder that is there."""
     try:
         return path.samefile(other)
     except OSError:  # one of them is not there

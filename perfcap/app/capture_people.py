@@ -64,6 +64,11 @@ def check_people(request: CaptureRequest) -> None:
         InputError: says which.
     """
     actors, people = len(request.actor), request.people
+    if not request.videos:
+        raise InputError(
+            "VIDEO: is missing; expected a video or a folder of images a view, before --actor, "
+            "--detections and other options that take several values"
+        )
     if not actors:
         raise InputError("--actor: is empty; expected auto, an actor, or one for each person")
     if isinstance(people, int) and people < 1:
@@ -79,11 +84,7 @@ def check_people(request: CaptureRequest) -> None:
         raise InputError(
             f"--actor: {AUTO} beside other actors; expected {AUTO} for everybody, or an actor each"
         )
-    if len(request.videos) < 2:
-        raise InputError(
-            "--people: several people in one view cannot be told apart; expected two or more "
-            "calibrated views"
-        )
+    _require_views(request)
     options = {
         "lifter": request.lifter,
         "height": request.height,
@@ -96,6 +97,21 @@ def check_people(request: CaptureRequest) -> None:
             raise InputError(
                 f"--{name}: is for one person; leave it out where several are captured"
             )
+
+
+def _require_views(request: CaptureRequest) -> None:
+    """One view shows one person; a video that follows ``--actor`` looks like another."""
+    if len(request.videos) > 1:
+        return
+    if len(request.actor) > 1:
+        raise InputError(
+            f"--actor: names {', '.join(request.actor)}, one for each of several people, whom one "
+            "view cannot tell apart; name one actor, and videos before --actor"
+        )
+    raise InputError(
+        "--people: several people in one view cannot be told apart; expected two or more "
+        "calibrated views"
+    )
 
 
 def find_people(request: CaptureRequest, inputs: Inputs) -> Association:

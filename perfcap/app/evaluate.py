@@ -10,6 +10,7 @@ from typing import Any
 
 from rich.table import Table
 
+from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.people_truth import match_truths, read_truths
 from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
@@ -79,6 +80,10 @@ def run_evaluate(request: EvaluateRequest) -> int:
     """
     if request.every < 1:
         raise InputError(f"--every is {request.every}, expected 1 or more")
+    if request.out is not None:
+        if request.out.suffix.lower() != ".json":
+            raise InputError(f"--out {request.out}: expected the name of a file that ends in .json")
+        spare_result(request.folder, request.out, METRICS)
     if is_several(request.folder):
         return _evaluate_people(request)
     truth = read_truth(request.truth, request.dataset, request.sequence)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
@@ -79,6 +80,8 @@ def _export(request: ExportRequest) -> int:
             options = Options(unit, request.surface, request.markers, request.order)
             chosen.write(scratch, recording.facing_up(up), options)
         written = sorted(entry.name for entry in scratch.iterdir())
+        for entry in written:
+            spare_result(request.folder, out / entry)
     console = PlainConsole(soft_wrap=True)
     if not np.array_equal(recording.upright, np.eye(3)):
         console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
@@ -138,8 +141,13 @@ def _recording(request: ExportRequest, name: str, result: Result) -> Recording:
         )
     if part.stop is not None and part.stop > numbers[-1] + 1:
         PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
-    up = upright(torch.from_numpy(result.joints)) if request.world_up == "auto" else None
-    up = axis(request.world_up) if up is None else up
+    stands = upright(torch.from_numpy(result.joints))
+    up = stands if request.world_up == "auto" else axis(request.world_up)
+    if float(up.to(stands) @ stands) < 0:
+        PlainConsole().print(
+            f"--world-up {request.world_up}: the person is upside down then; auto takes the "
+            "opposite axis"
+        )
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
     return replace(recording, upright=upright_from(up.numpy()))
 

@@ -37,6 +37,7 @@ from perfcap.io.calibration import (
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
 from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.impossible import impossible_cameras
+from perfcap.io.view_names import find_view
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
 
@@ -193,10 +194,11 @@ def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
         rig = read_cameras(request.cameras, clip.sizes)
     if rig.fps is not None and all(source.fps is None for source in clip.sources):
         clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
+    known = rig.names
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
-    about += tuple(_camera_rate(rig, clip))
-    maps = read_pixel_map(request.video_map) if request.video_map else None
+    about += (*_camera_rate(rig, clip), *_of_others(request.detections, rig.names, known))
+    maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if detecting is not None:
         _require_possible(request.cameras, rig)
@@ -293,6 +295,17 @@ def _short(text: str | None, part: slice, clip: Clip) -> Iterator[str]:
 
 def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:
     return replace(detections, joints2d=pixel_map.to_calibration(detections.joints2d))
+
+
+def _of_others(paths: Sequence[Path], names: Sequence[str], known: Sequence[str]) -> Iterator[str]:
+    """Files of joints whose names are those of cameras that are not looked through."""
+    for path in paths:
+        view = find_view(path.stem.removesuffix("_json"), known)
+        if view is not None and known[view] not in names:
+            yield (
+                f"--detections {path}: is named after the view {known[view]}, the videos are of "
+                f"{', '.join(names)}; is it of another camera?"
+            )
 
 
 def _camera_rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from perfcap.app.body_doubts import LEAST_INSIDE, joints_inside, require_person
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
@@ -12,6 +12,7 @@ from perfcap.io.given_masks import MaskFolders
 from perfcap.rigging import PersonMasks
 
 _LOOKED_AT = 12  # frames
+_FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
 
 
 def masked_frames(
@@ -37,7 +38,13 @@ def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
             yield (
                 f"masks of {name}: are given for {len(files)} of {len(clip)} frames, {first} to "
                 f"{last} (counted from 0); those of the others are found in the images"
+                f"{_FROM_ONE if start == 0 and _counts_from_one(files, len(clip)) else ''}"
             )
+
+
+def _counts_from_one(frames: Collection[int], count: int) -> bool:
+    """Whether masks of all frames but the first are there: their numbers may begin with 1."""
+    return count > 1 and set(frames) == set(range(1, count))
 
 
 def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import beside, for_everybody
@@ -58,6 +59,7 @@ def run_render(request: RenderRequest) -> int:
 
 def _render(request: RenderRequest) -> int:
     result = read_result(request.folder)
+    spare_result(request.folder, request.out)
     rows = _rows(request, result)
     joints = torch.from_numpy(result.joints)
     up = None if request.up == "auto" else axis(request.up)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import webbrowser
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
-from perfcap.app.truth import find_truth, read_found, require_rate
+from perfcap.app.scores import joint_doubts
+from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
 from perfcap.errors import InputError
-from perfcap.io.result_folder import PAGE, REPORT
+from perfcap.io.result_folder import MOTION, PAGE, REPORT
 from perfcap.report import Places, Wanted, make_comparison, make_report
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,10 @@ def run_report(request: ReportRequest) -> int:
 
 def _report(request: ReportRequest) -> int:
     page = write_report(request)
+    stop = parse_frames(request.frames).stop
+    last = int(read_found(request.folder / MOTION).frames[-1])
+    if stop is not None and stop > last + 1:
+        PlainConsole().print(f"--frames {request.frames}: the result ends with {last}")
     size = page.stat().st_size / 1e6
     PlainConsole().print(f"{page} ({size:.1f} MB); perfcap view {request.folder} opens it")
     return 0
@@ -99,6 +107,8 @@ def write_report(request: ReportRequest) -> Path:
 
 def _read_truth(path: Path, folder: Path) -> dict[int, NDArray[np.float64]]:
     """True joints (16, 3) m by number of the frame, as ``perfcap evaluate`` takes them."""
-    true = read_found(find_truth(path))
-    require_rate(read_found(folder / "motion.npz"), true.fps, true.path)
+    true, found = read_found(find_truth(path)), read_found(folder / MOTION)
+    require_rate(found, true.fps, true.path)
+    for line in joint_doubts(found, replace(read_truth(path), strict=False)):
+        _LOG.warning("--truth: %s", line)
     return dict(zip(true.frames.tolist(), true.joints.numpy(), strict=True))

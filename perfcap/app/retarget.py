@@ -16,7 +16,7 @@ from torch import Tensor
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
-from perfcap.app.capture_folder import spare_inputs
+from perfcap.app.capture_folder import spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import named_people
@@ -100,6 +100,7 @@ def run_retarget(request: RetargetRequest) -> int:
                 f"--out {folder}: holds a result already; add --overwrite to replace it, or choose "
                 "another folder"
             )
+        spare_others(folder, request.overwrite, detected=False)
         parts = _retargeted(request)
         with replacing(folder) as scratch:
             _write(request, scratch, parts)

@@ -52,6 +52,18 @@ def read_archive(path: Path, names: Sequence[str], what: str) -> dict[str, NDArr
     return _read(path, names, what)
 
 
+def other_arrays(path: Path, names: Sequence[str], what: str) -> list[str]:
+    """Names of the arrays of an archive but some, in its order.
+
+    Raises:
+        InputError: as ``read_archive``, of the archive itself.
+    """
+    require_file(path, LIMIT, what)
+    with _reporting(path, what), zipfile.ZipFile(path) as archive:
+        found = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+    return [name for name in found if name not in names]
+
+
 def _read(path: Path, names: Sequence[str], what: str) -> dict[str, NDArray[Any]]:
     with _reporting(path, what), zipfile.ZipFile(path) as archive:
         members = {entry.filename: entry for entry in archive.infolist()}

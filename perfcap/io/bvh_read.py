@@ -10,6 +10,7 @@ import numpy as np
 from perfcap.errors import InputError
 from perfcap.io.bvh_motion import BvhMotion, Floats
 
+_FRAME_TIMES = 1e-5, 100.0  # s
 _MAX_BYTES, _MAX_JOINTS, _MAX_NUMBERS = 1 << 28, 1024, 1 << 26
 _AXES = "XYZ"
 
@@ -140,16 +141,22 @@ def _parse_motion(path: Path, text: str, columns: int) -> tuple[Floats, float]:
         if words[0] != "Frames:" or words[2:4] != ["Frame", "Time:"]:
             raise ValueError(words[:4])
         frames, frame_time = int(words[1]), _finite(words[4])
-        if not 0 < frames * columns <= _MAX_NUMBERS or frame_time <= 0:
+        if not 0 < frames * columns <= _MAX_NUMBERS:
             raise ValueError(frames)
         numbers = np.array(words[5].split(), dtype=np.float64)
         if not np.isfinite(numbers).all():
             raise ValueError("NaN or infinity")
-        return numbers.reshape(frames, columns), frame_time
+        numbers = numbers.reshape(frames, columns)
     except (ValueError, IndexError) as error:
         raise InputError(
             f"{path}: malformed BVH motion; expected frames of {columns} numbers as declared"
         ) from error
+    if not _FRAME_TIMES[0] <= frame_time <= _FRAME_TIMES[1]:
+        raise InputError(
+            f"{path}: Frame Time is {frame_time:g}; expected the seconds that a frame takes, such "
+            "as 0.0333"
+        )
+    return numbers, frame_time
 
 
 def _axis_rotation(axis: int, angle: Floats) -> Floats:

@@ -48,6 +48,15 @@ def view_folders(views: list[str]) -> list[str]:
     return [n if _PLAIN.fullmatch(n) else f"view_{i}" for i, n in enumerate(views)]
 
 
+def holds_masks(folder: Path) -> bool:
+    """Whether there are files that ``remove_masks`` would remove; not behind a link."""
+    if folder.is_symlink() or not folder.is_dir():
+        return False
+    inner = [entry for entry in folder.iterdir() if entry.is_dir() and not entry.is_symlink()]
+    found = (entry for place in (folder, *inner) for entry in place.iterdir())
+    return any(_FILE.fullmatch(entry.name) and not entry.is_dir() for entry in found)
+
+
 def remove_masks(folder: Path, kept: Collection[str] = ()) -> None:
     """Remove masks from a folder and from the folders in it, then those of them that are empty.
 

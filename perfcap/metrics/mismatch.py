@@ -13,6 +13,8 @@ from perfcap.metrics.alignment import HIPS, root_of
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
 _LAGS = 10  # frames
+_RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 60, 120 a second
+_FEWEST = 10  # frames that tell a rate
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
 _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
@@ -60,6 +62,12 @@ def _explained(
             f"with the truth of {abs(lag)} frames {'later' if lag > 0 else 'earlier'} {left:.0%} "
             "of the error is left; check the numbers of its frames"
         )
+    rate, left = _best_rate(estimate, truth, valid)
+    if left < _LEFT:
+        yield (
+            f"with a truth of {rate:.3g} times the frame rate {left:.0%} of the error is left; "
+            "give the truth of every frame of the result, in its rate"
+        )
     order = list(mirrored)
     left = _error(estimate[:, order], truth, valid) / now
     if left < _LEFT:
@@ -72,6 +80,12 @@ def _explained(
         yield (
             f"after one rotation of all frames by {turn:.0f} degrees {left / now:.0%} of the error "
             "is left; give the truth in the world of the cameras"
+        )
+    _, image = _turned(estimate * estimate.new_tensor([-1.0, 1.0, 1.0]), truth, valid)
+    if image < _LEFT * min(left, now):
+        yield (
+            f"in a mirror {image / now:.0%} of the error is left; one axis of the truth runs the "
+            "other way, expected none or two"
         )
 
 
@@ -98,6 +112,25 @@ def _best_lag(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[int, floa
         before = _error(estimate[here], truth[here], both)
         left = _error(estimate[here], truth[there], both) / max(before, 1e-9)
         best = min(best, (lag, left), key=lambda each: each[1])
+    return best
+
+
+def _best_rate(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, float]:
+    """In how many times the frame rate the truth fits best, and the share that this leaves.
+
+    Both begin with the same frame, and are not resampled: frames are the nearest ones.
+    """
+    best = 1.0, 1.0
+    for rate in _RATES:
+        here = torch.arange(len(truth), device=truth.device)
+        there = (here * rate).round().long()
+        here, there = here[there < len(truth)], there[there < len(truth)]
+        both = valid[here] & valid[there]
+        if len(here) < _FEWEST or not bool(both.any()):
+            continue
+        before = _error(estimate[here], truth[here], both)
+        left = _error(estimate[here], truth[there], both) / max(before, 1e-9)
+        best = min(best, (rate, left), key=lambda each: each[1])
     return best
 
 

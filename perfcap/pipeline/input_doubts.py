@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
@@ -71,6 +72,11 @@ def actor_doubts(
             "metres, or places and sizes are wrong by that factor"
         )
         return
+    if detections.views < 2 and not SHORTEST <= height <= TALLEST:
+        yield (
+            f"the actor is {height:.3g} m tall, a grown person {SHORTEST} to {TALLEST}; from one "
+            "view distances and sizes follow it, scale it unless the person is so tall"
+        )
     if detections.views < 2 or solve_bones:
         return
     known = cameras.map(lambda part: part.detach().double().cpu())

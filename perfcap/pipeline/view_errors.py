@@ -177,7 +177,7 @@ def _require_views(cameras: Camera, detections: Detections) -> None:
     if cameras.moving:
         raise InputError("cameras move; clocks and small errors are found of fixed cameras only")
     if cameras.views < 2:
-        raise InputError("one view has nothing to be synchronous with; give two or more")
+        raise InputError("one view has no other to be compared with; give two or more")
     if detections.frame_count < 15:
         raise InputError(
             f"clip has {detections.frame_count} frames; clocks and cameras need 15 or more"

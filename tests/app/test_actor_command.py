@@ -52,6 +52,15 @@ def test_a_rig_becomes_a_folder(perfcap: Command, tmp_path: Path) -> None:
     assert float(np.ptp(actor.template.vertices[:, 1])) == pytest.approx(1.75, abs=0.02)
 
 
+def test_the_character_that_is_read_stays(perfcap: Command, tmp_path: Path) -> None:
+    own = tmp_path / "actor.glb"
+    RIGS["no names, inches, z up"].write(own)
+    before = own.read_bytes()
+    line = perfcap(["actor", "build", own, "--out", tmp_path]).refused()
+    assert "actor.glb of the actor would replace the input" in line
+    assert own.read_bytes() == before
+
+
 def test_a_mapping_file_is_used(perfcap: Command, tmp_path: Path) -> None:
     Rig(MIXAMO, spines=("mixamorig:Spine",)).write(tmp_path / "own.glb")
     (tmp_path / "map.toml").write_text('spine = "mixamorig:Spine"\n')

@@ -131,10 +131,14 @@ def test_a_network_beside_the_list_is_taken_and_watched(
 def test_options_that_no_capture_has_are_told_in_words(tmp_path: Path) -> None:
     log = tmp_path / "log"
     perfcap = Path(sys.executable).parent / "perfcap"
-    with log.open("wb") as file:
-        call = [str(perfcap), "capture", "a.mp4", "--frames", "0:3", "4:5"]
-        subprocess.run(call, stdout=file, stderr=file, check=False)
-    assert last_line(log) == "Unrecognized options: 4:5"
+    for wrong, words in (
+        (("--frames", "0:3", "4:5"), "Unrecognized options: 4:5"),
+        (("--box", "1 2 3 4"), "Error parsing --box: Could not find valid parse for arguments:"),
+    ):
+        with log.open("wb") as file:
+            call = [str(perfcap), "capture", "a.mp4", *wrong]
+            subprocess.run(call, stdout=file, stderr=file, check=False)
+        assert last_line(log).startswith(words)
 
 
 def test_a_cluster_without_ray(

@@ -13,7 +13,14 @@ from runs import Command
 from takes import TakeFiles, write_detections
 from written_files import motion
 
-from perfcap.app.capture_folder import spare_inputs, state_of, states_of, unchanged
+from perfcap.app.capture_folder import (
+    spare_inputs,
+    spare_others,
+    spare_result,
+    state_of,
+    states_of,
+    unchanged,
+)
 from perfcap.cli import main
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
@@ -61,6 +68,43 @@ def test_no_input_has_the_place_of_a_result(tmp_path: Path, name: str) -> None:
     spare_inputs(tmp_path, [tmp_path / "other", tmp_path / "detections.npz"], detected=True)
     with pytest.raises(InputError, match=f"{name} of the result would replace the input"):
         spare_inputs(tmp_path, [tmp_path / "." / name], detected=False)
+
+
+def test_own_files_stay(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    """Before, masks were removed and other files replaced where there was no result."""
+    out = tmp_path / "mine"
+    (out / "masks" / "left").mkdir(parents=True)
+    kept = (out / "overlay.mp4", out / "masks" / "left" / "000000.png", out / "camera.json")
+    for path in kept:
+        path.write_bytes(b"mine")
+    for more in ((), ("--resume",)):
+        line = perfcap(take.command(out, *QUICK, *more)).refused()
+        assert "holds overlay.mp4, masks/ but no result; choose another folder" in line
+    assert all(path.read_bytes() == b"mine" for path in kept)
+    assert sorted(os.listdir(out)) == ["camera.json", "masks", "overlay.mp4"]
+    assert perfcap(take.command(out, *QUICK, "--overwrite")).code == 0
+
+
+def test_own_folders_of_people_stay(tmp_path: Path) -> None:
+    (tmp_path / "person1").mkdir()
+    spare_others(tmp_path, overwrite=False, detected=True)
+    (tmp_path / "person1" / "motion.npz").write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"holds person1/motion\.npz but no result"):
+        spare_others(tmp_path, overwrite=False, detected=True)
+    spare_others(tmp_path, overwrite=True, detected=True)
+
+
+def test_a_result_and_what_it_was_captured_from_are_spared(tmp_path: Path) -> None:
+    video, folder = tmp_path / "dance.mp4", tmp_path / "dance"
+    folder.mkdir()
+    for path in (video, folder / "motion.npz", folder / "metrics.json", tmp_path / "other.mp4"):
+        path.write_bytes(b"x")
+    (folder / "run.json").write_text(json.dumps({"input_files": {str(video): "1 byte"}}))
+    spare_result(folder, tmp_path / "other.mp4")
+    spare_result(folder, folder / "metrics.json", "metrics.json")
+    for target in (video, folder / "motion.npz", folder / "metrics.json"):
+        with pytest.raises(InputError, match="consists of or was captured from"):
+            spare_result(folder, target)
 
 
 # --- resume ---------------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 """What a capture says of inputs that do not belong together, and what it refuses."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from runs import Command
-from takes import TakeFiles, write_detections, write_take
+from takes import TakeFiles, write_detections, write_json, write_take
 
 from perfcap.app import capture_checks
 from perfcap.io.actor import models_folder
@@ -33,6 +35,22 @@ def test_what_is_asked_for_in_vain_is_told(
     told = perfcap(take.command(tmp_path / "out", *more, "--lifter", str(lifter))).notes
     assert any("--frames 2:99: the video ends with frame 39" in line for line in told)
     assert any("--lifter: is not used" in line for line in told)
+
+
+def test_joints_named_after_another_camera(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    one = json.loads(take.camera.read_text())
+    cameras = tmp_path / "cameras.json"
+    write_json(cameras, {"views": {"cam1": one, "cam2": one}})
+    more = ("--until", "initialize", "--no-overlay")
+    for name, told in (("cam1", True), ("cam2", False), ("cam2_json", False), ("walk", False)):
+        files = {"detections": tmp_path / f"{name}.npz", "cameras": cameras}
+        files["video"] = tmp_path / "cam2.mp4"
+        shutil.copy(take.detections, files["detections"])
+        shutil.copy(take.video, files["video"])
+        notes = perfcap(take.command(tmp_path / f"of {name}", *more, **files)).notes
+        assert any("named after the view cam1" in line for line in notes) == told, notes
 
 
 def test_exchanged_axes_and_other_frames(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:

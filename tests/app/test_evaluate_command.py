@@ -135,3 +135,14 @@ def test_missing_files(take: TakeFiles, result: Path, tmp_path: Path, perfcap: C
     assert "--truth" in line and "none" in line
     (result / "motion.npz").unlink()
     assert "motion.npz" in perfcap(["evaluate", result, "--truth", take.truth]).refused()
+
+
+def test_numbers_replace_no_other_file(take: TakeFiles, result: Path, perfcap: Command) -> None:
+    call = ["evaluate", result, "--truth", take.truth, "--out"]
+    assert (
+        "expected the name of a file that ends in .json" in perfcap([*call, take.truth]).refused()
+    )
+    (result / "run.json").write_text("{}")
+    assert "choose another name" in perfcap([*call, result / "run.json"]).refused()
+    assert (result / "run.json").read_text() == "{}" and arrays(take.truth)
+    assert perfcap([*call, result / "metrics.json"]).code == 0

@@ -230,3 +230,18 @@ def test_nothing_is_written_through_a_link(folder: Path, tmp_path: Path, perfcap
     assert "is a link" in perfcap(["export", folder, "--to", "bvh"]).refused()
     assert not list(elsewhere.iterdir())
     assert perfcap(["export", folder, "--to", "bvh", "--out", elsewhere]).code == 0
+
+
+def test_the_result_itself_is_not_replaced(folder: Path, perfcap: Command) -> None:
+    before = (folder / "motion.npz").read_bytes()
+    call = ["export", folder, "--to", "npz", "--name", "motion", "--out", folder]
+    assert "motion.npz, which the result" in perfcap(call).refused()
+    assert (folder / "motion.npz").read_bytes() == before
+
+
+def test_upside_down_is_named(folder: Path, perfcap: Command) -> None:
+    told = {
+        up: "upside down" in perfcap(["export", folder, "--to", "trc", f"--world-up={up}"]).out
+        for up in ("auto", "y", "-y", "x")
+    }
+    assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]

@@ -72,6 +72,19 @@ def test_masks_of_all_frames_leave_nothing_to_find(
     assert not [note for note in done.notes if "are given for" in note]
 
 
+def test_numbers_that_begin_with_1_are_told(
+    small: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    truth = true_masks(small)
+    late = {frame + 1: mask for frame, mask in enumerate(truth[:5])}
+    some = {frame: truth[frame] for frame in range(2, 5)}
+    for name, masks, expected in (("late", late, True), ("some", some, False)):
+        folder = write_masks(tmp_path / name, masks)
+        call = ("--until", "refine_pose", "--segmenter", "none", "--no-overlay", "--frames", "0:5")
+        done = perfcap(small.command(tmp_path / f"of {name}", *call, "--masks", str(folder)))
+        assert any("begin with 1" in note for note in done.notes) == expected, done.notes
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -59,6 +59,16 @@ def test_a_forgotten_video(take: TakeFiles, tmp_path: Path, perfcap: Command) ->
     assert "VIDEO: is missing" in perfcap([call[0], *call[2:]]).refused()
 
 
+def test_a_video_after_an_option_that_takes_several(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    """It is taken for another actor, and was refused as another person."""
+    call = ["capture", "--out", tmp_path, "--actor", "sam", take.video]
+    assert "VIDEO: is missing; expected a video" in perfcap(call).refused()
+    line = perfcap([call[0], take.video, *call[1:]]).refused()
+    assert f"--actor: names sam, {take.video}" in line and "videos before --actor" in line
+
+
 @pytest.mark.parametrize("name", ["a\0b", "x" * 300, "/".join(["y" * 200] * 25)])
 @pytest.mark.parametrize("option", ["out", "cameras", "detections", "actor", "video"])
 def test_impossible_names(

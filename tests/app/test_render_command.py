@@ -152,3 +152,12 @@ def test_a_camera_that_ends_too_early_is_refused(
     call = ["render", captured, "--camera", tmp_path / "camera.json", "--out", tmp_path / "a.mp4"]
     assert "has 10 frames, expected one for frame 23" in perfcap(call).refused()
     assert perfcap([*call, "--frames", "0:10"]).code == 0
+
+
+def test_the_video_that_was_captured_stays(
+    take: TakeFiles, captured: Path, perfcap: Command
+) -> None:
+    before = take.video.read_bytes()
+    call = ["render", captured, "--frames", ":1", *SMALL, "--out", take.video]
+    assert "was captured from; choose another name" in perfcap(call).refused()
+    assert take.video.read_bytes() == before

@@ -61,6 +61,21 @@ def test_a_report_with_a_truth(folder: Path, take: TakeFiles, perfcap: Command) 
     assert titles(folder / PAGE)[0] == "Joint error"
 
 
+def test_a_truth_of_another_world_is_told(
+    folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    """The curves would show it as errors of the capture; ``perfcap evaluate`` named it."""
+    with np.load(take.truth) as data:
+        x, y, z = np.moveaxis(data["joints3d"], -1, 0)
+    np.savez(tmp_path / "turned.npz", joints3d=np.stack((x, -z, y), -1))
+    done = perfcap(["report", folder, "--truth", tmp_path / "turned.npz"])
+    assert done.code == 0 and any("one rotation of all frames" in line for line in done.notes)
+
+
+def test_frames_that_the_result_lacks_are_told(folder: Path, perfcap: Command) -> None:
+    assert "ends with 23" in perfcap(["report", folder, "--frames", "20:40"]).out
+
+
 def test_view_makes_the_page_once(folder: Path, opened: list[str], perfcap: Command) -> None:
     page = folder / PAGE
     assert perfcap(["view", folder]).code == 0

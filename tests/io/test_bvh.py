@@ -235,6 +235,15 @@ def test_malformed_text_is_refused(old: str, new: str, tmp_path: Path) -> None:
     assert "a.bvh" in str(caught.value)
 
 
+@pytest.mark.parametrize("time", ["0", "-0.1", "120"])
+def test_times_of_frames_are_named(time: str, tmp_path: Path) -> None:
+    """A rate in place of a time was refused as a rate of 0.00833, without the file's name."""
+    path = tmp_path / "a.bvh"
+    path.write_text(TEXT.replace("Frame Time: 0.1", f"Frame Time: {time}", 1))
+    with pytest.raises(InputError, match=f"a.bvh: Frame Time is {time}; expected the seconds"):
+        load_bvh(path)
+
+
 def test_missing_and_binary_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "b.bvh").write_bytes(bytes(range(256)))
     for name in ("none.bvh", "b.bvh"):

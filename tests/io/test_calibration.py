@@ -61,6 +61,14 @@ def test_lenses_that_would_be_overlooked(tmp_path: Path, name: str) -> None:
         read_cameras(write(tmp_path / "camera.json", data))
 
 
+def test_names_that_are_misspelled(tmp_path: Path) -> None:
+    """Half a pixel, or a size that is not compared with the video's, was left out."""
+    for name, meant in (("pixel_center", "pixel_centre"), ("heigth", "height")):
+        path = write(tmp_path / "camera.json", {**entry(), name: 1})
+        with pytest.raises(InputError, match=f"has '{name}', which is not read; call it {meant}"):
+            read_cameras(path)
+
+
 @pytest.mark.parametrize("name", ["dist", "distCoeffs", "distortions"])
 def test_lenses_under_other_names(tmp_path: Path, name: str) -> None:
     data = entry()

@@ -83,6 +83,25 @@ def test_map_that_misses_the_image() -> None:
         match_image(RIG, [(1920, 1080)] * 2, {"cam01": far, "cam02": far})
 
 
+def test_an_inverted_map_is_told_from_a_good_one() -> None:
+    """Twice or one and a half percent too small, it went through: its middle is in the image."""
+    sizes = [(1920, 1080), (960, 544)]
+    good = [torch.tensor([*SHRUNK, [0, 0, 1]], dtype=torch.float64)]
+    good += [torch.diag(torch.tensor([2.0, 2, 1], dtype=torch.float64))]
+    match_image(RIG, sizes, {"cam01": good[0], "cam02": good[1]})
+    for turned in (0, 1):
+        given = [torch.linalg.inv(m) if view == turned else m for view, m in enumerate(good)]
+        with pytest.raises(InputError, match=f"int_cam0{turned + 1}_img: .* invert it"):
+            match_image(RIG, sizes, {"cam01": given[0], "cam02": given[1]})
+
+
+def test_maps_of_no_view_are_not_left_out(tmp_path: Path) -> None:
+    path = write(tmp_path / "map.json", {"left": SHRUNK, "right": SHRUNK})
+    assert set(read_pixel_map(path)) == set(read_pixel_map(path, ["left_1"])) == {"left", "right"}
+    with pytest.raises(InputError, match="names left, right, none of the views int_cam01_img"):
+        read_pixel_map(path, RIG.names)
+
+
 def test_as_many_videos_as_cameras() -> None:
     with pytest.raises(InputError, match="1 videos for 2 cameras"):
         match_image(RIG, [(1920, 1088)])

@@ -71,6 +71,22 @@ def test_3d_in_metres_about_the_hips(tmp_path: Path) -> None:
     torch.testing.assert_close(moved.joints3d, detections.joints3d)
 
 
+def test_arrays_that_are_not_read_are_named_once(tmp_path: Path) -> None:
+    """3D poses under another name were left out without a word, and so were numbers of frames."""
+    path = write_npz(tmp_path / "a.npz", joints3d=np.ones((6, 16, 3)), fps=np.array(25.0))
+    _, notes = read_detections(path)
+    assert notes == [
+        f"{path}: holds what is not read (joints3d, fps); expected joints2d, confidence2d, "
+        "joints3d_mm, joint_names, view_names, video_frames"
+    ]
+    with np.load(path) as one:
+        views = {name: np.stack([one[name]] * 2, 1) for name in ("joints2d", "confidence2d")}
+    np.savez(path, **views, boxes=np.ones(3))
+    assert len(read_detections(path, views=2)[1]) == 1
+    _, notes = read_detections(write_npz(tmp_path / "b.npz"))
+    assert not notes
+
+
 def test_3d_with_holes_is_not_trusted_there(tmp_path: Path) -> None:
     pose = pose3d_mm()
     pose[2, 5] = np.nan

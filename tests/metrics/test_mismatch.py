@@ -46,6 +46,22 @@ def test_frames_that_are_late(joints: Tensor) -> None:
     assert "5 frames later" in line
 
 
+@pytest.mark.parametrize("rate", [2.0, 0.5, 1.2])
+def test_another_frame_rate(joints: Tensor, rate: float) -> None:
+    """Without its rate and numbers of frames, a truth of 60 frames a second was taken as of 30."""
+    times = (torch.arange(60) / rate).clamp(max=59)
+    before = times.floor().long()
+    share = (times - before).to(joints)[:, None, None]
+    resampled = joints[before] * (1 - share) + joints[(before + 1).clamp(max=59)] * share
+    lines = told(joints, resampled)
+    assert any(f"a truth of {rate:.3g} times the frame rate" in line for line in lines)
+
+
+def test_a_mirrored_world(joints: Tensor) -> None:
+    (line,) = told(joints, joints * torch.tensor([-1.0, 1.0, 1.0]).to(joints))
+    assert "in a mirror 0% of the error is left" in line
+
+
 def test_sides(joints: Tensor) -> None:
     lines = told(joints, joints[:, list(ORDER)])
     assert any("left and right of the truth exchanged" in line for line in lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import torch
@@ -30,6 +31,15 @@ def test_an_actor_of_another_size_is_told() -> None:
     (told,) = actor_doubts(longer, take.cameras, take.detections, False)
     assert "--bones solve" in told
     assert not list(actor_doubts(longer, take.cameras, take.detections, True))
+
+
+def test_half_a_grown_person_in_one_view_is_told() -> None:
+    """The person would be at half the distance, and nothing else would show it."""
+    take = make_take(8)
+    assert not list(actor_doubts(take.actor, take.cameras, take.detections, False))
+    half = take.actor.resized(everywhere(take.actor, math.log(0.5)))
+    (told,) = actor_doubts(half, take.cameras, take.detections, False)
+    assert "a grown person 1.2 to 2.3" in told and "distances" in told
 
 
 def test_views_that_show_no_legs_say_nothing_of_their_length() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from perfcap.rates import FASTEST, SLOWEST
 PIXEL_CENTRES = (0.0, 0.5)
 LENS = ("distortion", "distortions", "dist", "distCoeffs", "dist_coeffs", "distortion_coefficients")
 _COEFFICIENTS = ("d", "dist_coeff", "distcoeff", "k1", "k2", "k3", "p1", "p2")
+_SPELLED = ("pixel_centre", "width", "height")
 UNITS = ("unit", "units")
 METRES = ("m", "metre", "metres", "meter", "meters")
 
@@ -53,12 +55,7 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
     if not isinstance(entry, dict):
         raise InputError(f"{where}: is a {type(entry).__name__}, expected an object with K, R, t")
     _require_metres(where, {**shared, **entry})
-    odd = [key for key in (*shared, *entry) if _of_lens(key) and key not in LENS]
-    if odd:
-        raise InputError(
-            f"{where}: has {odd[0]!r:.40}, which is not read; call the coefficients distortion: "
-            "k1, k2, p1, p2, k3"
-        )
+    _require_read(where, (*shared, *entry))
     if entry.get("pixel_centre", centre) != centre:
         raise InputError(f"{where}: has its own pixel_centre; state one for the whole file")
     view = make_view(
@@ -80,6 +77,19 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
             f"{where}: has {len(view.rotation)} camera poses but says frames = {frames}"
         )
     return view
+
+
+def _require_read(where: str, keys: Sequence[str]) -> None:
+    """Refuse what is meant for the camera, under a name that is not read."""
+    for key in keys:
+        if _of_lens(key) and key not in LENS:
+            raise InputError(
+                f"{where}: has {key!r:.40}, which is not read; call the coefficients distortion: "
+                "k1, k2, p1, p2, k3"
+            )
+        near = difflib.get_close_matches(key[:40].lower(), _SPELLED, 1, 0.8)
+        if near and key not in _SPELLED:
+            raise InputError(f"{where}: has {key!r:.40}, which is not read; call it {near[0]}")
 
 
 def _of_lens(key: str) -> bool:

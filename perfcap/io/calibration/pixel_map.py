@@ -18,6 +18,7 @@ from perfcap.io.calibration.view import to_numbers
 from perfcap.io.files import TEXT_LIMIT, read_json
 from perfcap.io.view_names import find_view
 
+_FITS = 0.01  # of the image's sides, by which the edges of a good map may be off
 KEY = "video_px_to_native_px"
 
 
@@ -57,14 +58,28 @@ def _apply(matrices: Tensor, pixels: Tensor) -> Tensor:
     return pixels @ matrices[..., :2, :2].mT + matrices[..., None, :2, 2]
 
 
-def read_pixel_map(path: str | Path) -> dict[str, Tensor]:
-    """Read ``{"video_px_to_native_px": {view: 2x3 or 3x3}}`` as (3, 3) float64 by view name."""
+def read_pixel_map(path: str | Path, views: Sequence[str] = ()) -> dict[str, Tensor]:
+    """Read ``{"video_px_to_native_px": {view: 2x3 or 3x3}}`` as (3, 3) float64 by view name.
+
+    Args:
+        path: the file.
+        views: of which it must name one at least, where any are known.
+
+    Raises:
+        InputError: it cannot be used.
+    """
     path = Path(path)
     data = read_json(path, "a map from video to calibration pixels", TEXT_LIMIT)
     entries = data.get(KEY) if isinstance(data, dict) else None
     if not isinstance(entries, dict) or not entries:
         raise InputError(f"{path}: has no '{KEY}' object; expected a 2x3 matrix by view name")
-    return {str(name): _matrix(f"{path}: view {name}", entry) for name, entry in entries.items()}
+    maps = {str(name): _matrix(f"{path}: view {name}", entry) for name, entry in entries.items()}
+    if views and all(_find(name, maps) is None for name in views):
+        raise InputError(
+            f"{path}: names {', '.join(maps)}, none of the views {', '.join(views)}; call each map "
+            "as its view"
+        )
+    return maps
 
 
 def _matrix(where: str, entry: Any) -> Tensor:
@@ -108,6 +123,11 @@ def _match_view(
     if matrix is not None:
         _check_overlap(name, matrix, size, video)
         return matrix
+    if tuple(video) != tuple(size) and maps:
+        raise InputError(
+            f"view {name}: has no map among {', '.join(maps)} of --video-map, and its video is "
+            f"{video[1]}x{video[0]}, its calibration for {size[1]}x{size[0]}; call the map {name}"
+        )
     if tuple(video) != tuple(size):
         raise InputError(
             f"view {name}: the video is {video[1]}x{video[0]}, its calibration is for "
@@ -135,3 +155,20 @@ def _check_overlap(
             f"({x:.0f}, {y:.0f}), outside its {size[1]}x{size[0]} calibration; expected "
             "x_calibration = M [x_video, y_video, 1]"
         )
+    found, inverse = (_misfit(m, size, video) for m in (matrix, torch.linalg.inv(matrix)))
+    if found > _FITS and inverse < found / 2:
+        raise InputError(
+            f"view {name}: the video map misses the edges of the {size[1]}x{size[0]} calibration "
+            f"by {found:.1%}, its inverse by {inverse:.1%}; expected x_calibration = M [x_video, "
+            "y_video, 1], invert it"
+        )
+
+
+def _misfit(matrix: Tensor, size: tuple[int, int], video: tuple[int, int]) -> float:
+    """How far a mapped video's edges are from the calibration's, as a share of its sides."""
+    height, width = video
+    corners = [[0, 0], [width, 0], [0, height], [width, height]]
+    mapped = _apply(matrix[None], torch.tensor([corners], dtype=torch.float64))[0]
+    edges = torch.tensor([size[1], size[0]], dtype=torch.float64)
+    off = torch.stack((mapped.amin(0), mapped.amax(0) - edges)).abs()
+    return float((off / edges).max())

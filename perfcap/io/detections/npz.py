@@ -10,8 +10,8 @@ import numpy as np
 
 from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, LANDMARKS16, JointSet, canonical_name
 from perfcap.detect.unit_guess import unit_of
-from perfcap.errors import InputError
-from perfcap.io.archive import read_archive
+from perfcap.errors import InputError, one_line
+from perfcap.io.archive import other_arrays, read_archive
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
 
@@ -47,9 +47,10 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track] | li
         )
     _same_shape(path, "confidence2d", confidence, joints2d.shape[:-1])
     joint_set = _joint_set(path, arrays, joints2d.shape[-2])
+    notes = _unread(path)
     if joints2d.ndim == 5:
         people = np.concatenate((joints2d, confidence[..., None]), -1)
-        return _listings(path, arrays, people, joint_set, views)
+        return _listings(path, arrays, people, joint_set, views, notes)
     joints3d = None
     if "joints3d_mm" in arrays:
         joints3d = _numbers(path, arrays, "joints3d_mm")
@@ -57,7 +58,7 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track] | li
         _check_millimetres(path, joints3d)
         joints3d = joints3d / 1000
     track = Track(
-        str(path), joint_set, joints2d, confidence, joints3d, (), _video_frames(path, arrays)
+        str(path), joint_set, joints2d, confidence, joints3d, notes, _video_frames(path, arrays)
     )
     if joints2d.ndim == 3:
         return [track]
@@ -68,9 +69,19 @@ def read_npz(path: Path, views: Sequence[str] | None = None) -> list[Track] | li
             joints2d=joints2d[:, c],
             confidence=confidence[:, c],
             joints3d=None if joints3d is None else joints3d[:, c],
+            warnings=() if n else notes,
         )
-        for c in _view_order(path, arrays, joints2d.shape[1], views)
+        for n, c in enumerate(_view_order(path, arrays, joints2d.shape[1], views))
     ]
+
+
+def _unread(path: Path) -> tuple[str, ...]:
+    """Arrays that mean nothing here: names mistyped, or numbers that the user counts on."""
+    found = other_arrays(path, _ARRAYS, "detections.npz")
+    if not found:
+        return ()
+    some = ", ".join(one_line(name)[:40] for name in found[:6])
+    return (f"{path}: holds what is not read ({some}); expected {', '.join(_ARRAYS)}",)
 
 
 def _listings(
@@ -79,6 +90,7 @@ def _listings(
     people: Array,
     joint_set: JointSet,
     views: Sequence[str] | None,
+    notes: tuple[str, ...],
 ) -> list[Listing]:
     """Views of an array of several people (F, C, P, J, 3); rows without confidence are left out."""
     if people.shape[2] > MAX_PEOPLE:
@@ -93,10 +105,10 @@ def _listings(
             f"{path}: view {c + 1}",
             joint_set,
             [list(row[kept]) for row, kept in zip(people[:, c], there[:, c], strict=True)],
-            warnings,
+            warnings if n else (*notes, *warnings),
             _video_frames(path, arrays),
         )
-        for c in _view_order(path, arrays, people.shape[1], views)
+        for n, c in enumerate(_view_order(path, arrays, people.shape[1], views))
     ]
 
 
