@@ -79,7 +79,7 @@ class Reprojection(Energy[Motion]):
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
         projected = self.cameras.linearize(joints)
-        if not is_plain(*projected):
+        if not is_plain(*projected) or projected[0].shape[:-1] != seen.confidence2d.shape:
             return None
         strength, blocks = (self.scale, self.weight), (curvature, gradient)
         return _reprojection_numba.add_to_blocks(seen, strength, projected, frame, kernel, blocks)

@@ -97,6 +97,11 @@ def _solve(
             "expected at least one of each; nothing can be solved"
         )
     here = initial.coordinates()
+    if here.frame.dtype not in (torch.float32, torch.float64):
+        raise InputError(
+            f"initial state is {here.frame.dtype}, in which nothing can be solved; expected "
+            "float32 or float64"
+        )
     if here.frame.device.type == "cpu":
         _keep_freed_memory()
     with torch.no_grad():
@@ -109,14 +114,14 @@ def _solve(
 
 
 def _require_settings(method: object, adjoint: object) -> None:
-    if method is not None and not hasattr(method, "minimize"):
+    if method is not None and (isinstance(method, type) or not hasattr(method, "minimize")):
         raise InputError(
-            f"method is a {type(method).__name__}, expected settings of a minimiser such as "
+            f"method is {method!r:.80}, expected settings of a minimiser such as "
             "LevenbergMarquardt() or Adam()"
         )
     if adjoint is not None and not isinstance(adjoint, Adjoint):
         raise InputError(
-            f"adjoint is a {type(adjoint).__name__}, expected Detached(), Implicit() or Unrolled()"
+            f"adjoint is {adjoint!r:.80}, expected Detached(), Implicit() or Unrolled()"
         )
 
 
