@@ -16,6 +16,7 @@ from perfcap.io.doctor.sides import examine_sides
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
+_FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a repeated frame
@@ -52,6 +53,7 @@ def examine_detections(
         findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
+        findings += _faint(name, detections.confidence2d[:, view])
         findings += _image_size(name, pixels, rig.cameras.size[view])
         trusted = detections.trusted3d[:, view]
         if detections.joints3d is not None and trusted.any():
@@ -109,6 +111,19 @@ def _coverage(name: str, confidence: Tensor) -> list[Finding]:
     what = f"nothing is detected in {share}: {ranges(frames)}"
     severity = Severity.WARNING if len(frames) > len(confidence) / 10 else Severity.INFO
     return [Finding(severity, name, what, "such frames are bridged from their neighbours")]
+
+
+def _faint(name: str, confidence: Tensor) -> list[Finding]:
+    """Confidences (F, 16) that are all next to nothing: energies would hardly count them."""
+    highest = float(confidence.max()) if confidence.numel() else 0.0
+    if not 0 < highest < _FAINT:
+        return []
+    what = f"confidences are {highest:.2g} at most"
+    remedy = (
+        "expected shares of up to 1: were percents divided twice, or are they peaks of heat maps "
+        "that sum to 1? Divide by what a sure joint has"
+    )
+    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
