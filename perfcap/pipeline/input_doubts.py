@@ -37,13 +37,14 @@ _TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that 
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
-def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
+def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:
     """A sentence for each mistake in units, axes, lenses, views and frames that numbers show.
 
     Args:
         cameras: C views, (C,) or (F, C); the middle of an image without a size is taken to be
             where its lens looks.
         detections: (F, C).
+        faint: whether to tell that all confidences are next to nothing.
     """
     known = cameras.map(lambda part: part.detach().double().cpu())
     seen = detections.to(known.intrinsics).map(lambda part: part.detach())
@@ -53,7 +54,7 @@ def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
     rig = CameraRig(names, replace(known, size=known.size or sizes))
     findings = (
         *examine_cameras(rig),
-        *examine_detections(rig, seen, coverage=False),
+        *examine_detections(rig, seen, coverage=False, faint=faint),
         *examine_agreement(rig, seen),
     )
     told = () if detections.joints3d is None or bool(detections.trusted3d.any()) else (_NO_POSE,)
@@ -65,7 +66,7 @@ def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
 
 
 def estimate_doubts(
-    cameras: Camera, detections: Detections, missing: Collection[str]
+    cameras: Camera, detections: Detections, missing: Collection[str], learned: bool = False
 ) -> tuple[str, ...]:
     """The same of what an estimator gives; where its 3D poses are does not count.
 
@@ -73,15 +74,16 @@ def estimate_doubts(
         cameras: C views, (C,) or (F, C).
         detections: (F, C); without 2D joints their confidence is 0.
         missing: landmarks that the estimator does not have.
+        learned: whether confidences are still being learned, and may be next to nothing.
     """
     if detections.joints3d is None:
-        return input_doubts(cameras, detections)
+        return input_doubts(cameras, detections, not learned)
     poses = detections.joints3d.detach()
     poses = poses - mid_hip(poses).unsqueeze(-2)
     for name, beside in _BESIDE.items():
         if name in missing:  # a foot without a length points nowhere
             poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
-    told = input_doubts(cameras, replace(detections, joints3d=poses))
+    told = input_doubts(cameras, replace(detections, joints3d=poses), not learned)
     alone = not bool((detections.confidence2d > 0).any())
     return (*told, *_headlong(cameras, poses[detections.trusted3d])) if alone else told
 

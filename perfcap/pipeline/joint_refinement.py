@@ -274,8 +274,10 @@ def resized(cameras: Camera, size: tuple[int, int]) -> Camera:
     """Cameras whose images are stretched to one size (height, width).
 
     Raises:
-        InputError: cameras do not say how large their images are.
+        InputError: cameras do not say how large their images are, or the size is none.
     """
+    if len(size) != 2 or not all(side == int(side) and side > 0 for side in size):
+        raise InputError(f"size is {size}, expected whole pixels of (height, width)")
     if not cameras.size:
         raise InputError(
             "cameras do not know the size of their images; give cameras in pixels of the masks"

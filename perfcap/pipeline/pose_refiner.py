@@ -11,7 +11,13 @@ from torch import Tensor, nn
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, LANDMARKS16, JointSet
+from perfcap.detect.joint_set import (
+    JOINT_SETS,
+    LANDMARKS,
+    LANDMARKS16,
+    JointSet,
+    canonical_name,
+)
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
@@ -173,7 +179,8 @@ class PoseRefiner(nn.Module):
         if self._examined or not is_plain(seen.joints2d):
             return
         self._examined = True
-        for line in estimate_doubts(clip.cameras, seen, self.joint_set.missing()):
+        learned, missing = clip.detections.confidence2d.requires_grad, self.joint_set.missing()
+        for line in estimate_doubts(clip.cameras, seen, missing, learned):
             warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
 
     def _solve_twice(
@@ -254,6 +261,12 @@ def _known(joint_set: JointSet | str) -> JointSet:
             "JointSet('mine', names) of the estimator's joints in its order"
         )
     missing = joint_set.missing()
+    spelled = [f"{own} (expected {mark})" for own, mark in _misspelled(joint_set, missing)]
+    if spelled:
+        raise InputError(
+            f"joint_set {joint_set.name!r} has names that are not ours: {', '.join(spelled)}; as "
+            "they are, these joints would be left out"
+        )
     needed = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
     lacking = [name for name in needed if name in missing]
     if lacking:
@@ -262,6 +275,14 @@ def _known(joint_set: JointSet | str) -> JointSet:
             "be found; give the names of the estimator's joints in its order"
         )
     return joint_set
+
+
+def _misspelled(joint_set: JointSet, missing: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Joints on a side in another spelling, with the landmark that they are and the set lacks."""
+    for own in joint_set.joints:
+        mark = canonical_name(own)
+        if mark != own and mark in missing and mark[:2] in ("l_", "r_"):
+            yield own, mark
 
 
 def _without(config: PoseConfig, joint_set: JointSet) -> PoseConfig:

@@ -10,7 +10,16 @@ from takes import Take, make_take
 
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
-from perfcap.pipeline import CaptureConfig, PoseConfig, PoseRefiner, capture
+from perfcap.pipeline import (
+    CaptureConfig,
+    Images,
+    Person,
+    PoseConfig,
+    PoseRefiner,
+    Scene,
+    capture,
+    resized,
+)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +84,31 @@ def test_a_rig_is_not_its_cameras(take: Take) -> None:
 def test_settings_of_the_layer(take: Take, settings: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         PoseRefiner(**({"actor": take.actor} | settings))
+
+
+def test_a_scene_has_its_own(take: Take) -> None:
+    scene = Scene(take.cameras, (Person(take.actor, take.detections),), take.rate)
+    with pytest.raises(InputError, match="a Scene has its own cameras, detections and rate"):
+        capture(scene, take.cameras, take.detections, 2 * take.rate)  # type: ignore[call-overload]
+
+
+def test_two_people_are_not_one(take: Take) -> None:
+    people = tuple(Person(take.actor, each) for each in (take.detections, take.detections))
+    with pytest.raises(InputError, match="people 0 and 1 have the same detections"):
+        Scene(take.cameras, people, take.rate)
+
+
+def test_images_of_another_kind(take: Take) -> None:
+    rig = CameraRig(("front",), take.cameras)
+    for reader, cameras in ((torch.zeros(6), take.cameras), (rig, rig)):
+        with pytest.raises(InputError, match=r"images: reader, cameras and masks are"):
+            Images(reader, cameras)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [(0, 9), (-9, 9), (9.5, 9), (9,)])
+def test_sizes_that_are_none(take: Take, size: Any) -> None:
+    with pytest.raises(InputError, match="expected whole pixels"):
+        resized(take.cameras, size)
 
 
 def test_estimates_that_are_no_tensors(take: Take) -> None:

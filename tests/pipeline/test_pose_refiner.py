@@ -133,28 +133,6 @@ def test_mistakes_that_the_first_clip_shows_are_told_once() -> None:
         copy.deepcopy(layer)(VIEWS, flipped)
 
 
-def test_mistakes_of_3d_joints_alone_are_told() -> None:
-    """Of the world instead of the camera, mirrored, in feet, or with a joint that never is."""
-    front, local = VIEWS.select([0]), LOCAL[:, :1]
-    world = JOINTS.unsqueeze(1)
-    mirrored = local * local.new_tensor([-1, 1, 1])
-    lacking = torch.where(torch.arange(16)[:, None] == 0, math.nan, local)
-    for words, joints, pixels in (
-        ("stands on their head", world, None),
-        ("the feet point backwards", mirrored, None),
-        ("expected 0.3 to 3.0", 3.28 * local, None),
-        ("no pose of them counts", lacking, PIXELS[:, :1]),
-    ):
-        with pytest.warns(UserWarning, match=f"PoseRefiner: .*{words}"):
-            refiner().eval()(front, pixels, joints3d=joints)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        refiner().eval()(front, joints3d=local)
-        # a camera that does not turn stands for none: the axes are the world's own
-        still = replace(front, rotation=torch.eye(3, dtype=F64)[None])
-        refiner().eval()(still, joints3d=world)
-
-
 def test_batch_equals_loop() -> None:
     """Clips of different lengths, padded or in a list, with cameras of their own."""
     short = observed(motion(8, seed=5))[1]

@@ -27,7 +27,7 @@ _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 
 
 def examine_detections(
-    rig: CameraRig, detections: Detections, *, coverage: bool = True
+    rig: CameraRig, detections: Detections, *, coverage: bool = True, faint: bool = True
 ) -> list[Finding]:
     """Coverage, image size, and units, axes and frames of 3D poses.
 
@@ -35,6 +35,7 @@ def examine_detections(
         rig: C views.
         detections: (F, C).
         coverage: whether to list frames in which nobody is detected.
+        faint: whether to tell that all confidences are next to nothing.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
@@ -53,7 +54,7 @@ def examine_detections(
         findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
-        findings += _faint(name, detections.confidence2d[:, view])
+        findings += _faint(name, detections.confidence2d[:, view]) if faint else []
         findings += _image_size(name, pixels, rig.cameras.size[view])
         trusted = detections.trusted3d[:, view]
         if detections.joints3d is not None and trusted.any():
