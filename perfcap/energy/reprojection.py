@@ -47,6 +47,12 @@ class Reprojection(Energy[Motion]):
         unit: float | Tensor = 1.0,
     ) -> None:
         super().__init__(weight, kernel)
+        sure = detections.confidence2d.detach()
+        if is_plain(sure) and bool((sure < 0).any()):
+            raise InputError(
+                f"confidence2d is {float(sure.min()):.3g} at least, expected 0 to 1; take the "
+                "sigmoid of logits"
+            )
         self.points, self.sees = points, points.sees
         self.cameras, self.detections = cameras, detections
         self.register_buffer("scale", 1 / torch.as_tensor(unit).to(detections.joints2d))

@@ -56,7 +56,8 @@ class State(Protocol):
     def coordinates(self) -> Step:
         """The numbers that box bounds apply to, in the order of the tangent vector.
 
-        Only coordinates that ``retract`` adds to may be bounded; others may hold anything.
+        Only coordinates that ``retract`` adds to may be bounded; others may hold anything. A state
+        may name others by an attribute ``curved``, a slice of D: bounds on these are refused.
         """
 
 

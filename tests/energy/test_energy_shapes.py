@@ -10,7 +10,7 @@ from perfcap.detect.detections import Detections
 from perfcap.energy import JointPosition, JointTarget, Reprojection
 from perfcap.energy.prior import PosePrior
 from perfcap.errors import InputError
-from perfcap.solve import Objective, solve
+from perfcap.solve import Bounds, Objective, solve
 
 F64 = torch.float64
 ACTOR, FRAMES = actor(), 4
@@ -62,6 +62,25 @@ def test_targets_that_are_none() -> None:
             JointTarget(ACTOR.landmarks, target)
     with pytest.raises(InputError, match="confidence is -1 at least"):
         JointTarget(ACTOR.landmarks, PLACES[:, None], -torch.ones(FRAMES, 1, 16, dtype=F64))
+
+
+def test_confidences_below_zero() -> None:
+    views = cameras(2)
+    seen = Detections.from_joints(views.project(PLACES), -torch.ones(FRAMES, 2, 16, dtype=F64))
+    with pytest.raises(InputError, match="confidence2d is -1 at least"):
+        Reprojection(ACTOR.landmarks, views, seen)
+
+
+@pytest.mark.parametrize("size", [(), (1,), (33,)])
+def test_bounds_on_rotations_are_refused(size: tuple[int, ...]) -> None:
+    """Steps do not add to a rotation vector, so that states left such bounds."""
+    objective = Objective(prior=PosePrior(torch.zeros(27, dtype=F64)))
+    free = torch.full((33,), torch.inf, dtype=F64)
+    free[:3] = 0.5  # places may be bounded
+    assert solve(objective, MOTION, bounds=Bounds.on_frames(-free, free)).state.frames == FRAMES
+    side = torch.ones(size, dtype=F64)
+    with pytest.raises(InputError, match="bounds hold coordinates 3 to 5 of a Motion"):
+        solve(objective, MOTION, bounds=Bounds.on_frames(-side, side))
 
 
 @pytest.mark.parametrize("weight", [-1.0, float("nan")])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
+
 import torch
 from torch import Tensor
 
@@ -43,6 +46,7 @@ def examine_detections(
     findings = _moving(rig, detections)
     if findings:
         return findings
+    findings += _copied(rig.names, detections)
     plane = rig.cameras.to_plane(detections.joints2d)
     for view, name in enumerate(rig.names):
         if coverage:
@@ -125,6 +129,21 @@ def _faint(name: str, confidence: Tensor) -> list[Finding]:
         "that sum to 1? Divide by what a sure joint has"
     )
     return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
+    """Views with the joints of another one, to the last digit."""
+    findings = []
+    seen = detections.confidence2d > 0
+    for first, second in combinations(range(len(names)), 2):
+        both = seen[:, first] & seen[:, second]
+        same = (detections.joints2d[:, first] == detections.joints2d[:, second]).all(-1)
+        if int(both.sum()) >= _SOME and bool(same[both].all()):
+            what = "have the same joints to the last digit"
+            remedy = "give the detections of each view"
+            pair = f"{names[first]} and {names[second]}"
+            findings.append(Finding(Severity.ERROR, pair, what, remedy))
+    return findings
 
 
 def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
