@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step
+from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
 
 _LEAK = 1e-9  # of the largest derivative
 
@@ -19,11 +19,17 @@ def require_sound(objective: Objective, state: State) -> None:
     Two derivatives along one direction each, of energies that have no closed form, once a solve.
 
     Raises:
-        InputError: a learned weight or a confidence below zero, a residual of another shape or
-            type than (*b, F, G, d), rows that depend on other frames or batch elements than their
-            own, or on shared unknowns that the energy does not see.
+        InputError: a filter along other frames, a learned weight or a confidence below zero, a
+            residual of another shape or type than (*b, F, G, d), rows that depend on other frames
+            or batch elements than their own, or on shared unknowns that the energy does not see.
     """
+    frames = state.coordinates().frame.shape[-2]
     for name, energy in objective.items():
+        if isinstance(energy, WindowEnergy) and energy.basis.shape[-1] != frames:
+            raise InputError(
+                f"energy {name!r} filters {energy.basis.shape[-1]} frames but the state has "
+                f"{frames}; make one for as many"
+            )
         if energy.weight.requires_grad:
             _require_weight(name, energy.weight.detach())
         if type(energy).linearize is Energy.linearize and energy.coupling is Coupling.FRAME:

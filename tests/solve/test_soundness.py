@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from toy import Frames
+from toy import Frames, Smoothness, cosine_basis
 
 from perfcap.errors import InputError
 from perfcap.solve import (
@@ -124,3 +124,9 @@ def test_a_learned_weight_below_zero_is_refused():
         weight -= 1
     with pytest.raises(InputError, match=r"energy 'own' has a weight of -0\.9"):
         solve(objective, start())
+
+
+def test_filters_of_other_frames_are_refused():
+    filters = Smoothness(cosine_basis(2, 9), torch.ones(2, dtype=F64), torch.ones(4, dtype=F64))
+    with pytest.raises(InputError, match="energy 'smooth' filters 9 frames but the state has 7"):
+        solve(Objective(own=Own(lambda s: rows(s.frame)), smooth=filters), start())
