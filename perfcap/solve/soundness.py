@@ -8,12 +8,13 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.solve.compound import OfPart
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
 
 _LEAK = 1e-9  # of the largest derivative
 
 
-def require_sound(objective: Objective, state: State) -> None:
+def require_sound(objective: Objective, state: Any) -> None:
     """Refuse what forward-mode differentiation would take for a residual of separate frames.
 
     Two derivatives along one direction each, of energies that have no closed form, once a solve.
@@ -32,8 +33,11 @@ def require_sound(objective: Objective, state: State) -> None:
             )
         if energy.weight.requires_grad:
             _require_weight(name, energy.weight.detach())
+        whole = state
+        while isinstance(energy, OfPart) and energy.name in whole.parts:
+            energy, whole = energy.energy, whole.parts[energy.name]
         if type(energy).linearize is Energy.linearize and energy.coupling is Coupling.FRAME:
-            _require_own_rows(name, energy, state)
+            _require_own_rows(name, energy, whole)
 
 
 def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:

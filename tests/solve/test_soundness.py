@@ -9,12 +9,14 @@ from toy import Frames, Smoothness, cosine_basis
 from perfcap.errors import InputError
 from perfcap.solve import (
     Adam,
+    Compound,
     Energy,
     Implicit,
     LevenbergMarquardt,
     Objective,
     Residual,
     Unrolled,
+    of_part,
     solve,
 )
 
@@ -65,6 +67,15 @@ def test_rows_that_depend_on_other_frames_are_refused(what, method):
         solve(objective, start(), method)
     with pytest.raises(InputError, match="'smooth'"):
         solve(objective, start(), method, adjoint=Unrolled())
+
+
+def test_rows_of_a_part_are_looked_at_too():
+    state = Compound({"body": start(), "rest": start()})
+    for what in COUPLED.values():
+        with pytest.raises(InputError, match="energy 'smooth' has rows that depend on other"):
+            solve(Objective(smooth=of_part("body", Own(what))), state)
+    found = solve(Objective(own=of_part("body", Own(lambda s: rows(s.frame)))), state)
+    assert (found.energy < 1e-9).all()
 
 
 def test_first_order_descent_takes_them():
