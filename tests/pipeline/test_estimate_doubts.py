@@ -40,12 +40,12 @@ def refine(
         ),
     ],
 )
-def test_mistakes_are_told(words: str, joints: Tensor, pixels: Tensor | None) -> None:
+def test_mistakes_are_named(words: str, joints: Tensor, pixels: Tensor | None) -> None:
     with pytest.warns(UserWarning, match=f"PoseRefiner: .*{words}"):
         refine(joints, pixels)
 
 
-def test_joints_of_the_world_are_told() -> None:
+def test_joints_of_the_world_are_named() -> None:
     turned = TAKE.cameras.rotation.new_tensor([[[1, 0, 0], [0, -1, 0], [0, 0, -1]]])
     cameras = replace(TAKE.cameras, rotation=turned)
     world = (LOCAL - cameras.translation[..., None, :]) @ turned
@@ -72,7 +72,7 @@ def test_good_joints_are_not() -> None:
         PoseRefiner(TAKE.actor).eval()(still, joints3d=LOCAL * LOCAL.new_tensor([1, -1, -1]))
 
 
-def test_confidences_that_hardly_count_are_told_unless_they_are_learned() -> None:
+def test_confidences_that_hardly_count_are_named_unless_they_are_learned() -> None:
     faint = 0.01 * TAKE.detections.confidence2d
     with pytest.warns(UserWarning, match="confidences are 0.01 at most"):
         PoseRefiner(TAKE.actor).eval()(TAKE.cameras, PIXELS, faint)
@@ -82,7 +82,7 @@ def test_confidences_that_hardly_count_are_told_unless_they_are_learned() -> Non
 
 
 def test_other_spellings_are_named() -> None:
-    """A knee of another name was a knee that nobody saw."""
+    """A knee of another name was an unseen knee."""
     names = ["LKnee" if name == "l_knee" else name for name in LANDMARKS]
     with pytest.raises(InputError, match=r"not ours: LKnee \(expected l_knee\)"):
         PoseRefiner(TAKE.actor, JointSet("mine", tuple(names)))
