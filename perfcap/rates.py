@@ -31,7 +31,7 @@ def frame_rate(value: Any, name: str = "rate") -> float:
     """
     value = getattr(value, "fps", value)
     try:
-        rate = math.nan if isinstance(value, str | bytes) else float(value)
+        rate = math.nan if isinstance(value, str | bytes | bool) else float(value)
     except (TypeError, ValueError, RuntimeError):  # the last: a tensor of several
         rate = math.nan
     if not SLOWEST <= rate < FASTEST:

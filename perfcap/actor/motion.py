@@ -48,6 +48,8 @@ class Motion(Record):
             if found != (*lead, 3):
                 raise ValueError(f"motion {name} has shape {found}, expected {(*lead, 3)}")
 
+    curved = slice(3, 6)  # of the coordinates: a rotation vector, which steps do not add to
+
     @property
     def frame_dim(self) -> int:
         """D = 6 + A."""

@@ -9,6 +9,7 @@ from perfcap.actor import _kinematics_torch
 from perfcap.actor.kinematic_tree import KinematicTree, Pose
 from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.rig import Hinge, Rig
+from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 
 __all__ = ["Hinge", "Pose", "Rig", "Skeleton"]
@@ -54,7 +55,12 @@ class Skeleton(nn.Module):
         )
 
     def forward(self, motion: Motion) -> Pose:
-        """Posed joints and landmarks of a motion (*b, F)."""
+        """Posed joints and landmarks of a motion (*b, F).
+
+        Raises:
+            InputError: the motion is of another number of angles.
+        """
+        self._require_angles(motion)
         if not self._is_plain(motion):
             return _kinematics_torch.place(self.tree, motion)
         from perfcap.actor import _kinematics_numba
@@ -70,6 +76,7 @@ class Skeleton(nn.Module):
                 (*b, F, L, 3, 6 + A): an angle moves a point by axis x (point - joint).
             shared: derivative in ``"bones"``, (*b, F, L, 3, S), None where they are known.
         """
+        self._require_angles(motion)
         if not self._is_plain(motion):
             return _kinematics_torch.linearize(self.tree, motion)
         from perfcap.actor import _kinematics_numba
@@ -78,6 +85,14 @@ class Skeleton(nn.Module):
         bones = self.tree.bone_vectors
         key = self, bones, 0 if bones.is_inference() else bones._version
         return motion.once(key, lambda: _kinematics_numba.linearize(self.tree, motion))
+
+    def _require_angles(self, motion: Motion) -> None:
+        """Compiled loops believe the shapes they are given."""
+        if motion.angles.shape[-1] != len(self.angle_names):
+            raise InputError(
+                f"motion has angles {tuple(motion.angles.shape)}, expected (*b, F, "
+                f"{len(self.angle_names)}): those of this skeleton, by angle_names"
+            )
 
     def _is_plain(self, motion: Motion) -> bool:
         """Whether compiled loops may be used: only numbers are asked for, on the CPU."""

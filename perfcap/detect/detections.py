@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
 from perfcap.geometry.record import Record
 
 
@@ -116,6 +117,10 @@ class Detections(Record):
 
     def to(self, like: Tensor) -> Self:
         """The same detections with the type and device of a tensor; ``trusted3d`` stays bool."""
+        if not isinstance(like, Tensor):
+            raise InputError(
+                f"to: got {like!r:.80}, expected a tensor of the type and device, as torch.zeros(1)"
+            )
         return self.map(lambda each: each.to(like if each.is_floating_point() else like.device))
 
 

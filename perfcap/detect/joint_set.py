@@ -54,6 +54,8 @@ class JointSet:
     joints: tuple[str, ...]
 
     def __post_init__(self) -> None:
+        if isinstance(self.joints, str):
+            raise ValueError(f"joint set {self.name!r} names {self.joints!r}, expected several")
         twice = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
         if twice:
             raise ValueError(f"joint set {self.name!r} names {', '.join(twice)} more than once")
@@ -113,6 +115,11 @@ def map_to_landmarks(
         raise ValueError(
             f"values {tuple(values.shape)} and confidence {tuple(confidence.shape)} do not hold "
             f"the {len(joint_set)} joints of {joint_set.name!r}; expected (..., J, d) and (..., J)"
+        )
+    if not values.is_floating_point() or not confidence.is_floating_point():
+        raise ValueError(
+            f"values are {values.dtype} and confidence {confidence.dtype}, expected floating-point "
+            "numbers: means of joints would be whole ones"
         )
     values, confidence = _drop_undetected(values, confidence)
     columns = [list(joint_set.sources(mark, measured=measured)) for mark in LANDMARKS]

@@ -12,6 +12,7 @@ from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
 from perfcap.energy._point_curvature import point_curvature
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -71,6 +72,11 @@ class JointPosition(Energy[Motion]):
         super().__init__(weight, kernel)
         if detections.joints3d is None:
             raise ValueError("JointPosition needs detections with joints3d; these have none")
+        if detections.views != cameras.views:
+            raise InputError(
+                f"detections are of {detections.views} views, cameras of {cameras.views}; give one "
+                "camera a view, in the same order"
+            )
         self.points, self.sees = points, points.sees
         predicted = detections.joints3d
         count = predicted.shape[-2]

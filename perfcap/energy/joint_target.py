@@ -9,6 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
@@ -51,10 +52,15 @@ class JointTarget(Energy[Motion]):
         count = points.count
         if confidence is None:
             confidence = torch.ones_like(target[..., 0])
-        if target.shape[-2:] != (count, 3) or confidence.shape != target.shape[:-1]:
+        fits = target.dim() > 3 and target.shape[-2:] == (count, 3)
+        if not fits or confidence.shape != target.shape[:-1]:
             raise InputError(
                 f"target has shape {tuple(target.shape)} and confidence {tuple(confidence.shape)}; "
                 f"give (*b, F, C, {count}, 3) and (*b, F, C, {count})"
+            )
+        if is_plain(confidence.detach()) and bool((confidence < 0).any()):
+            raise InputError(
+                f"confidence is {float(confidence.min()):.3g} at least, expected numbers from 0 on"
             )
         super().__init__(weight, kernel)
         self.points, self.sees = points, points.sees

@@ -47,6 +47,12 @@ class Reprojection(Energy[Motion]):
         unit: float | Tensor = 1.0,
     ) -> None:
         super().__init__(weight, kernel)
+        sure = detections.confidence2d.detach()
+        if is_plain(sure) and bool((sure < 0).any()):
+            raise InputError(
+                f"confidence2d is {float(sure.min()):.3g} at least, expected 0 to 1; take the "
+                "sigmoid of logits"
+            )
         self.points, self.sees = points, points.sees
         self.cameras, self.detections = cameras, detections
         self.register_buffer("scale", 1 / torch.as_tensor(unit).to(detections.joints2d))
@@ -79,7 +85,7 @@ class Reprojection(Energy[Motion]):
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
         projected = self.cameras.linearize(joints)
-        if not is_plain(*projected):
+        if not is_plain(*projected) or projected[0].shape[:-1] != seen.confidence2d.shape:
             return None
         strength, blocks = (self.scale, self.weight), (curvature, gradient)
         return _reprojection_numba.add_to_blocks(seen, strength, projected, frame, kernel, blocks)

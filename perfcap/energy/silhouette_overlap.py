@@ -299,6 +299,12 @@ def _check(
         return
     sides = zip(trust.shape[::-1], masks.shape[::-1], strict=False)
     fits = trust.ndim <= masks.ndim and all(one in (1, other) for one, other in sides)
+    counts = not trust.is_floating_point() and trust.dtype != torch.bool
+    if counts and trust.numel() and int(trust.max()) > 1:
+        raise InputError(
+            f"trust is {trust.dtype} up to {int(trust.max())}; expected bool, or floating-point "
+            "weights from 0 on: divide bytes by 255"
+        )
     if not fits or not bool((trust >= 0).all()):
         raise InputError(
             f"trust has shape {tuple(trust.shape)} and least {float(trust.min()):g}; expected "

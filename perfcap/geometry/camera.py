@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -188,6 +189,14 @@ class Camera(Record):
             distortion=distortion,
             size=tuple(self.size[i] for i in views) if self.size else (),
         )
+
+    @classmethod
+    def cat(cls, records: Sequence[Self]) -> Self:
+        """Cameras of more views, or where they move of more frames."""
+        joined = super().cat(records)
+        if joined.moving or not all(each.size for each in records):
+            return joined if joined.moving else replace(joined, size=())
+        return replace(joined, size=tuple(pair for each in records for pair in each.size))
 
     def to(self, like: Tensor) -> Self:
         """The same cameras with the type and device of a tensor."""

@@ -39,6 +39,8 @@ def is_plain(*tensors: Tensor | None) -> bool:
     """
     if not _kernels.get() or torch.compiler.is_compiling():
         return False
+    if torch._C._functorch.maybe_current_level() is not None:
+        return False  # what is made inside of a transform has no memory, not even of constants
     recorded, dtype = torch.is_grad_enabled(), None
     tangents = forward_ad._current_level >= 0  # outside of its levels nothing has a tangent
     for tensor in tensors:  # a loop, as this is asked a dozen times a step

@@ -13,6 +13,7 @@ from perfcap.errors import InputError
 from perfcap.io.image_folder import ImageFolder
 from perfcap.io.video import VideoFile
 from perfcap.io.video_index import UNKNOWN_FPS
+from perfcap.rates import frame_rate
 
 Frames = NDArray[np.uint8]
 
@@ -202,6 +203,7 @@ def _bounds(frames: slice | None) -> tuple[int, int | None]:
 
 
 def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[float, list[str]]:
+    fps = None if fps is None else frame_rate(fps, "fps")
     known = [source for source in sources if source.fps is not None]
     rates = [source.fps for source in known if source.fps is not None]
     if not rates:

@@ -11,7 +11,9 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.geometry.alignment import similarity_align
+from perfcap.metrics.missing import check_mask
 
 HIPS = (8, 12)  # of the 16 landmarks; their middle is the root
 TRUNK = (8, 12, 1)  # right hip, left hip, neck: what tells which way a body faces
@@ -31,7 +33,7 @@ def align(
     estimate: Tensor,
     truth: Tensor,
     valid: Tensor,
-    alignment: Alignment,
+    alignment: Alignment | str,
     hips: tuple[int, int] = HIPS,
     trunk: tuple[int, int, int] = TRUNK,
 ) -> Tensor:
@@ -41,11 +43,16 @@ def align(
         estimate: metres.
         truth: metres.
         valid: joints that count, (*b, F, J).
-        alignment: which.
+        alignment: which, or its name.
         hips: the joints whose middle is the root; a frame that lacks one cannot be root-aligned
             and becomes NaN.
         trunk: right hip, left hip and neck, for ``FIRST_FRAME``.
+
+    Raises:
+        InputError: an alignment of no known name, or ``valid`` is no mask.
     """
+    check_mask(valid)
+    alignment = _known(alignment)
     if alignment is Alignment.ROOT:
         return estimate + (root_of(truth, hips) - root_of(estimate, hips)).unsqueeze(-2)
     if alignment is Alignment.TRANSLATION:
@@ -55,6 +62,14 @@ def align(
     if alignment is Alignment.FIRST_FRAME:
         return without_first_offset(estimate, truth, valid, trunk)
     return estimate
+
+
+def _known(alignment: Alignment | str) -> Alignment:
+    try:
+        return Alignment(alignment)
+    except ValueError:
+        names = ", ".join(map(repr, map(str, Alignment)))
+        raise InputError(f"alignment is {alignment!r}, expected one of {names}") from None
 
 
 def root_of(points: Tensor, hips: tuple[int, int] = HIPS) -> Tensor:

@@ -14,6 +14,7 @@ from perfcap.rates import frame_rate
 CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
 CONTACT_SPEED = 0.3  # m/s
 _MILLIMETRES = 1000.0
+_UNIT = 1e-3  # that the length of a direction may be off
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,13 @@ def foot_skate(feet: Tensor, contact: Tensor, up: Tensor) -> Tensor:
         NaN where nothing stands.
 
     Raises:
-        InputError: shapes that do not belong together.
+        InputError: shapes that do not belong together, contact that is not bool, or an ``up`` of
+            another length than 1.
     """
+    if contact.dtype != torch.bool:
+        raise InputError(f"contact is {contact.dtype}, expected bool; probabilities are cut at 0.5")
+    if not bool((up.norm() - 1).abs() < _UNIT):
+        raise InputError(f"up is {up.tolist()}, expected a unit vector (3,); divide by its norm")
     step = feet.diff(dim=-3)
     if contact.shape != step.shape[:-1]:
         raise InputError(

@@ -16,6 +16,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
 from perfcap.metrics.missing import (
+    check_mask,
     check_same_joints,
     complete,
     counted_joints,
@@ -27,6 +28,7 @@ from perfcap.metrics.motion import acceleration_error, jerk
 from perfcap.metrics.thresholds import area_under_curve, correct_share
 
 MILLIMETRES = 1000.0  # in a metre
+_LANDMARKS = 16
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,9 @@ def joint_errors(
     estimate: Tensor,
     truth: Tensor,
     fps: float,
-    hips: tuple[int, int] = HIPS,
+    hips: tuple[int, int] | None = None,
     *,
-    trunk: tuple[int, int, int] = TRUNK,
+    trunk: tuple[int, int, int] | None = None,
     confidence: Tensor | None = None,
     partial: bool = False,
 ) -> JointErrors:
@@ -80,14 +82,17 @@ def joint_errors(
         estimate: metres; NaN where nothing was estimated.
         truth: metres.
         fps: frames a second.
-        hips: the two joints whose middle is the root.
-        trunk: right hip, left hip and neck: the axes of the first frame's offsets.
+        hips: the two joints whose middle is the root; those of the 16 landmarks if not given.
+        trunk: right hip, left hip and neck, the axes of the first frame's offsets; likewise.
         confidence: (*b, F, J); joints of confidence 0 or NaN are missing.
         partial: whether frames with missing joints count with those they have.
 
     Raises:
-        InputError: shapes that do not belong together.
+        InputError: shapes that do not belong together, or other joints than the 16 landmarks
+            without their hips and trunk.
     """
+    check_same_joints(estimate, truth)
+    hips, trunk = _named(estimate, hips, trunk)
     # a truth is often more precise than an estimate
     kind = torch.promote_types(torch.promote_types(estimate.dtype, truth.dtype), torch.float32)
     estimate, truth = estimate.to(kind), truth.to(kind)
@@ -116,6 +121,22 @@ def joint_errors(
     )
 
 
+def _named(
+    points: Tensor, hips: tuple[int, int] | None, trunk: tuple[int, int, int] | None
+) -> tuple[tuple[int, int], tuple[int, int, int]]:
+    """Hips and trunk; joints of another number than the landmarks have them elsewhere."""
+    count = points.shape[-2]
+    if count != _LANDMARKS and (hips is None or trunk is None):
+        raise InputError(
+            f"there are {count} joints, not the {_LANDMARKS} landmarks; say which are the hips and "
+            "the trunk: hips=(right, left), trunk=(right hip, left hip, neck)"
+        )
+    hips, trunk = hips or HIPS, trunk or TRUNK
+    if not all(joint in range(count) for joint in (*hips, *trunk)):
+        raise InputError(f"hips {hips} and trunk {trunk} are not among {count} joints")
+    return hips, trunk
+
+
 def distances(estimate: Tensor, truth: Tensor) -> Tensor:
     """Distance of each joint, (*b, F, J), mm."""
     apart: Tensor = torch.linalg.vector_norm(estimate - truth, dim=-1)
@@ -126,7 +147,7 @@ def aligned_distances(
     estimate: Tensor,
     truth: Tensor,
     valid: Tensor,
-    alignment: Alignment,
+    alignment: Alignment | str,
     hips: tuple[int, int] = HIPS,
     trunk: tuple[int, int, int] = TRUNK,
 ) -> Tensor:
@@ -136,10 +157,11 @@ def aligned_distances(
         estimate: (*b, F, J, 3), metres.
         truth: (*b, F, J, 3), metres.
         valid: joints that count, (*b, F, J).
-        alignment: what is removed first.
+        alignment: what is removed first, or its name.
         hips: the two joints whose middle is the root.
         trunk: right hip, left hip and neck.
     """
+    check_mask(valid)
     # an alignment is not asked about joints that do not count: no NaN enters the arithmetic
     kept = [torch.where(valid.unsqueeze(-1), points, 0) for points in (estimate, truth)]
     if alignment in (Alignment.ROOT, Alignment.FIRST_FRAME):

@@ -48,7 +48,15 @@ class SilhouetteScores:
 
 
 def mask_overlap(mask: NDArray[np.bool_], truth: NDArray[np.bool_]) -> MaskOverlap:
-    """Compare a mask (H, W) with the truth; what is empty on both sides agrees."""
+    """Compare a mask (H, W) with the truth; what is empty on both sides agrees.
+
+    Raises:
+        InputError: the shapes differ, there are more axes, or they are not bool.
+    """
+    if mask.ndim != 2:
+        raise InputError(
+            f"mask has shape {mask.shape}, expected (H, W); silhouette_scores compares many at once"
+        )
     shares = overlap(torch.tensor(mask), torch.tensor(truth))
     return MaskOverlap(*(float(share) for share in shares))
 
@@ -89,8 +97,14 @@ def boundary_f(mask: Tensor, truth: Tensor, radius: int | None = None) -> Tensor
         mask: (*b, H, W), bool.
         truth: (*b, H, W), bool.
         radius: of the disk, px; 0.8 % of the image's diagonal, rounded up, if not given.
+
+    Raises:
+        InputError: the shapes differ, masks are not bool or have no pixel, or no such radius.
     """
     _check(mask, truth)
+    if radius is not None and (radius != int(radius) or radius < 0):
+        raise InputError(f"radius is {radius}, expected a whole number of pixels from 0 on")
+    radius = None if radius is None else int(radius)
     height, width = mask.shape[-2:]
     reach = int(np.ceil(BOUNDARY_SHARE * np.hypot(height, width))) if radius is None else radius
     lines = [outline(m.reshape(-1, 1, height, width)) for m in (mask, truth)]
@@ -130,7 +144,7 @@ def _share_near(line: Tensor, other: Tensor, radius: int) -> Tensor:
 
 
 def _check(mask: Tensor, truth: Tensor) -> None:
-    if mask.shape != truth.shape or mask.dim() < 2:
+    if mask.shape != truth.shape or mask.dim() < 2 or 0 in mask.shape[-2:]:
         raise InputError(
             f"mask has shape {tuple(mask.shape)} and truth {tuple(truth.shape)}; give masks of one "
             "size, (*b, H, W)"

@@ -18,11 +18,26 @@ def check_same_joints(estimate: Tensor, truth: Tensor) -> None:
     Raises:
         InputError: the shapes differ or are not (*b, F, J, d).
     """
+    if not (isinstance(estimate, Tensor) and isinstance(truth, Tensor)):
+        raise InputError(
+            f"estimate is a {type(estimate).__name__} and truth a {type(truth).__name__}, expected "
+            "tensors; torch.from_numpy makes them of arrays"
+        )
     if estimate.shape != truth.shape or estimate.dim() < 3:
         raise InputError(
             f"estimate has shape {tuple(estimate.shape)} and truth {tuple(truth.shape)}; give "
             "joints of the same frames as (*b, F, J, d)"
         )
+
+
+def check_mask(valid: Tensor) -> None:
+    """Refuse what is no mask: a byte of 255 would count 255 times.
+
+    Raises:
+        InputError: it is not bool.
+    """
+    if valid.dtype != torch.bool:
+        raise InputError(f"valid is {valid.dtype}, expected bool; say which are true, as valid > 0")
 
 
 def complete(points: Tensor) -> Tensor:
@@ -83,4 +98,10 @@ def masked(points: Tensor, valid: Tensor) -> Tensor:
 
 
 def _over_joints(values: Tensor, valid: Tensor) -> Tensor:
+    check_mask(valid)
+    if valid.shape not in (values.shape, values.shape[:-1]):
+        raise InputError(
+            f"valid has shape {tuple(valid.shape)} for values {tuple(values.shape)}; give one a "
+            "frame, (*b, F), or one a joint, (*b, F, J)"
+        )
     return valid if valid.dim() == values.dim() else valid.unsqueeze(-1).expand_as(values)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.metrics.missing import frame_mean
+from perfcap.metrics.missing import check_same_joints, frame_mean
 from perfcap.rates import frame_rate
 
 _MILLIMETRES = 1000.0  # in a metre
@@ -39,6 +39,7 @@ def acceleration_error(estimate: Tensor, truth: Tensor, *, partial: bool = False
         truth: (*b, F, J, 3), metres.
         partial: whether frames count with the joints that are complete.
     """
+    check_same_joints(estimate, truth)
     error = _MILLIMETRES * (estimate - truth).diff(n=2, dim=-3).norm(dim=-1)
     return _mean(error, partial)
 
@@ -49,6 +50,7 @@ def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
     Over runs of four complete frames; NaN if there are none.
     """
     fps = frame_rate(fps, "fps")
+    check_same_joints(points, points)
     return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
 
 
@@ -81,6 +83,7 @@ def bone_angle_error(estimate: Tensor, truth: Tensor, bones: Sequence[tuple[int,
         truth: joints (*b, F, J, 3).
         bones: pairs of joints.
     """
+    check_same_joints(estimate, truth)
     found, true = _bones(estimate, bones), _bones(truth, bones)
     # atan2 is exact at 0 and 180 degrees, where arccos loses half of the digits
     sine = torch.linalg.cross(found, true).norm(dim=-1)
@@ -118,7 +121,17 @@ def limit_violations(
         lower: radians.
         upper: radians.
         tolerance: an excess up to this is rounding, radians.
+
+    Raises:
+        InputError: limits of other angles, or a lower one above its upper one.
     """
+    if lower.shape != upper.shape or lower.shape != angles.shape[-1:] or angles.dim() < 2:
+        raise InputError(
+            f"angles have shape {tuple(angles.shape)}, limits {tuple(lower.shape)} and "
+            f"{tuple(upper.shape)}; give (*b, F, A) and (A,) twice, of the same rig"
+        )
+    if not bool((lower <= upper).all()):
+        raise InputError("a lower limit is above its upper limit, or one is NaN; expected radians")
     valid = angles.isfinite().all(-1)
     excess = torch.maximum(lower - angles, angles - upper).clamp(min=0)
     outside = (excess > tolerance).to(angles.dtype)
@@ -127,6 +140,8 @@ def limit_violations(
 
 
 def _bones(points: Tensor, bones: Sequence[tuple[int, int]]) -> Tensor:
+    if not bones or not all(isinstance(bone, tuple | list) for bone in bones):
+        raise InputError(f"bones are {bones!r:.80}, expected pairs of joints, as [(0, 1), (1, 2)]")
     ends = torch.tensor(bones, device=points.device)
     return points[..., ends[:, 1], :] - points[..., ends[:, 0], :]
 

@@ -12,6 +12,7 @@ PCK_THRESHOLD = 150.0  # mm, Mehta et al. 2017
 AUC_THRESHOLDS = tuple(range(0, 151, 5))  # mm
 TORSO_SHARE = 0.2  # of the torso's diagonal, Yang and Ramanan 2013
 HEAD_SHARE = 0.5  # of the head's length, Andriluka et al. 2014
+_LARGEST_SHARE = 2.0
 _TORSO = (5, 8)  # left shoulder, right hip
 _HEAD = (0, 1)  # crown, neck
 
@@ -55,8 +56,13 @@ def image_correct_share(
         confidence: (*b, F, J); joints of confidence 0 or NaN are missing.
 
     Raises:
-        InputError: shapes that do not belong together.
+        InputError: shapes that do not belong together, or a share that is none.
     """
+    if not 0 < share <= _LARGEST_SHARE:
+        raise InputError(
+            f"share is {share}, expected one such as {TORSO_SHARE} of the torso; divide percents "
+            "by 100"
+        )
     valid = counted_joints(pixels, truth, confidence, partial=True)
     if size.shape != valid.shape[:-1]:
         raise InputError(

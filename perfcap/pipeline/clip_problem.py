@@ -178,7 +178,12 @@ class ClipProblem:
             energies.update(self.standing.energies(windows.numbers, self.config.contact))
         where = FrameNumbers(windows.numbers, windows.clip)
         for name, term in self.terms.items():
-            energies[name] = term(self.actor, where).to(self.actor.skeleton.lower)
+            own = term(self.actor, where)
+            if not isinstance(own, Energy):
+                raise InputError(
+                    f"energies: {name!r} made a {type(own).__name__}, expected an Energy"
+                )
+            energies[name] = own.to(self.actor.skeleton.lower)
         return Objective(energies)
 
     def _joints(self, windows: WindowData, prior: Trajectory) -> Objective:
@@ -256,6 +261,11 @@ def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
     Raises:
         InputError: a name is taken, or what it names cannot be called.
     """
+    if energies is not None and not isinstance(energies, Mapping):
+        raise InputError(
+            f"energies are a {type(energies).__name__}, expected a mapping of names to functions "
+            "of (actor, where)"
+        )
     own = dict(energies or {})
     for name, term in own.items():
         if name in TERMS + CONTACT + OPTIONAL:

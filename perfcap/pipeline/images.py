@@ -54,6 +54,17 @@ class Images:
     examined: bool = False
 
     def __post_init__(self) -> None:
+        masks = self.masks is None or hasattr(self.masks, "knows")
+        if (
+            not isinstance(self.cameras, Camera)
+            or not hasattr(self.reader, "read_view")
+            or not masks
+        ):
+            kinds = ", ".join(type(x).__name__ for x in (self.reader, self.cameras, self.masks))
+            raise InputError(
+                f"images: reader, cameras and masks are {kinds}; expected a Clip or another reader "
+                "of views, a Camera (the cameras of a CameraRig), and MaskFolders or None"
+            )
         if len(self.cameras.size) != self.cameras.views:
             raise InputError(
                 f"images have cameras of {self.cameras.views} views with "

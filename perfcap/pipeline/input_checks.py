@@ -92,9 +92,10 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
 
     Raises:
         InputError: a focal length is not above zero, the last row of intrinsics is not 0 0 1, a
-            number is not finite, a translation is beyond a kilometre, a rotation is none, or there
-            are more or fewer poses.
+            number is not finite, a translation is beyond a kilometre, a rotation is none, there are
+            more or fewer poses, or image sizes that are not one pair a view.
     """
+    _require_sizes(what, cameras)
     parts = (cameras.intrinsics, cameras.rotation, cameras.translation)
     if not all(part.is_floating_point() for part in parts):
         kinds = ", ".join(str(part.dtype) for part in parts)
@@ -147,6 +148,17 @@ def require_usable(what: str, cameras: Camera, frames: int) -> None:
         raise InputError(
             f"moving {what} have {len(cameras.intrinsics)} frames but the clip has {frames}; give "
             "as many poses as frames"
+        )
+
+
+def _require_sizes(what: str, cameras: Camera) -> None:
+    pairs = isinstance(cameras.size, tuple | list) and all(
+        isinstance(each, tuple | list) and len(each) == 2 for each in cameras.size
+    )
+    if not pairs or len(cameras.size) not in (0, cameras.views):
+        raise InputError(
+            f"{what} have image sizes {cameras.size!r:.80} for {cameras.views} views; expected "
+            "(height, width) of each, ((720, 1280), ...), or ()"
         )
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
+
+import torch
+from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
@@ -24,16 +28,24 @@ _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
+_NO_POSE = (
+    "3D joints are given but no pose of them counts: in each a joint is not a finite number, or it "
+    "is not trusted; leave out what the estimator does not have"
+)
+_BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+_ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
+_TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
-def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
+def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:
     """A sentence for each mistake in units, axes, lenses, views and frames that numbers show.
 
     Args:
         cameras: C views, (C,) or (F, C); the middle of an image without a size is taken to be
             where its lens looks.
         detections: (F, C).
+        faint: whether to tell that all confidences are next to nothing.
     """
     known = cameras.map(lambda part: part.detach().double().cpu())
     seen = detections.to(known.intrinsics).map(lambda part: part.detach())
@@ -43,14 +55,56 @@ def input_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
     rig = CameraRig(names, replace(known, size=known.size or sizes))
     findings = (
         *examine_cameras(rig),
-        *examine_detections(rig, seen, coverage=False),
+        *examine_detections(rig, seen, coverage=False, faint=faint),
         *examine_agreement(rig, seen),
     )
-    return tuple(
+    told = () if detections.joints3d is None or bool(detections.trusted3d.any()) else (_NO_POSE,)
+    return told + tuple(
         "; ".join(part for part in (f"{found.subject}: {found.what}", found.remedy) if part)
         for found in findings
         if found.severity is not Severity.INFO
     )
+
+
+def estimate_doubts(
+    cameras: Camera, detections: Detections, missing: Collection[str], learned: bool = False
+) -> tuple[str, ...]:
+    """The same of what an estimator gives; where its 3D poses are does not count.
+
+    Args:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C); without 2D joints their confidence is 0.
+        missing: landmarks that the estimator does not have.
+        learned: whether confidences are still being learned, and may be next to nothing.
+    """
+    if detections.joints3d is None:
+        return input_doubts(cameras, detections, not learned)
+    poses = detections.joints3d.detach()
+    poses = poses - mid_hip(poses).unsqueeze(-2)
+    for name, beside in _BESIDE.items():
+        if name in missing:  # a foot without a length points nowhere
+            poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
+    told = input_doubts(cameras, replace(detections, joints3d=poses), not learned)
+    alone = not bool((detections.confidence2d > 0).any())
+    return (*told, *_headlong(cameras, poses[detections.trusted3d])) if alone else told
+
+
+def _headlong(cameras: Camera, poses: Tensor) -> Iterator[str]:
+    """Whether 3D poses (N, 16, 3) of one view alone stand on their heads in its axes.
+
+    A camera that does not turn is none: joints in a world of their own, whose axes do not matter.
+    """
+    turned = (cameras.rotation.detach() - torch.eye(3).to(cameras.rotation)).abs() > _TURNED
+    if cameras.views > 1 or not bool(turned.any()) or len(poses) < _FEWEST:
+        return
+    down = poses[:, _ANKLES].mean(1) - poses[:, LANDMARKS.index("neck")]
+    share = float((down[:, 1] < -down.norm(dim=-1) * _STEEP).double().mean())
+    if share > _HEADLONG:
+        yield (
+            f"the person of the 3D joints stands on their head in {share:.0%} of the frames, in "
+            "the axes of the camera; expected x right, y down, z forward: joints of the world are "
+            "taken there by cameras.to_camera"
+        )
 
 
 def actor_doubts(

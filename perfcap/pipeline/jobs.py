@@ -7,6 +7,7 @@ from typing import Any, overload
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.capture_scene import capture_scene
 from perfcap.pipeline.checkpoint import Checkpoint
@@ -94,9 +95,11 @@ def capture(
 
     Raises:
         InputError: nobody is detected, the shapes do not fit, a stage needs images, or there are
-            both energies of an author's own and a level world.
+            both energies of an author's own and a level world, or a scene and what it has.
     """
     if isinstance(actor, Scene):
+        if not (cameras is None and detections is None and rate is None):
+            raise InputError("a Scene has its own cameras, detections and rate; leave others out")
         return capture_scene(_capture_person, actor, config, **options)
     if cameras is None or detections is None or rate is None:
         raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")

@@ -20,6 +20,8 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
+from perfcap.pipeline.input_checks import require_usable
+from perfcap.pipeline.mask_overlap import examined, warn_of_masks_elsewhere
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, person_height
 from perfcap.pipeline.performance import Performance
@@ -58,6 +60,10 @@ class JointConfig:
     tether: float = 0.3
     reach: float = 0.03  # m
     method: Method = field(default_factory=lambda: LevenbergMarquardt(max_steps=8, tolerance=1e-3))
+
+    def __post_init__(self) -> None:
+        if not self.bands or not all(band > 0 for band in self.bands):
+            raise InputError(f"bands are {self.bands}, expected one above zero for each round")
 
 
 @dataclass(frozen=True)
@@ -117,8 +123,9 @@ def refine_jointly(
 
     One ``Objective`` holds the reprojected and 3D joints, the soft silhouettes of all views, the
     rigidity of the deformation graph and the trajectory prior (Xu et al. 2018, Eq. 3, 16 and 18,
-    with coverage in place of contour pairs). Where masks, detections, or whatever made them require
-    gradients, the result carries them through the solve.
+    with coverage in place of contour pairs). Where masks, detections, cameras, the actor, or
+    whatever made them require gradients, the result carries them through the solve. Masks that lie
+    elsewhere than the captured person are warned of, unless they are being learned.
 
     Args:
         start: a capture of the clip: its actor, joints and motion are where this begins.
@@ -139,6 +146,8 @@ def refine_jointly(
     settings = config or JointConfig()
     problem = _problem(start, detections)
     actor, motion = problem.actor, start.motion.to(problem.pixel_unit)
+    if not isinstance(masks, Tensor):
+        raise InputError(f"masks are a {type(masks).__name__}, expected a tensor (F, C, H, W)")
     masks = masks.to(motion.angles) if masks.is_floating_point() else masks
     seen = _views(masks, start if cameras is None else cameras, problem)
     faces = torch.as_tensor(actor.template.faces.copy())
@@ -147,7 +156,9 @@ def refine_jointly(
     surface = DeformedSurface(actor, graph)
     scale = float(_size(seen) / _size(problem.cameras))
     terms = _Terms(problem, surface, seen, masks, trust, settings, scale)
-    wanted = _wants_gradient(masks, problem.detections, trust)
+    wanted = _wants_gradient(masks, trust, seen, problem)
+    if not masks.requires_grad:
+        warn_of_masks_elsewhere(masks, terms.drawn(motion))
     way = adjoint or (Implicit("products") if wanted else Detached())
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
     solved = [(window, terms.solve(window, motion[window.index], way)) for window in windows]
@@ -196,6 +207,13 @@ class _Terms:
         shape = {"rigidity": rigidity, "tether": tether}
         own = {name: of_part(DEFORMATION, each) for name, each in shape.items()}
         return Objective({**pose, "silhouettes": silhouettes, **own}).to(nodes)
+
+    def drawn(self, motion: Motion) -> Tensor:
+        """Coverage of a few frames spread over the clip by the undeformed actor, (F', C, H, W)."""
+        some = examined(motion.frames).to(motion.angles.device)
+        with torch.no_grad():
+            surface = self.surface.actor.surface(motion[some])
+            return self._silhouette(1.0).seen_by(self.cameras.frames(some), surface)
 
     def _silhouette(self, band: float) -> SoftSilhouette:
         template = self.surface.actor.template
@@ -247,6 +265,7 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
                 f"cameras are of images of {given.size[0]} (height, width), masks are {size}; give "
                 "cameras in pixels of the masks, or none, which makes those of the capture so"
             )
+        require_usable("cameras", given, frames)
         return replace(given.to(problem.pixel_unit), size=(size,) * views)
     return resized(problem.cameras, size)
 
@@ -255,8 +274,10 @@ def resized(cameras: Camera, size: tuple[int, int]) -> Camera:
     """Cameras whose images are stretched to one size (height, width).
 
     Raises:
-        InputError: cameras do not say how large their images are.
+        InputError: cameras do not say how large their images are, or the size is none.
     """
+    if len(size) != 2 or not all(side == int(side) and side > 0 for side in size):
+        raise InputError(f"size is {size}, expected whole pixels of (height, width)")
     if not cameras.size:
         raise InputError(
             "cameras do not know the size of their images; give cameras in pixels of the masks"
@@ -275,8 +296,15 @@ def _size(cameras: Camera) -> Tensor:
     return size
 
 
-def _wants_gradient(masks: Tensor, detections: Detections, trust: Tensor | None) -> bool:
-    held = masks, detections.joints2d, detections.confidence2d, detections.joints3d, trust
+def _wants_gradient(
+    masks: Tensor, trust: Tensor | None, views: Camera, problem: ClipProblem
+) -> bool:
+    """Whether anything that the energies hold requires a gradient."""
+    seen, actor = problem.detections, problem.actor
+    held = [masks, trust, seen.joints2d, seen.confidence2d, seen.joints3d]
+    for each in (views, problem.cameras):
+        held += [each.intrinsics, each.rotation, each.translation, each.distortion]
+    held += [*actor.parameters(), *actor.buffers()]
     return torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in held)
 
 

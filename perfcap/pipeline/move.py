@@ -29,6 +29,7 @@ from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.joint_paths import known_poses
+from perfcap.pipeline.kinds import require_flags, require_kinds
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.look import Looked
 from perfcap.pipeline.notebook import notebook_progress
@@ -62,6 +63,11 @@ def move(
 ) -> Moved:
     """The stages before images are looked at; arguments as of ``capture``."""
     note_threads()
+    require_kinds(
+        **{"actor": actor, "cameras": cameras, "detections": detections, "config": config},
+        **{"images": images, "until": until, "checkpoint": checkpoint},
+    )
+    require_flags(solve_bones=solve_bones, level=level)
     rate = frame_rate(rate)
     require_matching(cameras, detections, images)
     detections = detections.to(detections.joints2d).finite()  # 3D joints may be of another type

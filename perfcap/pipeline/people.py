@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
+
+import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
@@ -51,3 +54,10 @@ class Scene:
                 f"scene: detections of its people have shapes {sorted(shapes)}; expected the same "
                 "frames and views of everybody"
             )
+        for first, second in combinations(range(len(self.people)), 2):
+            joints = [self.people[i].detections.joints2d for i in (first, second)]
+            if joints[0] is joints[1] or torch.equal(*joints):
+                raise InputError(
+                    f"scene: people {first} and {second} have the same detections; expected those "
+                    "of each, as associate finds them"
+                )

@@ -31,8 +31,10 @@ from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.trust import Trust
+from perfcap.rates import frame_rate
 from perfcap.solve import Status
 
+_LAST_FRAME = 1 << 53  # files hold numbers that far
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory
 
 
@@ -145,8 +147,9 @@ class Performance:
             first_frame: number of the motion's first frame in the video.
 
         Raises:
-            InputError: pandas is not installed.
+            InputError: pandas is not installed, or the first frame has no such number.
         """
+        _require_number(first_frame)
         try:
             pandas: Any = import_module("pandas")
         except ImportError as error:
@@ -187,11 +190,11 @@ class Performance:
             view_names: of the views, for folders of masks where there are several.
 
         Raises:
-            InputError: the folder cannot be written, somebody else writes into it, or the first
-                frame has no such number.
+            InputError: the folder cannot be written, somebody else writes into it, the first frame
+                has no such number, or the rate is none.
         """
-        if isinstance(first_frame, bool) or first_frame != int(first_frame) or first_frame < 0:
-            raise InputError(f"first_frame is {first_frame}, expected a whole number of 0 or more")
+        _require_number(first_frame)
+        frame_rate(self.rate)
         folder = make_folder(folder)
         with locked(folder):
             finish(folder)
@@ -243,6 +246,13 @@ class Performance:
             for name, values in report.frame_terms.items():
                 sums.setdefault(name, np.zeros(self.frames))[inside] += values
         return {n: [float(f"{x:.4g}") for x in v / count] for n, v in sums.items()}
+
+
+def _require_number(first_frame: object) -> None:
+    """Refuse what numbers no frame."""
+    whole = isinstance(first_frame, int | float | np.integer) and not isinstance(first_frame, bool)
+    if not whole or not 0 <= first_frame < _LAST_FRAME or first_frame != int(first_frame):  # type: ignore[operator, call-overload]
+        raise InputError(f"first_frame is {first_frame!r}, expected a whole number of 0 or more")
 
 
 def make_folder(folder: str | Path) -> Path:

@@ -14,6 +14,7 @@ from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.input_checks import require_joints, require_shares, require_usable
+from perfcap.pipeline.kinds import require_cameras
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
@@ -101,7 +102,14 @@ def _clips(
     if values is None:
         return None
     alone = isinstance(values, Tensor) and values.dim() != axes + 1
-    clips: list[Tensor] = [torch.as_tensor(values)] if alone else list(values)
+    several = isinstance(values, Tensor | list | tuple)
+    clips: list[Tensor] = [torch.as_tensor(values)] if alone else list(values) if several else []
+    kinds = {type(each).__name__ for each in (clips if several else [values])}
+    if not several or not all(isinstance(each, Tensor) for each in clips):
+        raise InputError(
+            f"{name}: got {', '.join(sorted(kinds))}, expected a tensor, or a list of one a clip; "
+            "torch.from_numpy makes them of arrays, and Detections have them as attributes"
+        )
     batched = not alone
     shapes = [tuple(clip.shape) for clip in clips]
     if not clips or any(len(shape) != axes or not shape[0] for shape in shapes):
@@ -131,6 +139,7 @@ def _clips(
 
 
 def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
+    require_cameras(cameras)
     if isinstance(cameras, Camera):
         if cameras.moving and 1 < count == len(cameras.intrinsics):
             raise InputError(

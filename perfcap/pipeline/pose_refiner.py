@@ -11,15 +11,21 @@ from torch import Tensor, nn
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, LANDMARKS16, JointSet
-from perfcap.detect.retarget import mid_hip
+from perfcap.detect.joint_set import (
+    JOINT_SETS,
+    LANDMARKS,
+    LANDMARKS16,
+    JointSet,
+    canonical_name,
+)
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.input_doubts import input_doubts
+from perfcap.pipeline.input_doubts import estimate_doubts
+from perfcap.pipeline.kinds import require_kinds
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates
 from perfcap.pipeline.start_clip import start_clip
@@ -74,7 +80,7 @@ class PoseRefiner(nn.Module):
         learn_weights: make the weights of the energies parameters.
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
-    Of the first clip of 2D joints that it sees it says in warnings what ``perfcap doctor`` would:
+    Of the first clip that it sees it says in warnings what ``perfcap doctor`` would:
     exchanged axes and sides, units, views that disagree.
 
     Attributes:
@@ -99,6 +105,12 @@ class PoseRefiner(nn.Module):
         energies: Mapping[str, Term] | None = None,
     ) -> None:
         super().__init__()
+        require_kinds(actor=actor)
+        if config is not None and not isinstance(config, PoseConfig):
+            raise InputError(
+                f"config is a {type(config).__name__}, expected a PoseConfig such as "
+                "CaptureConfig().pose"
+            )
         self.actor = actor
         self.joint_set = _known(joint_set)
         self.rate = frame_rate(rate)
@@ -154,8 +166,7 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            if joints2d is not None:
-                self._examine(estimates[0])
+            self._examine(estimates[0])
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
@@ -168,10 +179,8 @@ class PoseRefiner(nn.Module):
         if self._examined or not is_plain(seen.joints2d):
             return
         self._examined = True
-        if seen.joints3d is not None:  # where they are does not count here
-            centred = seen.joints3d - mid_hip(seen.joints3d).unsqueeze(-2)
-            seen = replace(seen, joints3d=centred)
-        for line in input_doubts(clip.cameras, seen):
+        learned, missing = clip.detections.confidence2d.requires_grad, self.joint_set.missing()
+        for line in estimate_doubts(clip.cameras, seen, missing, learned):
             warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
 
     def _solve_twice(
@@ -246,7 +255,18 @@ def _known(joint_set: JointSet | str) -> JointSet:
                 f"{', '.join(known.name for known in JOINT_SETS)}, or a JointSet of your own names"
             )
         joint_set = named[joint_set.lower()]
+    if not isinstance(joint_set, JointSet):
+        raise InputError(
+            f"joint_set is a {type(joint_set).__name__}, expected the name of a known set, or "
+            "JointSet('mine', names) of the estimator's joints in its order"
+        )
     missing = joint_set.missing()
+    spelled = [f"{own} (expected {mark})" for own, mark in _misspelled(joint_set, missing)]
+    if spelled:
+        raise InputError(
+            f"joint_set {joint_set.name!r} has names that are not ours: {', '.join(spelled)}; as "
+            "they are, these joints would be left out"
+        )
     needed = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
     lacking = [name for name in needed if name in missing]
     if lacking:
@@ -255,6 +275,14 @@ def _known(joint_set: JointSet | str) -> JointSet:
             "be found; give the names of the estimator's joints in its order"
         )
     return joint_set
+
+
+def _misspelled(joint_set: JointSet, missing: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Joints on a side in another spelling, with the landmark that they are and the set lacks."""
+    for own in joint_set.joints:
+        mark = canonical_name(own)
+        if mark != own and mark in missing and mark[:2] in ("l_", "r_"):
+            yield own, mark
 
 
 def _without(config: PoseConfig, joint_set: JointSet) -> PoseConfig:

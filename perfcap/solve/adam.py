@@ -9,6 +9,7 @@ from typing import Generic
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.energy import Objective, StateType, total
 from perfcap.solve.layout import Layout
@@ -36,6 +37,12 @@ class Adam:
     learning_rate: float = 0.02
     decay: tuple[float, float] = (0.9, 0.999)
     tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        if self.max_steps != int(self.max_steps) or self.max_steps < 0:
+            raise InputError(f"max_steps is {self.max_steps}, expected a whole number from 0 on")
+        if not self.learning_rate > 0:
+            raise InputError(f"learning_rate is {self.learning_rate}, expected one above zero")
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None

@@ -147,8 +147,10 @@ class Unrolled(Adjoint):
     steps: int | None = 5
 
     def __post_init__(self) -> None:
-        if self.steps is not None and self.steps < 1:
-            raise InputError(f"Unrolled has steps {self.steps}; expected at least 1, or None")
+        if self.steps is not None and (self.steps < 1 or self.steps != int(self.steps)):
+            raise InputError(
+                f"Unrolled has steps {self.steps}; expected a whole number of at least 1, or None"
+            )
 
     def solve(  # noqa: D102
         self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None

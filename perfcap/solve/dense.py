@@ -116,6 +116,11 @@ def pose(function: Function, initial: object, bounds: object) -> tuple[Objective
             f"initial is a {type(initial).__name__}{kind}, expected a floating-point tensor (n,), "
             "or (*b, n) for a batch, beside a function; any other state goes with an Objective"
         )
+    if torch._C._functorch.maybe_current_level() is not None:
+        raise InputError(
+            "solve cannot run inside of torch.func.vmap, grad or jvp; give a batch (*b, n) "
+            "instead, and take gradients by backward() with adjoint=Implicit()"
+        )
     own = ResidualFunction(function)
     with torch.enable_grad():
         asked = initial.detach().clone().requires_grad_()

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.kernels import Kernel, Quadratic
 
 
@@ -55,7 +56,8 @@ class State(Protocol):
     def coordinates(self) -> Step:
         """The numbers that box bounds apply to, in the order of the tangent vector.
 
-        Only coordinates that ``retract`` adds to may be bounded; others may hold anything.
+        Only coordinates that ``retract`` adds to may be bounded; others may hold anything. A state
+        may name others by an attribute ``curved``, a slice of D: bounds on these are refused.
         """
 
 
@@ -112,8 +114,7 @@ class Energy(nn.Module, ABC, Generic[StateType]):
 
     def __init__(self, weight: float | Tensor = 1.0, kernel: Kernel | None = None) -> None:
         super().__init__()
-        if not isinstance(weight, Tensor) and not weight >= 0:
-            raise InputError(f"weight is {weight}; expected a number from 0 on")
+        _require_settings(weight, kernel)
         if isinstance(weight, nn.Parameter):
             self.weight = weight
         elif isinstance(weight, Tensor):
@@ -145,6 +146,21 @@ class Energy(nn.Module, ABC, Generic[StateType]):
     def linearize(self, state: StateType) -> Linearization:
         """Residual and Jacobian at a state."""
         return forward_mode(self, state)
+
+
+def _require_settings(weight: object, kernel: object) -> None:
+    """Raise an InputError unless these are a weight and a kernel; a tensor may hide its numbers."""
+    if kernel is not None and not isinstance(kernel, Kernel):
+        raise InputError(
+            f"kernel is {kernel!r:.80}, expected one such as Huber(0.1), or None for squares"
+        )
+    known = is_plain(weight.detach()) if isinstance(weight, Tensor) else True
+    if not isinstance(weight, Tensor | float | int) or (known and not _all(weight >= 0)):
+        raise InputError(f"weight is {weight!r:.80}; expected a number from 0 on")
+
+
+def _all(condition: Tensor | bool) -> bool:
+    return bool(condition.all()) if isinstance(condition, Tensor) else condition
 
 
 @runtime_checkable
@@ -292,7 +308,12 @@ class Objective(nn.Module):
         self, energies: Mapping[str, Energy[Any]] | None = None, **named: Energy[Any]
     ) -> None:
         super().__init__()
-        self.energies = nn.ModuleDict({**(energies or {}), **named})
+        given = [*(energies or {}).items(), *named.items()]
+        for name, energy in given:
+            _require_named(name, energy)
+        if len(dict(given)) < len(given):
+            raise InputError(f"an Objective got a name twice: {[name for name, _ in given]}")
+        self.energies = nn.ModuleDict(dict(given))
         if not self.energies:
             raise InputError("an Objective needs at least one energy, got none; pass it by name")
 
@@ -307,6 +328,16 @@ class Objective(nn.Module):
     def report(self, state: State) -> dict[str, Tensor]:
         """Each energy's share, (*b,) by name."""
         return {name: energy(state) for name, energy in self.items()}
+
+
+def _require_named(name: str, energy: object) -> None:
+    if not isinstance(energy, Energy):
+        raise InputError(
+            f"{name!r} is a {type(energy).__name__}, expected an Energy; ResidualFunction makes "
+            "one of a function from a vector to residuals"
+        )
+    if not name or "." in name or hasattr(nn.ModuleDict, name):
+        raise InputError(f"{name!r} cannot name an energy; expected a plain word")
 
 
 def total(terms: Mapping[str, Tensor]) -> Tensor:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
+
 
 class Kernel(ABC):
     """Maps a squared residual norm s >= 0 to a robust cost; acts elementwise."""
@@ -41,6 +43,9 @@ class Huber(Kernel):
 
     scale: float
 
+    def __post_init__(self) -> None:
+        _require_scale(self)
+
     def value(self, squared: Tensor) -> Tensor:  # noqa: D102
         limit = self.scale**2
         # the clamp keeps the square root's derivative finite at zero, in the branch not taken
@@ -61,8 +66,19 @@ class GemanMcClure(Kernel):
 
     scale: float
 
+    def __post_init__(self) -> None:
+        _require_scale(self)
+
     def value(self, squared: Tensor) -> Tensor:  # noqa: D102
         return squared / (1 + squared / self.scale**2)
 
     def slope(self, squared: Tensor) -> Tensor:  # noqa: D102
         return (1 + squared / self.scale**2).square().reciprocal()
+
+
+def _require_scale(kernel: Huber | GemanMcClure) -> None:
+    if not kernel.scale > 0:
+        raise InputError(
+            f"{type(kernel).__name__} has scale {kernel.scale}; expected a number above zero, in "
+            "the unit of the residual"
+        )

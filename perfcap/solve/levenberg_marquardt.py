@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Generic, Self
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.damped_loop import Run, minimize
@@ -21,6 +22,7 @@ from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations
 from perfcap.solve.progress import ROUNDING, Outcome, Progress
 from perfcap.solve.solution import Solution, Status
+from perfcap.solve.soundness import require_sound
 
 if TYPE_CHECKING:
     from perfcap.solve._step_room import Room
@@ -52,6 +54,15 @@ class LevenbergMarquardt:
     tolerance: float = 1e-6
     damping: float = 0.1
 
+    def __post_init__(self) -> None:
+        if self.max_steps != int(self.max_steps) or self.max_steps < 0:
+            raise InputError(f"max_steps is {self.max_steps}, expected a whole number from 0 on")
+        if not self.tolerance >= 0 or not 0 < self.damping < math.inf:
+            raise InputError(
+                f"LevenbergMarquardt has tolerance {self.tolerance} and damping {self.damping}; "
+                "expected a tolerance from 0 on, and a damping above zero"
+            )
+
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None
     ) -> Solution[StateType]:
@@ -63,7 +74,12 @@ class LevenbergMarquardt:
 def begin(
     settings: LevenbergMarquardt, objective: Objective, state: StateType, bounds: Bounds | None
 ) -> Run[StateType, DampedStep]:
-    """A run at its initial state."""
+    """A run at its initial state.
+
+    Raises:
+        InputError: an energy without closed derivatives is not what they are found for.
+    """
+    require_sound(objective, state)
     equations = assemble(objective, state)
     finite, layout = equations.finite(), equations.layout
     model: _StructuredModel[StateType] = _StructuredModel(

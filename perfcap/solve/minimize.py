@@ -97,6 +97,12 @@ def _solve(
             "expected at least one of each; nothing can be solved"
         )
     here = initial.coordinates()
+    _require_flat(initial, bounds, here.frame)
+    if here.frame.dtype not in (torch.float32, torch.float64):
+        raise InputError(
+            f"initial state is {here.frame.dtype}, in which nothing can be solved; expected "
+            "float32 or float64"
+        )
     if here.frame.device.type == "cpu":
         _keep_freed_memory()
     with torch.no_grad():
@@ -109,14 +115,14 @@ def _solve(
 
 
 def _require_settings(method: object, adjoint: object) -> None:
-    if method is not None and not hasattr(method, "minimize"):
+    if method is not None and (isinstance(method, type) or not hasattr(method, "minimize")):
         raise InputError(
-            f"method is a {type(method).__name__}, expected settings of a minimiser such as "
+            f"method is {method!r:.80}, expected settings of a minimiser such as "
             "LevenbergMarquardt() or Adam()"
         )
     if adjoint is not None and not isinstance(adjoint, Adjoint):
         raise InputError(
-            f"adjoint is a {type(adjoint).__name__}, expected Detached(), Implicit() or Unrolled()"
+            f"adjoint is {adjoint!r:.80}, expected Detached(), Implicit() or Unrolled()"
         )
 
 
@@ -132,6 +138,22 @@ def _require_state(initial: object, bounds: object) -> None:
             f"bounds are a {type(bounds).__name__}, expected Bounds beside an Objective, as in "
             "Bounds.on_frames(lower, upper)"
         )
+
+
+def _require_flat(initial: object, bounds: Bounds | None, like: Tensor) -> None:
+    """Refuse bounds on coordinates that a state says steps do not add to."""
+    curved = getattr(initial, "curved", None)
+    if bounds is None or curved is None or not like.is_cpu:
+        return
+    for side in (bounds.lower.frame, bounds.upper.frame):
+        size = side.shape[-1] if side.ndim else 1
+        own = side[..., curved] if size == like.shape[-1] else side
+        if size in (1, like.shape[-1]) and bool(own.isfinite().any()):
+            raise InputError(
+                f"bounds hold coordinates {curved.start} to {curved.stop - 1} of a "
+                f"{type(initial).__name__}, which are no numbers that steps add to (a rotation); "
+                "leave them infinite"
+            )
 
 
 def _keep_freed_memory() -> None:

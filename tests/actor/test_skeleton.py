@@ -51,6 +51,16 @@ def test_rest_pose_is_the_rig(skeleton: Skeleton) -> None:
         assert torch.allclose(pose.rotation, torch.eye(3, dtype=F64).expand_as(pose.rotation))
 
 
+@pytest.mark.parametrize("count", [1, 26, 28])
+def test_motions_of_another_number_of_angles_are_refused(skeleton: Skeleton, count: int) -> None:
+    """A compiled loop would read the angles of the next frame, or what lies behind the last."""
+    motion = random_motion(skeleton, 3)
+    other = replace(motion, angles=torch.cat((motion.angles, motion.angles), -1)[..., :count])
+    for place in (skeleton, skeleton.linearize):
+        with pytest.raises(InputError, match=rf"angles \(3, {count}\), expected .* 27\)"):
+            place(other)
+
+
 def test_hinges_turn_in_order_about_carried_axes() -> None:
     """The definition, spelled out for one chain by hand."""
     rig = chain_rig()

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 
 
 def example(frames: int = 5, views: int = 3) -> Detections:
@@ -55,3 +56,9 @@ def test_wrong_shapes_are_named(change: dict[str, torch.Tensor], words: str) -> 
     }
     with pytest.raises(ValueError, match=words):
         Detections(**{**fields, **change})
+
+
+@pytest.mark.parametrize("like", [torch.float32, "cpu", torch.device("cpu")])
+def test_types_and_devices_come_with_a_tensor(like: object) -> None:
+    with pytest.raises(InputError, match="expected a tensor of the type and device"):
+        example().to(like)  # type: ignore[arg-type]

@@ -174,3 +174,11 @@ def test_wrong_count_and_repeated_names_are_refused() -> None:
 def test_canonical_name(theirs: str, ours: str) -> None:
     assert canonical_name(theirs) == ours
     assert canonical_name(ours) == ours
+
+
+def test_whole_numbers_and_one_word_are_refused() -> None:
+    """The mean of two shoulders in whole numbers was (0, 0)."""
+    with pytest.raises(ValueError, match=r"values are torch\.int64 .* expected floating-point"):
+        map_to_landmarks(torch.ones(16, 2).long(), torch.ones(16), sets.LANDMARKS16)
+    with pytest.raises(ValueError, match="names 'l_hip', expected several"):
+        JointSet("mine", "l_hip")  # type: ignore[arg-type]

@@ -7,9 +7,10 @@ import torch
 from synthetic import actor, cameras, random_motion
 
 from perfcap.detect.detections import Detections
-from perfcap.energy import JointTarget, Reprojection
+from perfcap.energy import JointPosition, JointTarget, Reprojection
 from perfcap.energy.prior import PosePrior
 from perfcap.errors import InputError
+from perfcap.solve import Bounds, Objective, solve
 
 F64 = torch.float64
 ACTOR, FRAMES = actor(), 4
@@ -35,6 +36,51 @@ def test_detections_of_other_views_and_frames() -> None:
             energy(MOTION)
     with pytest.raises(InputError, match="expected the same frames, views"):
         Reprojection(ACTOR.landmarks, views.select([1]), detections).linearize(MOTION)
+
+
+def test_solves_refuse_them_too() -> None:
+    """Compiled loops would spread one view over another."""
+    views = cameras(2)
+    seen = Detections.from_joints(views.project(PLACES), torch.ones(FRAMES, 2, 16, dtype=F64))
+    for other, shown in ((views, seen.select([0])), (views.select([1]), seen)):
+        energy = Reprojection(ACTOR.landmarks, other, shown)
+        with pytest.raises(InputError, match="expected the same frames, views and joints"):
+            solve(Objective(joints=energy), MOTION)
+
+
+def test_3d_joints_of_other_views() -> None:
+    views, joints = cameras(2), torch.zeros(FRAMES, 2, 16, 3, dtype=F64)
+    seen = Detections.from_joints(joints[..., :2], joints[..., 0], joints)
+    for other, shown in ((views, seen.select([0])), (views.select([1]), seen)):
+        with pytest.raises(InputError, match=r"detections are of \d views, cameras of \d"):
+            JointPosition(ACTOR.landmarks, other, shown)
+
+
+def test_targets_that_are_none() -> None:
+    for target in (PLACES, PLACES[0]):
+        with pytest.raises(InputError, match="target has shape"):
+            JointTarget(ACTOR.landmarks, target)
+    with pytest.raises(InputError, match="confidence is -1 at least"):
+        JointTarget(ACTOR.landmarks, PLACES[:, None], -torch.ones(FRAMES, 1, 16, dtype=F64))
+
+
+def test_confidences_below_zero() -> None:
+    views = cameras(2)
+    seen = Detections.from_joints(views.project(PLACES), -torch.ones(FRAMES, 2, 16, dtype=F64))
+    with pytest.raises(InputError, match="confidence2d is -1 at least"):
+        Reprojection(ACTOR.landmarks, views, seen)
+
+
+@pytest.mark.parametrize("size", [(), (1,), (33,)])
+def test_bounds_on_rotations_are_refused(size: tuple[int, ...]) -> None:
+    """Steps do not add to a rotation vector, so that states left such bounds."""
+    objective = Objective(prior=PosePrior(torch.zeros(27, dtype=F64)))
+    free = torch.full((33,), torch.inf, dtype=F64)
+    free[:3] = 0.5  # places may be bounded
+    assert solve(objective, MOTION, bounds=Bounds.on_frames(-free, free)).state.frames == FRAMES
+    side = torch.ones(size, dtype=F64)
+    with pytest.raises(InputError, match="bounds hold coordinates 3 to 5 of a Motion"):
+        solve(objective, MOTION, bounds=Bounds.on_frames(-side, side))
 
 
 @pytest.mark.parametrize("weight", [-1.0, float("nan")])

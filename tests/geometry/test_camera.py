@@ -174,6 +174,15 @@ def test_selecting_frames_and_views() -> None:
     assert not fixed.moving
 
 
+def test_more_views_have_their_sizes() -> None:
+    one = rig(1)
+    first, second = replace(one, size=((4, 6),)), replace(one, size=((8, 9),))
+    assert Camera.cat([first, second]).size == ((4, 6), (8, 9))
+    assert Camera.cat([first, replace(one, size=())]).size == ()
+    longer = Camera.cat([first.every_frame(2), first.every_frame(3)])
+    assert longer.size == ((4, 6),) and len(longer.rotation) == 5
+
+
 @pytest.mark.parametrize("distortion", [False, True])
 def test_frames_apart_are_the_same_cameras(distortion: bool) -> None:
     camera, points = rig(distortion=distortion, lead=(4,)), cloud(4)

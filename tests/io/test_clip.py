@@ -5,6 +5,7 @@ import wave
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import av
 import numpy as np
@@ -284,6 +285,12 @@ def test_resolution_change(tmp_path: Path) -> None:
     paths[0].write_bytes(paths[0].read_bytes() + paths[1].read_bytes())
     with pytest.raises(InputError, match="expected one size"):
         Clip.open(paths[0])
+
+
+@pytest.mark.parametrize("fps", [0, -25, "25", float("nan")])
+def test_rates_that_are_none(video: Path, fps: Any) -> None:
+    with pytest.raises(InputError, match="fps is"):
+        Clip.open(video, fps=fps)
 
 
 def test_views_of_different_rate_and_length(tmp_path: Path, video: Path) -> None:

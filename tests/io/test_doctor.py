@@ -38,6 +38,12 @@ def test_good_inputs_give_no_findings() -> None:
     assert examine_agreement(good, detections(noise=0)) == []
 
 
+def test_one_file_for_two_views_is_named() -> None:
+    finding = one(examine_detections(rig(), detections().select([*range(VIEWS - 1), 0])))
+    assert finding.subject == f"{NAMES[0]} and {NAMES[VIEWS - 1]}"
+    assert "same joints to the last digit" in finding.what
+
+
 @pytest.mark.parametrize("view", range(VIEWS))
 @pytest.mark.parametrize("degrees", [8, 30])
 def test_a_turned_camera_is_named(view: int, degrees: float) -> None:

@@ -290,3 +290,23 @@ def test_what_the_doctor_knows_is_told_in_python() -> None:
         for given in (views, nowhere):
             found = capture(take.actor, given, joints, take.rate, until=Stage.INITIALIZE)
             assert any(words in line for line in found.warnings)
+
+
+@pytest.mark.parametrize("size", [((240, 320),) * 2, (240, 320, 240), torch.ones(3, 2)])
+def test_image_sizes_that_are_not_one_a_view(size: Any) -> None:
+    take = make_take(6, views=3)
+    with pytest.raises(InputError, match=r"image sizes .* for 3 views"):
+        capture(take.actor, replace(take.cameras, size=size), take.detections, take.rate)
+
+
+def test_doubts_of_confidences_and_poses() -> None:
+    """Confidences that hardly count, and 3D poses of which none does."""
+    take = make_take(12)
+    seen = take.detections
+    assert seen.joints3d is not None
+    faint = replace(seen, confidence2d=0.01 * seen.confidence2d)
+    crown = torch.arange(16)[:, None] == 0
+    lacking = replace(seen, joints3d=torch.where(crown, torch.nan, seen.joints3d))
+    for words, joints in (("confidences are 0.01", faint), ("no pose of them counts", lacking)):
+        found = capture(take.actor, take.cameras, joints, take.rate, until=Stage.INITIALIZE)
+        assert any(words in line for line in found.warnings)

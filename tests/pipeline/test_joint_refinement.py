@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from joint_problem import F64
@@ -82,3 +84,42 @@ def test_masks_of_other_frames_are_refused(start: Performance, masks: torch.Tens
     other = Detections.from_joints(torch.zeros(2, 2, 16, 2, dtype=F64), torch.ones(2, 2, 16))
     with pytest.raises(InputError, match="the same frames and views"):
         refine_jointly(start, masks, detections=other, config=QUICK)
+
+
+def test_gradients_reach_cameras_alone(start: Performance, masks: torch.Tensor) -> None:
+    """Without the graph of the solve nothing would reach them, and an actor's only in part."""
+    shift = VIEWS.translation.clone().requires_grad_()
+    found = refine_jointly(start, masks, replace(VIEWS, translation=shift), config=QUICK)
+    (slope,) = torch.autograd.grad(found.motion.angles.square().sum(), shift)
+    assert bool(slope.isfinite().all()) and bool(slope.any())
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda masks: 1 - masks, torch.ones_like, lambda masks: masks.roll(SIZE // 2, -1)],
+)
+def test_masks_elsewhere_are_warned_of(start: Performance, masks: torch.Tensor, spoil) -> None:  # type: ignore[no-untyped-def]
+    with pytest.warns(UserWarning, match=r"masks of views \[0, 1\] overlap the captured person by"):
+        refine_jointly(start, spoil(masks), config=QUICK)
+
+
+def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
+    some = masks.clone()
+    some[1:, 1] = 0
+    refine_jointly(start, some, config=QUICK)
+
+
+def test_masks_that_are_learned_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
+    refine_jointly(start, (1 - masks).requires_grad_(), config=QUICK)
+
+
+def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tensor) -> None:
+    with pytest.raises(InputError, match="masks are a ndarray"):
+        refine_jointly(start, masks.numpy(), config=QUICK)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"trust is torch\.uint8 up to 255"):
+        refine_jointly(start, masks, config=QUICK, trust=255 * torch.ones_like(masks).byte())
+    with pytest.raises(InputError, match=r"moving cameras have 2 frames but the clip has 3"):
+        refine_jointly(start, masks, VIEWS.every_frame(2), config=QUICK)
+    for bands in ((), (-1.0,)):
+        with pytest.raises(InputError, match="expected one above zero for each round"):
+            JointConfig(bands=bands)

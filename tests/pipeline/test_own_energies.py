@@ -114,3 +114,49 @@ def test_one_without_frames_to_act_in_changes_nothing() -> None:
     parts = take.actor, take.cameras, take.detections, take.rate
     found = capture(*parts, energies={"holds": held_at(torch.zeros(3, dtype=F64), 1)})
     assert torch.equal(found.motion.angles, capture(*parts).motion.angles)
+
+
+def test_a_constant_motion_may_be_posed_in_a_residual() -> None:
+    """Compiled loops keep out of transforms, where what they make has no memory."""
+    take = make_take(12)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    fixed = capture(*parts).motion
+
+    class Rests(Holds):
+        def residual(self, motion: Motion) -> Residual:
+            apart = self.actor.joints(motion) - self.actor.joints(fixed)
+            return Residual(apart[..., WRIST : WRIST + 1, :], self.on)
+
+    place = torch.zeros(3, dtype=F64)
+    assert capture(*parts, energies={"rests": lambda a, w: Rests(a, w, place)}).complete
+
+
+def test_rows_that_see_other_frames_are_refused() -> None:
+    take = make_take(12)
+
+    class Smooth(Holds):
+        def residual(self, motion: Motion) -> Residual:
+            step = motion.translation.diff(dim=-2, append=motion.translation[..., -1:, :])
+            return Residual(step.unsqueeze(-2))
+
+    with pytest.raises(InputError, match="energy 'smooth' has rows that depend on other frames"):
+        capture(
+            *(take.actor, take.cameras, take.detections, take.rate),
+            energies={"smooth": lambda a, w: Smooth(a, w, torch.zeros(3, dtype=F64))},
+        )
+
+
+@pytest.mark.parametrize(
+    ("energies", "message"),
+    [
+        ([Holds], "energies are a list"),
+        (Holds, "energies are a ABCMeta"),
+        ({"own": lambda a, w: None}, "'own' made a NoneType"),
+        ({"own": lambda a, w: torch.nn.Linear(1, 1)}, "'own' made a Linear"),
+        ({"a.b": held_at(torch.zeros(3, dtype=F64))}, "'a.b' cannot name an energy"),
+    ],
+)
+def test_terms_that_are_none_are_named(energies, message) -> None:  # type: ignore[no-untyped-def]
+    take = make_take(6)
+    with pytest.raises(InputError, match=message):
+        capture(take.actor, take.cameras, take.detections, take.rate, energies=energies)

@@ -70,9 +70,11 @@ def test_saving_without_a_surface_writes_none_and_removes_an_old_one(
 
 def test_saving_writes_the_surface_in_both_files(performance: Performance, tmp_path: Path) -> None:
     surface = stored(performance, 0.1)
-    for odd in (2.5, -1):
+    for odd in (2.5, -1, float("nan"), "3", 1 << 70):
         with pytest.raises(InputError, match="expected a whole number of 0 or more"):
             performance.save(tmp_path, first_frame=odd)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="rate is 0"):
+        replace(performance, rate=0.0).save(tmp_path)
     replace(performance, surface=surface).save(tmp_path, first_frame=6)
     written = open_surface(tmp_path / "surface.npz")
     np.testing.assert_array_equal(written.vertices, surface.vertices.numpy())

@@ -7,7 +7,15 @@ import torch
 from toy import Frames, Observation, Product, Smoothness, cosine_basis, toy
 
 from perfcap.errors import InputError
-from perfcap.solve import Energy, Objective, Residual, Step, forward_mode
+from perfcap.solve import (
+    Energy,
+    Huber,
+    Objective,
+    Residual,
+    ResidualFunction,
+    Step,
+    forward_mode,
+)
 
 
 def test_forward_mode_equals_reverse_mode():
@@ -87,6 +95,38 @@ def test_zero_step_is_the_identity():
 def test_objective_without_energies_is_refused():
     with pytest.raises(InputError, match="at least one energy"):
         Objective()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda own: Objective({"data": own}, data=own), "got a name twice"),
+        (lambda own: Objective({"a.b": own}), "'a.b' cannot name an energy"),
+        (lambda own: Objective({"": own}), "'' cannot name"),
+        (lambda own: Objective(items=own), "'items' cannot name"),
+        (lambda own: Objective(data=lambda state: state.frame), "'data' is a function"),
+        (lambda own: Objective(data=torch.nn.Linear(1, 1)), "'data' is a Linear"),
+    ],
+)
+def test_objectives_of_something_else_are_named(make, message):
+    with pytest.raises(InputError, match=message):
+        make(toy(windows=0)[0].energies["data"])
+
+
+@pytest.mark.parametrize(
+    ("weight", "kernel", "message"),
+    [
+        (-1.0, None, "weight is -1.0"),
+        (torch.tensor(-1.0), None, r"weight is tensor\(-1"),
+        (torch.tensor([1.0, float("nan")]), None, "weight is tensor"),
+        (Huber(0.1), None, "weight is Huber"),
+        (1.0, Huber, "kernel is <class"),
+        (1.0, 0.1, "kernel is 0.1"),
+    ],
+)
+def test_weights_and_kernels_that_are_none_are_named(weight, kernel, message):
+    with pytest.raises(InputError, match=message):
+        ResidualFunction(torch.sin, weight, kernel)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,14 @@ import torch
 
 from perfcap.errors import InputError
 from perfcap.solve import (
+    Adam,
     Bounds,
     Implicit,
+    LevenbergMarquardt,
     Objective,
     ResidualFunction,
     Status,
+    Unrolled,
     Vector,
     solve,
 )
@@ -59,6 +62,7 @@ def test_gradients_reach_what_a_function_holds():
         ((ResidualFunction(rosenbrock), START), "as in Objective"),
         ((rosenbrock, [1.0, 2.0]), "initial is a list"),
         ((rosenbrock, torch.tensor([1, 2])), "initial is a Tensor torch.int64"),
+        ((rosenbrock, START.half()), "initial state is torch.float16"),
         ((rosenbrock, torch.tensor(1.0)), r"Tensor torch.float32 \(\)"),
         ((lambda x: [x, x], START), "returned a list"),
         ((lambda x: x.sum(), START), r"returned shape \(\)"),
@@ -79,8 +83,9 @@ def test_input_of_another_kind_is_named(given, message):
         ({"bounds": ("low", None)}, "lower bound is a str"),
         ({"bounds": (torch.zeros(3), None)}, "lower bound is a Tensor"),
         ({"bounds": (1.0, 0.0)}, "above its upper bound"),
-        ({"method": 30}, "method is a int"),
-        ({"adjoint": "implicit"}, "adjoint is a str"),
+        ({"method": 30}, "method is 30"),
+        ({"adjoint": "implicit"}, "adjoint is 'implicit'"),
+        ({"method": LevenbergMarquardt}, "method is <class"),
     ],
 )
 def test_arguments_of_another_kind_are_named(keywords, message):
@@ -101,3 +106,30 @@ def test_bounds_of_another_kind_beside_an_objective_are_named():
 def test_functions_that_no_derivative_leads_through_are_named(function):
     with pytest.raises(InputError, match="does not depend on its unknowns by torch operations"):
         solve(function, torch.ones(2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("transform", [torch.func.vmap, torch.func.jacrev])
+def test_transforms_of_a_solve_are_refused_by_name(transform):
+    def root(target):
+        return solve(lambda x: x**2 - target, torch.ones(1).double(), adjoint=Implicit()).state
+
+    with pytest.raises(InputError, match=r"solve cannot run inside of torch\.func"):
+        transform(root)(torch.tensor([2.0, 3.0]).double())
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: LevenbergMarquardt(max_steps=2.5), "max_steps is 2.5"),
+        (lambda: LevenbergMarquardt(max_steps=-1), "max_steps is -1"),
+        (lambda: LevenbergMarquardt(tolerance=-1e-3), "tolerance -0.001"),
+        (lambda: LevenbergMarquardt(tolerance=float("nan")), "tolerance nan"),
+        (lambda: LevenbergMarquardt(damping=0.0), "damping 0.0"),
+        (lambda: Adam(learning_rate=-0.1), "learning_rate is -0.1"),
+        (lambda: Adam(-1), "max_steps is -1"),
+        (lambda: Unrolled(1.5), "steps 1.5"),
+    ],
+)
+def test_settings_that_are_none_are_named(make, message):
+    with pytest.raises(InputError, match=message):
+        make()

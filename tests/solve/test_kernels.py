@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+from perfcap.errors import InputError
 from perfcap.solve import GemanMcClure, Huber, Quadratic
 
 KERNELS = [Quadratic(), Huber(0.5), GemanMcClure(0.5)]
@@ -38,3 +39,10 @@ def test_scales_are_residuals():
     assert Huber(2.0).slope(torch.tensor(16.0)) == 0.5
     assert GemanMcClure(2.0).slope(torch.tensor(4.0)) == 0.25
     assert GemanMcClure(2.0).value(torch.tensor(1e12)) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("kind", [Huber, GemanMcClure])
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("nan")])
+def test_scales_that_are_none_are_named(kind, scale):
+    with pytest.raises(InputError, match=f"{kind.__name__} has scale"):
+        kind(scale)

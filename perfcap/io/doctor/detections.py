@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
+
 import torch
 from torch import Tensor
 
@@ -16,6 +19,7 @@ from perfcap.io.doctor.sides import examine_sides
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
+_FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a repeated frame
@@ -26,7 +30,7 @@ _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 
 
 def examine_detections(
-    rig: CameraRig, detections: Detections, *, coverage: bool = True
+    rig: CameraRig, detections: Detections, *, coverage: bool = True, faint: bool = True
 ) -> list[Finding]:
     """Coverage, image size, and units, axes and frames of 3D poses.
 
@@ -34,6 +38,7 @@ def examine_detections(
         rig: C views.
         detections: (F, C).
         coverage: whether to list frames in which nobody is detected.
+        faint: whether to tell that all confidences are next to nothing.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
@@ -41,6 +46,7 @@ def examine_detections(
     findings = _moving(rig, detections)
     if findings:
         return findings
+    findings += _copied(rig.names, detections)
     plane = rig.cameras.to_plane(detections.joints2d)
     for view, name in enumerate(rig.names):
         if coverage:
@@ -52,6 +58,7 @@ def examine_detections(
         findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
+        findings += _faint(name, detections.confidence2d[:, view]) if faint else []
         findings += _image_size(name, pixels, rig.cameras.size[view])
         trusted = detections.trusted3d[:, view]
         if detections.joints3d is not None and trusted.any():
@@ -109,6 +116,34 @@ def _coverage(name: str, confidence: Tensor) -> list[Finding]:
     what = f"nothing is detected in {share}: {ranges(frames)}"
     severity = Severity.WARNING if len(frames) > len(confidence) / 10 else Severity.INFO
     return [Finding(severity, name, what, "such frames are bridged from their neighbours")]
+
+
+def _faint(name: str, confidence: Tensor) -> list[Finding]:
+    """Confidences (F, 16) that are all next to nothing: energies would hardly count them."""
+    highest = float(confidence.max()) if confidence.numel() else 0.0
+    if not 0 < highest < _FAINT:
+        return []
+    what = f"confidences are {highest:.2g} at most"
+    remedy = (
+        "expected shares of up to 1: were percents divided twice, or are they peaks of heat maps "
+        "that sum to 1? Divide by what a sure joint has"
+    )
+    return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
+    """Views with the joints of another one, to the last digit."""
+    findings = []
+    seen = detections.confidence2d > 0
+    for first, second in combinations(range(len(names)), 2):
+        both = seen[:, first] & seen[:, second]
+        same = (detections.joints2d[:, first] == detections.joints2d[:, second]).all(-1)
+        if int(both.sum()) >= _SOME and bool(same[both].all()):
+            what = "have the same joints to the last digit"
+            remedy = "give the detections of each view"
+            pair = f"{names[first]} and {names[second]}"
+            findings.append(Finding(Severity.ERROR, pair, what, remedy))
+    return findings
 
 
 def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:

@@ -1,0 +1,153 @@
+"""Whether energies whose derivatives are found automatically are what those derivatives assume."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.solve.compound import OfPart
+from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
+
+_LEAK = 1e-9  # of the largest derivative
+
+
+def require_sound(objective: Objective, state: Any) -> None:
+    """Refuse what forward-mode differentiation would take for a residual of separate frames.
+
+    Two derivatives along one direction each, of energies that have no closed form, once a solve.
+
+    Raises:
+        InputError: a filter along other frames, a learned weight or a confidence below zero, a
+            residual of another shape or type than (*b, F, G, d), rows that depend on other frames
+            or batch elements than their own, or on shared unknowns that the energy does not see.
+    """
+    frames = state.coordinates().frame.shape[-2]
+    for name, energy in objective.items():
+        if isinstance(energy, WindowEnergy) and energy.basis.shape[-1] != frames:
+            raise InputError(
+                f"energy {name!r} filters {energy.basis.shape[-1]} frames but the state has "
+                f"{frames}; make one for as many"
+            )
+        if energy.weight.requires_grad:
+            _require_weight(name, energy.weight.detach())
+        whole = state
+        while isinstance(energy, OfPart) and energy.name in whole.parts:
+            energy, whole = energy.energy, whole.parts[energy.name]
+        if type(energy).linearize is Energy.linearize and energy.coupling is Coupling.FRAME:
+            _require_own_rows(name, energy, whole)
+
+
+def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
+    here = state.coordinates()
+    lead = here.frame.shape[:-1]
+    late, unseen = _late(lead, here.frame.device), _unseen(energy, state, here.shared)
+    if unseen is not None:
+        _, slope = _along(name, energy, state, Step(torch.zeros_like(here.frame), unseen))
+        if _any(slope != 0):
+            raise InputError(
+                f"energy {name!r} depends on shared unknowns that it does not name; list the "
+                f"blocks, of {', '.join(state.shared_sizes)}, in its attribute sees"
+            )
+    for part in (late, ~late):  # a row may look ahead or back
+        frame = part.unsqueeze(-1).to(here.frame).expand_as(here.frame)
+        confidence, slope = _along(name, energy, state, Step(frame, torch.zeros_like(here.shared)))
+        leaks = torch.where(part[..., None, None], 0, slope).abs()
+        if slope.numel() and _any(leaks > _LEAK * slope.abs().amax()):
+            raise InputError(
+                f"energy {name!r} has rows that depend on other frames or batch elements than "
+                "their own, so that their derivatives would be wrong; along time use a "
+                "WindowEnergy, or solve with Adam()"
+            )
+    if confidence is not None and _any(confidence < 0):
+        raise InputError(
+            f"energy {name!r} has confidences below zero; expected numbers from 0 on: the square "
+            "of what may have a sign, or its sigmoid"
+        )
+
+
+def _require_weight(name: str, weight: Tensor) -> None:
+    """One that is learned may have become negative since it was given."""
+    if weight.is_cpu and _any(weight < 0):
+        raise InputError(
+            f"energy {name!r} has a weight of {float(weight.min()):.3g}, expected one from 0 on; "
+            "learn its logarithm"
+        )
+
+
+def _late(lead: torch.Size, device: torch.device) -> Tensor:
+    """Half of the frames and batch elements, (*b, F), cut so that any distance crosses the cut."""
+    late = torch.zeros(lead, dtype=torch.bool, device=device)
+    for axis, size in enumerate(reversed(lead)):
+        own = torch.arange(size, device=device) >= (size + 1) // 2
+        late = late ^ own.reshape(-1, *[1] * axis)
+    return late
+
+
+def _unseen(energy: Energy[Any], state: State, like: Tensor) -> Tensor | None:
+    """A direction in the shared blocks that the energy does not see; None where it sees all."""
+    hidden = [
+        (0.0 if name in energy.sees else 1.0, size) for name, size in state.shared_sizes.items()
+    ]
+    if not any(size and share for share, size in hidden):
+        return None
+    row = torch.cat([like.new_full((size,), share) for share, size in hidden])
+    return row.expand_as(like)
+
+
+def _along(
+    name: str, energy: Energy[Any], state: State, step: Step
+) -> tuple[Tensor | None, Tensor]:
+    """Confidence of a residual, and the derivative of its values along a step, (*b, F, G, d)."""
+
+    def rows(size: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        residual = energy.residual(state.retract(Step(size * step.frame, size * step.shared)))
+        _require_residual(name, residual, step.frame)
+        own = residual.confidence
+        return residual.value, () if own is None else (own,)
+
+    one = step.frame.new_tensor(1.0)
+    moved: Any = torch.func.jvp(rows, (torch.zeros_like(one),), (one,), has_aux=True)
+    _, slope, own = moved
+    return own[0] if own else None, slope
+
+
+def _require_residual(name: str, residual: object, like: Tensor) -> None:
+    if not isinstance(residual, Residual):
+        raise InputError(
+            f"energy {name!r} returned a {type(residual).__name__}, expected a Residual of values "
+            "(*b, F, G, d)"
+        )
+    value, lead = residual.value, tuple(like.shape[:-1])
+    if tuple(value.shape[:-2]) != lead:
+        raise InputError(
+            f"energy {name!r} returned values {tuple(value.shape)}, expected (*b, F, G, d) of "
+            f"(*b, F) = {lead}: a row for each frame, of G groups of d numbers"
+        )
+    if value.dtype != like.dtype:
+        raise InputError(
+            f"energy {name!r} returned {value.dtype} for unknowns of {like.dtype}; make its "
+            "constants buffers, or the type of the unknowns"
+        )
+    own = residual.confidence
+    if own is not None and not _fits(own.shape, value.shape[:-1]):
+        raise InputError(
+            f"energy {name!r} has values {tuple(value.shape)} and confidence {tuple(own.shape)}; "
+            "expected (*b, F, G, d) and one number a group, (*b, F, G)"
+        )
+
+
+def _fits(shape: torch.Size, wanted: torch.Size) -> bool:
+    """Whether the one shape broadcasts to the other."""
+    lacking = len(wanted) - len(shape)
+    return lacking >= 0 and all(
+        own in (1, size) for own, size in zip(shape, wanted[lacking:], strict=True)
+    )
+
+
+def _any(mask: Tensor) -> bool:
+    """Whether any is true; not asked inside of ``torch.func`` transforms, which cannot say."""
+    inside = torch._C._functorch.is_functorch_wrapped_tensor(mask)
+    return not inside and bool(mask.any())

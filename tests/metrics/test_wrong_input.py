@@ -1,0 +1,125 @@
+"""Metrics name what would be compared with something else, or spread over it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from perfcap.errors import InputError
+from perfcap.metrics import (
+    Alignment,
+    acceleration_error,
+    align,
+    aligned_distances,
+    bone_angle_error,
+    bone_length_variation,
+    boundary_f,
+    correct_share,
+    foot_skate,
+    image_correct_share,
+    jerk,
+    joint_errors,
+    limit_violations,
+    mask_overlap,
+    torso_size,
+)
+
+F64 = torch.float64
+GENERATOR = torch.Generator().manual_seed(2)
+TRUTH = torch.rand(6, 16, 3, generator=GENERATOR, dtype=F64)
+FOUND = TRUTH + 0.01 * torch.rand(6, 16, 3, generator=GENERATOR, dtype=F64)
+ALL = torch.ones(6, 16, dtype=torch.bool)
+UP = torch.tensor([0.0, 1.0, 0.0], dtype=F64)
+STEPS = torch.ones(5, 2, dtype=torch.bool)
+
+
+@pytest.mark.parametrize("alignment", Alignment)
+def test_alignments_go_by_name_too(alignment: Alignment) -> None:
+    """A name that is not the enumeration's own object was no alignment at all."""
+    name = "".join(alignment.value)
+    assert torch.equal(align(FOUND, TRUTH, ALL, name), align(FOUND, TRUTH, ALL, alignment))
+    expected = aligned_distances(FOUND, TRUTH, ALL, alignment)
+    assert torch.equal(aligned_distances(FOUND, TRUTH, ALL, name), expected)
+    for function in (align, aligned_distances):
+        with pytest.raises(InputError, match=r"alignment is 'procrustes', expected one of 'abs"):
+            function(FOUND, TRUTH, ALL, "procrustes")
+
+
+@pytest.mark.parametrize("kind", [torch.uint8, torch.int64, F64])
+def test_masks_are_bool(kind: torch.dtype) -> None:
+    """A byte of 255 counted 255 times in the mean."""
+    errors = 1000 * (FOUND - TRUTH).norm(dim=-1)
+    assert correct_share(errors, ALL) == 100
+    with pytest.raises(InputError, match="valid is torch"):
+        correct_share(errors, 255 * ALL.to(kind))
+    with pytest.raises(InputError, match="valid is torch"):
+        aligned_distances(FOUND, TRUTH, ALL.to(kind), Alignment.SIMILARITY)
+    with pytest.raises(InputError, match="contact is torch"):
+        foot_skate(FOUND[:, :2], STEPS.to(kind), UP)
+
+
+@pytest.mark.parametrize(
+    "compare",
+    [
+        acceleration_error,
+        lambda a, b: bone_angle_error(a, b, [(0, 1)]),
+        lambda a, b: joint_errors(a, b, 30.0),
+        lambda a, b: jerk(b[0], 30.0),
+    ],
+)
+def test_one_frame_is_not_spread_over_all(compare) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match="give joints of the same frames"):
+        compare(FOUND, TRUTH[:1])
+
+
+def test_arrays_are_named() -> None:
+    with pytest.raises(InputError, match="estimate is a ndarray"):
+        joint_errors(FOUND.numpy(), TRUTH.numpy(), 30.0)  # type: ignore[arg-type]
+
+
+def test_hips_of_other_joints_are_asked_for() -> None:
+    """Joints 8 and 12 of another set are no hips."""
+    found, truth = (torch.cat((each, each[:, :1]), -2) for each in (FOUND, TRUTH))
+    for known in ({}, {"hips": (12, 11)}, {"trunk": (12, 11, 0)}):
+        with pytest.raises(InputError, match="there are 17 joints, not the 16 landmarks"):
+            joint_errors(found, truth, 30.0, **known)  # type: ignore[arg-type]
+    assert joint_errors(found, truth, 30.0, (12, 11), trunk=(12, 11, 0)).mpjpe < 20
+    for hips in ((16, 17), ("r_hip", "l_hip")):
+        with pytest.raises(InputError, match="are not among 16 joints"):
+            joint_errors(FOUND, TRUTH, 30.0, hips)  # type: ignore[arg-type]
+
+
+def test_limits_of_other_angles_are_refused() -> None:
+    angles, lower = torch.zeros(6, 27, dtype=F64), -torch.ones(27, dtype=F64)
+    assert limit_violations(angles, lower, -lower).share == 0
+    for other in (angles[:, :1], angles[0]):
+        with pytest.raises(InputError, match="of the same rig"):
+            limit_violations(other, lower, -lower)
+    for wrong in (-lower, lower * torch.nan):
+        with pytest.raises(InputError, match="a lower limit is above"):
+            limit_violations(angles, wrong, lower)
+
+
+def test_directions_shares_and_bones_that_are_none() -> None:
+    with pytest.raises(InputError, match=r"up is \[0.0, 2.0, 0.0\]"):
+        foot_skate(FOUND[:, :2], STEPS, 2 * UP)
+    pixels = TRUTH[..., :2]
+    for share in (20, 0, float("nan")):
+        with pytest.raises(InputError, match="share is"):
+            image_correct_share(pixels, pixels, torso_size(pixels), share)
+    for bones in ([], (0, 1)):
+        with pytest.raises(InputError, match="expected pairs of joints"):
+            bone_length_variation(TRUTH, bones)  # type: ignore[arg-type]
+
+
+def test_masks_that_are_none() -> None:
+    mask = np.ones((4, 5), dtype=bool)
+    for other in (mask[None], mask[..., None]):
+        with pytest.raises(InputError, match=r"expected \(H, W\)"):
+            mask_overlap(other, other)
+    for radius in (-1, 0.008):
+        with pytest.raises(InputError, match="expected a whole number of pixels"):
+            boundary_f(torch.tensor(mask), torch.tensor(mask), radius)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="give masks of one size"):
+        boundary_f(torch.tensor(mask[:0]), torch.tensor(mask[:0]))

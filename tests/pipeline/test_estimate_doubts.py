@@ -1,0 +1,88 @@
+"""What the layer says of the 3D joints of the first clip that it is given."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+
+import pytest
+import torch
+from takes import make_take
+from torch import Tensor
+
+from perfcap.detect.joint_set import COCO17, LANDMARKS, JointSet
+from perfcap.errors import InputError
+from perfcap.pipeline import PoseRefiner
+
+TAKE = make_take(10)
+JOINTS = TAKE.actor.joints(TAKE.truth)
+LOCAL = TAKE.cameras.to_camera(JOINTS)
+PIXELS = TAKE.detections.joints2d
+
+
+def refine(
+    joints3d: Tensor, joints2d: Tensor | None = None, joint_set: str = "landmarks16"
+) -> None:
+    layer = PoseRefiner(TAKE.actor, joint_set=joint_set).eval()
+    layer(TAKE.cameras, joints2d, joints3d=joints3d)
+
+
+@pytest.mark.parametrize(
+    ("words", "joints", "pixels"),
+    [
+        ("the feet point backwards", LOCAL * LOCAL.new_tensor([-1, 1, 1]), None),
+        ("expected 0.3 to 3.0", 3.28 * LOCAL, None),
+        (
+            "no pose of them counts",
+            LOCAL.clone().index_fill(-2, torch.tensor([0]), math.nan),
+            PIXELS,
+        ),
+    ],
+)
+def test_mistakes_are_named(words: str, joints: Tensor, pixels: Tensor | None) -> None:
+    with pytest.warns(UserWarning, match=f"PoseRefiner: .*{words}"):
+        refine(joints, pixels)
+
+
+def test_joints_of_the_world_are_named() -> None:
+    turned = TAKE.cameras.rotation.new_tensor([[[1, 0, 0], [0, -1, 0], [0, 0, -1]]])
+    cameras = replace(TAKE.cameras, rotation=turned)
+    world = (LOCAL - cameras.translation[..., None, :]) @ turned
+    layer = PoseRefiner(TAKE.actor).eval()
+    with pytest.warns(UserWarning, match="stands on their head in 100% of the frames"):
+        layer(cameras, joints3d=world)
+
+
+def test_good_joints_are_not() -> None:
+    coco = torch.zeros(*LOCAL.shape[:2], len(COCO17), 3, dtype=LOCAL.dtype)
+    pixels = torch.zeros(*LOCAL.shape[:2], len(COCO17), 2, dtype=LOCAL.dtype)
+    for place, name in enumerate(COCO17.joints):
+        mark = LANDMARKS.index(name) if name in LANDMARKS else 0
+        coco[:, :, place], pixels[:, :, place] = LOCAL[:, :, mark], PIXELS[:, :, mark]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refine(LOCAL)
+        refine(LOCAL, PIXELS)
+        refine(coco, joint_set="COCO-17")  # has no toes, which point nowhere
+        refine(coco, pixels, joint_set="COCO-17")
+        # a camera that does not turn stands for none: the axes are the world's own
+        turn = torch.eye(3, dtype=LOCAL.dtype)[None]
+        still = replace(TAKE.cameras, rotation=turn)
+        PoseRefiner(TAKE.actor).eval()(still, joints3d=LOCAL * LOCAL.new_tensor([1, -1, -1]))
+
+
+def test_confidences_that_hardly_count_are_named_unless_they_are_learned() -> None:
+    faint = 0.01 * TAKE.detections.confidence2d
+    with pytest.warns(UserWarning, match="confidences are 0.01 at most"):
+        PoseRefiner(TAKE.actor).eval()(TAKE.cameras, PIXELS, faint)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        PoseRefiner(TAKE.actor)(TAKE.cameras, PIXELS, faint.requires_grad_())
+
+
+def test_other_spellings_are_named() -> None:
+    """A knee of another name was an unseen knee."""
+    names = ["LKnee" if name == "l_knee" else name for name in LANDMARKS]
+    with pytest.raises(InputError, match=r"not ours: LKnee \(expected l_knee\)"):
+        PoseRefiner(TAKE.actor, JointSet("mine", tuple(names)))
