@@ -33,6 +33,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "retarget": ("--frames", "20"),
     "robot_playback": ("--frames", "20"),
     "rendered_accuracy": ("--no-ablations", "--sequences", "dev_tight"),
+    "shoulders": ("--frames", "200",),
     "solver_classics": (),
     "solver_speed": ("--windows", "2", "--slow", "0"),
     "trajectory_prior": ("--views", "4", "--ranks", "10", "--clips", "1", "--frames", "40"),

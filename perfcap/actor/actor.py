@@ -8,10 +8,10 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.actor.anatomy import JOINTS, human_rig
-from perfcap.actor.bone_owners import bone_owners
+from perfcap.actor.bone_owners import bone_owners, clavicle_bones
 from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.points import Landmarks
-from perfcap.actor.rig import Rig
+from perfcap.actor.rig import Rig, with_still_shoulders
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
@@ -25,7 +25,7 @@ class Actor(nn.Module):
     Every bone of the template moves rigidly with one joint of the skeleton: its own, as
     ``template.joint_bones`` or its name says, or that of its nearest ancestor. Extra bones
     (fingers, twists) are thus carried along, and an exported animation plays on the user's own
-    bones.
+    bones. Clavicles of imported rigs are joints of the skeleton too.
 
     Args:
         template: the rigged mesh.
@@ -81,6 +81,13 @@ class Actor(nn.Module):
         last = matrix.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*matrix.shape[:-2], 1, 4)
         return torch.cat((matrix, last), -2)[..., list(self.bone_joints), :, :]
 
+    def with_still_shoulders(self) -> Self:
+        """The actor whose clavicles are rigid with its chest; itself where it has none."""
+        rig = self.skeleton.rig
+        if not rig.clavicles:
+            return self
+        return type(self)(self.template, with_still_shoulders(rig)).to(self.vertices)
+
     def resized(self, bones: Tensor) -> Self:
         """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows."""
         from perfcap.actor.bone_lengths import resize
@@ -94,13 +101,21 @@ def _positions(template: Template) -> dict[str, Tensor]:
     rest = torch.tensor(template.bone_rest)[:, :3, 3]
     bones = dict(zip(template.bone_names, range(len(rest)), strict=True))
     positions = {name: rest[bone] for name, bone in (template.joint_bones or bones).items()}
+    positions |= {name: rest[bone] for name, bone in _clavicles(template).items()}
     return {**positions, **{n: torch.tensor(p) for n, (_, p) in template.landmarks.items()}}
+
+
+def _clavicles(template: Template) -> dict[str, int]:
+    """Bones of clavicles, of rigs whose bones were mapped; body models are left as they are."""
+    return clavicle_bones(
+        template.bone_parents.tolist(), template.bone_rest[:, :3, 3], template.joint_bones
+    )
 
 
 def _bone_joints(template: Template, rig: Rig) -> tuple[int, ...]:
     """Index of the joint each bone moves with."""
     named = {name: bone for bone, name in enumerate(template.bone_names)}
-    bones = template.joint_bones or named
+    bones = {**(template.joint_bones or named), **_clavicles(template)}
     own = {bones[name]: joint for joint, name in enumerate(rig.joints) if name in bones}
     if len(own) < 2:
         raise InputError(
