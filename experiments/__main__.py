@@ -16,7 +16,7 @@ FOLDER = Path(__file__).resolve().parent
 
 GROUPS = {
     "How accurate is the motion?": (
-        "rendered_accuracy", "own_skeleton", "multi_view", "views_sweep", "video_alone",
+        "rendered_accuracy", "own_skeleton", "multi_view", "views_sweep", "video_alone", "peers",
         "lifter_real", "fast_motion", "joint_table", "pose_refiner", "pose_fusion",
     ),
     "And the surface?": (

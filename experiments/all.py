@@ -27,6 +27,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "occlusion": ("--seeds", "1", "--lengths", "5", "--frames", "60"),
     "bundle_adjustment": (),
     "own_skeleton": (),
+    "peers": ("--sequences", "dev_views", "--alone", "dev_tight", "--no-real"),
     "people_association": ("--seeds", "2"),
     "people_joints": ("--sequences", "dev_duo", "--no-fewer"),
     "pose_refiner": ("--clips", "3", "--frames", "60"),
