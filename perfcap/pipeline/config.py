@@ -130,6 +130,7 @@ class PoseConfig:
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.004  # least share of their weights that is kept
     clavicles: bool = True  # shoulders rise with the arms, on actors whose rigs have clavicles
+    rest_hands: bool = True  # fingers are bent as at rest, where rigs have them
     initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
     widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
@@ -162,6 +163,7 @@ MONOPERFCAP_POSE = PoseConfig(
     contact=ContactConfig(enabled=False),
     clean=0.0,
     clavicles=False,
+    rest_hands=False,
 )
 
 # Huang et al. 2017, Sec. IV: frames on their own, then windows of 30 whose joints follow ten
@@ -175,6 +177,7 @@ MUVS_POSE = PoseConfig(
     contact=ContactConfig(enabled=False),
     clean=0.0,
     clavicles=False,
+    rest_hands=False,
 )
 
 
