@@ -16,7 +16,7 @@ FOLDER = Path(__file__).resolve().parent
 
 GROUPS = {
     "How accurate is the motion?": (
-        "rendered_accuracy", "own_skeleton", "multi_view", "views_sweep", "video_alone",
+        "rendered_accuracy", "own_skeleton", "multi_view", "views_sweep", "video_alone", "peers",
         "lifter_real", "fast_motion", "joint_table", "pose_refiner", "pose_fusion",
     ),
     "And the surface?": (
@@ -26,7 +26,7 @@ GROUPS = {
     "Raw images, without background or masks (Rhodin et al. 2016)": ("contours", "contour_cues"),
     "Bodies and characters": (
         "body_fit", "real_body", "shape_over_time", "orbit_frames", "auto_rig", "actor_import",
-        "actor_sheets", "template_quality",
+        "actor_sheets", "template_quality", "shoulders",
     ),
     "Several people": ("people_association", "people_joints", "people_labels"),
     "What if the input is bad?": (

@@ -88,26 +88,32 @@ def videos(config: Experiment) -> list[Video]:
 def _row(config: Experiment, video: Video, fov: float | None) -> tuple[str | float, ...]:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) if config.keep is None else config.keep / video.path.parent.name
-        out = out / f"{video.name.replace(', ', '_')}"
-        start = time.perf_counter()
-        request = CaptureRequest(
-            videos=(video.path,),
-            out=out,
-            fov=fov,
-            detector=config.detector,
-            lifter="cmu",
-            until=config.until,
-            overlay=config.keep is not None,
-            overwrite=True,
-        )
-        run_capture(request)
-        wall = time.perf_counter() - start
-        with np.load(out / "motion.npz") as file:
-            joints = torch.from_numpy(file["joints3d"]).double()
+        joints, wall = captured(config, video, fov, out / f"{video.name.replace(', ', '_')}")
     frames = min(len(joints), len(video.truth))
     errors = joint_errors(joints[:frames], video.truth[:frames].double(), video.rate)
     scores = float(errors.mpjpe_similarity), float(errors.acceleration_error)
     return (video.name, fov or ASSUMED_FOV, *scores, wall / frames)
+
+
+def captured(
+    config: Experiment, video: Video, fov: float | None, out: Path
+) -> tuple[Tensor, float]:
+    """Joints (F, 16, 3) of a capture into a folder, and its seconds."""
+    start = time.perf_counter()
+    request = CaptureRequest(
+        videos=(video.path,),
+        out=out,
+        fov=fov,
+        detector=config.detector,
+        lifter="cmu",
+        until=config.until,
+        overlay=config.keep is not None,
+        overwrite=True,
+    )
+    run_capture(request)
+    wall = time.perf_counter() - start
+    with np.load(out / "motion.npz") as file:
+        return torch.from_numpy(file["joints3d"]).double(), wall
 
 
 if __name__ == "__main__":

@@ -78,14 +78,14 @@ def _row(whole: Recording, views: list[int], config: Experiment) -> tuple[object
     paper = capture(whole.actor, cameras, seen, whole.rate, PRESETS["muvs2017"]).joints()
     true = replace(exact_detections(whole).select(views), joints3d=None)
     exact = capture(whole.actor, cameras, true, whole.rate).joints()
-    auto = capture(_auto(whole, views, seen), cameras, seen, whole.rate).joints()
+    auto = capture(fitted_actor(whole, views, seen), cameras, seen, whole.rate).joints()
     found: list[object] = [_words(each - whole.truth) for each in (points, template, paper, exact)]
     found += [_words(_settled(each - whole.truth)) for each in (template, auto)]
     more = _with_images(whole, views) if config.silhouettes else ()
     return (" ".join(str(view + 1) for view in views), *found, spent, *more)
 
 
-def _auto(whole: Recording, views: list[int], seen: Detections) -> Actor:
+def fitted_actor(whole: Recording, views: list[int], seen: Detections) -> Actor:
     """The body model fitted to joints of some frames, as ``--actor auto`` does."""
     frames = spread_frames(seen, 24)
     cameras = whole.cameras.select(views).frames(frames)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -121,6 +122,40 @@ def _band(first: int) -> list[tuple[int, int, int]]:
 def actor(positions: dict[str, Tensor] | None = None) -> Actor:
     """The person as a module, float64."""
     return Actor(template(positions))
+
+
+def clavicled(plain: Template | None = None) -> Template:
+    """The person of tubes on a rig with clavicles, which move half of where arms begin."""
+    plain = plain or template()
+    names = list(plain.bone_names)
+    for side in "lr":
+        names.insert(names.index(f"{side}_shoulder"), f"{side}_collar")
+    old = {name: plain.bone_names.index(name) for name in plain.bone_names}
+    rest = np.tile(np.eye(4), (len(names), 1, 1))
+    for bone, name in enumerate(names):
+        if name in old:
+            rest[bone] = plain.bone_rest[old[name]]
+        else:
+            rest[bone, :3, 3] = (0.03 if name[0] == "l" else -0.03, 1.40, 0.03)
+    parents = {"l_collar": "spine", "r_collar": "spine", **PARENTS}
+    parents |= {f"{side}_shoulder": f"{side}_collar" for side in "lr"}
+    bones = np.array([names.index(name) for name in plain.bone_names])[plain.weight_bones]
+    for side in "lr":
+        spine = bones == names.index("spine")
+        arm = (bones == names.index(f"{side}_shoulder")).any(1, keepdims=True)
+        bones = np.where(spine & arm, names.index(f"{side}_collar"), bones)
+    return replace(
+        plain,
+        bone_names=tuple(names),
+        bone_parents=np.array([-1 if (p := parents[n]) is None else names.index(p) for n in names]),
+        bone_rest=rest,
+        weight_bones=bones,
+        landmarks={
+            name: (names.index(plain.bone_names[bone]), place)
+            for name, (bone, place) in plain.landmarks.items()
+        },
+        joint_bones={name: names.index(name) for name in JOINTS},
+    )
 
 
 def random_motion(

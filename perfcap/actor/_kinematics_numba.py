@@ -33,7 +33,19 @@ class _Tree(NamedTuple):
     bone_start: Indices  # (J + L,)
     bone_group: Indices  # (J + L,)
     moves: Floats  # (L, A)
+    order: Indices  # (J + L,)
     bones: Floats  # (B, J + L, 3)
+
+
+class _Clavicles(NamedTuple):
+    """The arrays of ``ClavicleTurns``, and how far the K clavicles turn in each of N poses."""
+
+    joint: Indices  # (K,)
+    carried: Indices  # (K,)
+    lifts: Indices  # (K, 2)
+    axes: Floats  # (K, 3)
+    turns: Floats  # (N, K)
+    slopes: Floats  # (N, K, 2)
 
 
 class _Poses(NamedTuple):
@@ -55,7 +67,10 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     pose, arrays, poses = _solve(tree, motion)
     lead, marks = motion.angles.shape[:-1], len(tree.moves)
     frame = motion.angles.new_empty(*lead, marks, 3, motion.frame_dim)
-    _frame_jacobian(arrays, poses, frame.numpy().reshape(-1, marks, 3, motion.frame_dim))
+    rows = frame.numpy().reshape(-1, marks, 3, motion.frame_dim)
+    _frame_jacobian(arrays, poses, rows)
+    if len(tree.clavicles):
+        _add_drifts(arrays, _clavicles(tree, motion), poses, rows)
     if BONES not in motion.shared:
         return pose.landmarks, frame, None
     groups = len(tree.group_names)
@@ -83,18 +98,36 @@ def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
         ),
     )
     unknowns = (motion.translation, motion.rotation, motion.angles)
-    _place(arrays, *(_rows(x, x.shape[-1]) for x in unknowns), poses)
+    _place(arrays, _clavicles(tree, motion), *(_rows(x, x.shape[-1]) for x in unknowns), poses)
     joints, landmarks = position.tensor_split((tree.joints,), -2)
     return Pose(rotation, joints, landmarks), arrays, poses
 
 
+def _clavicles(tree: KinematicTree, motion: Motion) -> _Clavicles:
+    every, count = tree.clavicles, len(tree.clavicles)
+    turns, slopes = every(motion.angles), every.slopes(motion.angles)
+    return _Clavicles(
+        **{name: getattr(every, name).numpy() for name in _Clavicles._fields[:-2]},
+        turns=_rows(turns, count),
+        slopes=_rows(slopes, count, 2),
+    )
+
+
 def _rows(tensor: Tensor, *shape: int) -> Floats:
     """Contiguous, as another memory layout would compile the kernels once more."""
-    return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
+    rows = tensor.shape[: tensor.dim() - len(shape)].numel()
+    return np.ascontiguousarray(tensor.detach().numpy()).reshape(rows, *shape)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _place(tree: _Tree, translation: Floats, rotvec: Floats, angles: Floats, poses: _Poses) -> None:
+def _place(
+    tree: _Tree,
+    clavicles: _Clavicles,
+    translation: Floats,
+    rotvec: Floats,
+    angles: Floats,
+    poses: _Poses,
+) -> None:
     """Rotations of joints, world axes of hinges, bones and points of N poses."""
     frames = len(angles) // max(1, len(tree.bones))
     sine, cosine = np.sin(angles), np.cos(angles)
@@ -102,6 +135,7 @@ def _place(tree: _Tree, translation: Floats, rotvec: Floats, angles: Floats, pos
         rotvec_to_matrix(rotvec, n, poses.rotation[n, 0])
         for joint in range(len(tree.parents)):
             _turn_joint(tree, joint, n, sine, cosine, poses)
+        _turn_clavicles(tree, clavicles, n, poses)
         _place_points(tree, n, tree.bones[n // frames], translation, poses)
 
 
@@ -136,6 +170,19 @@ def _turn_joint(
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _turn_clavicles(tree: _Tree, clavicles: _Clavicles, n: int, poses: _Poses) -> None:
+    """Rotations of clavicles, given their parents'; no joint inherits them."""
+    for k in range(len(clavicles.joint)):
+        joint, angle = clavicles.joint[k], clavicles.turns[n, k]
+        axis = clavicles.axes[k, 0], clavicles.axes[k, 1], clavicles.axes[k, 2]
+        for i in range(3):
+            row = _row(poses.rotation, n, tree.parents[joint], i)
+            turned, _ = _turn(row, axis, np.sin(angle), np.cos(angle))
+            for j in range(3):
+                poses.rotation[n, joint, i, j] = turned[j]
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _row(matrices: Floats, n: int, joint: int, i: int) -> _Row:
     return matrices[n, joint, i, 0], matrices[n, joint, i, 1], matrices[n, joint, i, 2]
 
@@ -162,7 +209,7 @@ def _turn(row: _Row, axis: _Row, sine: float, cosine: float) -> tuple[_Row, floa
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _place_points(tree: _Tree, n: int, vectors: Floats, translation: Floats, poses: _Poses) -> None:
     """Bones in the world and the joints and landmarks they lead to; the root's bone is zero."""
-    for end in range(len(vectors)):
+    for end in tree.order:
         start = tree.bone_start[end]
         vector = vectors[end, 0], vectors[end, 1], vectors[end, 2]
         for i in range(3):
@@ -194,6 +241,28 @@ def _frame_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
                     rows[0, 6 + angle] = b * z - c * y
                     rows[1, 6 + angle] = c * x - a * z
                     rows[2, 6 + angle] = a * y - b * x
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _add_drifts(tree: _Tree, clavicles: _Clavicles, poses: _Poses, jacobian: Floats) -> None:
+    """Add how angles shift landmarks through clavicles: slope * (axis x clavicle)."""
+    for n in range(len(jacobian)):
+        for k in range(len(clavicles.joint)):
+            start, end = clavicles.joint[k], clavicles.carried[k]
+            axis, arm = np.zeros(3), poses.points[n, end] - poses.points[n, start]
+            for i in range(3):
+                axis[i] = _dot(
+                    _row(poses.rotation, n, start, i),
+                    (clavicles.axes[k, 0], clavicles.axes[k, 1], clavicles.axes[k, 2]),
+                )
+            for i in range(3):
+                j, m = (i + 1) % 3, (i + 2) % 3
+                velocity = axis[j] * arm[m] - axis[m] * arm[j]
+                for lift in range(2):
+                    angle, slope = clavicles.lifts[k, lift], clavicles.slopes[n, k, lift]
+                    for mark in range(len(tree.moves)):
+                        if tree.moves[mark, angle] != 0:
+                            jacobian[n, mark, i, 6 + angle] += slope * velocity
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -12,34 +12,53 @@ from perfcap.geometry.rotation import rotvec_to_matrix, skew
 
 def place(tree: KinematicTree, motion: Motion) -> Pose:
     """Posed joints and landmarks of a motion (*b, F)."""
-    bodies = _turn_bodies(tree, motion, _partial_turns(tree, motion.angles)[-1])
+    bodies = _turn_bodies(tree, motion, _joint_turns(tree, motion, _partial_turns(tree, motion)))
     return _place_points(tree, motion, bodies[..., 2:, :, :])[0]
 
 
 def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tensor | None]:
     """Landmarks and their derivatives; see ``Skeleton.linearize``."""
-    partial = _partial_turns(tree, motion.angles)
-    bodies = _turn_bodies(tree, motion, partial[-1])
+    partial = _partial_turns(tree, motion)
+    bodies = _turn_bodies(tree, motion, _joint_turns(tree, motion, partial))
     pose, bones = _place_points(tree, motion, bodies[..., 2:, :, :])
     axes = _world_axes(tree, bodies, partial).unsqueeze(-3)  # *b F 1 A 3
     arms = pose.landmarks.unsqueeze(-2) - pose.position[..., tree.hinge_joint, :].unsqueeze(-3)
     turned = torch.linalg.cross(axes, arms * tree.moves[..., None])  # *b F L A 3
+    if len(tree.clavicles):
+        drifts = tree.clavicles.drifts(pose.rotation, pose.position, motion.angles)
+        turned = turned + drifts.unsqueeze(-3) * tree.moves[..., None]
     root = skew(motion.translation.unsqueeze(-2) - pose.landmarks)  # columns e_k x (p - t)
     frame = torch.cat((torch.eye(3).to(root).expand_as(root), root, turned.mT), -1)
     return pose.landmarks, frame, _shape_jacobian(tree, bones) if BONES in motion.shared else None
 
 
-def _partial_turns(tree: KinematicTree, angles: Tensor) -> list[Tensor]:
-    """Products of the first k hinges of each joint, (*b, F, J, 3, 3) for k = 0 ... K; C is last."""
-    sine, cosine = angles.sin()[..., None, None], angles.cos()[..., None, None]
-    turn = skew(tree.axes)
-    hinges = torch.eye(3).to(turn) + sine * turn + (1 - cosine) * (turn @ turn)
+def _partial_turns(tree: KinematicTree, motion: Motion) -> list[Tensor]:
+    """Products of the first k hinges of each joint, (*b, F, J, 3, 3) for k = 0 ... K."""
+    hinges = _turns(tree.axes, motion.angles)
     none = torch.eye(3).to(hinges).expand(*hinges.shape[:-3], 1, 3, 3)
     hinges = torch.cat((hinges, none), -3)[..., tree.slots, :, :]  # *b F J K 3 3
     partial = [none.expand(hinges[..., 0, :, :].shape)]
     for hinge in hinges.unbind(-3):
         partial.append(partial[-1] @ hinge)
-    return [*partial, partial[-1] @ tree.unrest]
+    return partial
+
+
+def _joint_turns(tree: KinematicTree, motion: Motion, partial: list[Tensor]) -> Tensor:
+    """Rotation of each joint relative to its parent, (*b, F, J, 3, 3)."""
+    turns = partial[-1] @ tree.unrest
+    if not len(tree.clavicles):
+        return turns
+    clavicles = _turns(tree.clavicles.axes, tree.clavicles(motion.angles))
+    source = torch.arange(tree.joints).to(tree.parents)
+    source[tree.clavicles.joint] = tree.joints + torch.arange(len(tree.clavicles)).to(source)
+    return torch.cat((turns, clavicles), -3)[..., source, :, :]
+
+
+def _turns(axes: Tensor, angles: Tensor) -> Tensor:
+    """Rotations (*b, F, A, 3, 3) about axes (A, 3)."""
+    turn = skew(axes)
+    sine, cosine = angles.sin()[..., None, None], angles.cos()[..., None, None]
+    return torch.eye(3).to(turn) + sine * turn + (1 - cosine) * (turn @ turn)
 
 
 def _turn_bodies(tree: KinematicTree, motion: Motion, joint_turns: Tensor) -> Tensor:
@@ -65,7 +84,7 @@ def _world_axes(tree: KinematicTree, bodies: Tensor, partial: list[Tensor]) -> T
     """Axes of the hinges in the world, (*b, F, A, 3)."""
     joint = tree.hinge_joint
     slot = (tree.slots[joint] == torch.arange(len(joint)).to(joint)[:, None]).long().argmax(-1)
-    before = torch.stack(partial[:-2], -3)[..., joint, slot, :, :]
+    before = torch.stack(partial[:-1], -3)[..., joint, slot, :, :]
     parents = bodies[..., tree.jumps[0, 2 + joint], :, :]
     return (parents @ (before @ tree.axes[..., None])).squeeze(-1)
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import Self
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from perfcap.actor.anatomy import JOINTS, human_rig
-from perfcap.actor.bone_owners import bone_owners
+from perfcap.actor.bone_owners import bone_owners, clavicle_bones
+from perfcap.actor.fingers import resting_fingers
 from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.points import Landmarks
-from perfcap.actor.rig import Rig
+from perfcap.actor.rig import Rig, with_still_shoulders
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
@@ -25,22 +28,26 @@ class Actor(nn.Module):
     Every bone of the template moves rigidly with one joint of the skeleton: its own, as
     ``template.joint_bones`` or its name says, or that of its nearest ancestor. Extra bones
     (fingers, twists) are thus carried along, and an exported animation plays on the user's own
-    bones.
+    bones. Clavicles of imported rigs are joints of the skeleton too, and their fingers are bent as
+    at rest: ``vertices`` are those of the template but for the hands.
 
     Args:
         template: the rigged mesh.
         rig: its skeleton; built from the joints' bones when not given.
+        rest_hands: whether fingers rest; else they are as the template has them.
     """
 
     vertices: Tensor
 
-    def __init__(self, template: Template, rig: Rig | None = None) -> None:
+    def __init__(self, template: Template, rig: Rig | None = None, rest_hands: bool = True) -> None:
         super().__init__()
         self.template = template
+        self.rest_hands = rest_hands
+        self._bent = resting_fingers(template, template.joint_bones) if rest_hands else None
         self.skeleton = Skeleton(rig if rig is not None else human_rig(_positions(template)))
         self.bone_joints = _bone_joints(template, self.skeleton.rig)
         like = self.skeleton.rest_positions
-        self.register_buffer("vertices", torch.tensor(template.vertices).to(like))
+        self.register_buffer("vertices", _rest_vertices(template, self._bent).to(like))
         # skinning weights of joints rather than bones: bones of one joint move as one
         joints = torch.tensor(self.bone_joints)[torch.tensor(template.weight_bones)]
         self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints)
@@ -79,14 +86,42 @@ class Actor(nn.Module):
         rotation, translation = self.joint_transforms(motion)
         matrix = torch.cat((rotation, translation[..., None]), -1)
         last = matrix.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*matrix.shape[:-2], 1, 4)
-        return torch.cat((matrix, last), -2)[..., list(self.bone_joints), :, :]
+        bones = torch.cat((matrix, last), -2)[..., list(self.bone_joints), :, :]
+        return bones if self._bent is None else bones @ torch.tensor(self._bent).to(bones)
+
+    def with_still_shoulders(self) -> Self:
+        """The actor whose clavicles are rigid with its chest; itself where it has none."""
+        rig = self.skeleton.rig
+        if not rig.clavicles:
+            return self
+        still = type(self)(self.template, with_still_shoulders(rig), self.rest_hands)
+        return still.to(self.vertices)
+
+    def with_modelled_hands(self) -> Self:
+        """The actor whose fingers are as its template has them; itself where none were bent."""
+        if self._bent is None:
+            return self
+        return type(self)(self.template, self.skeleton.rig, rest_hands=False).to(self.vertices)
 
     def resized(self, bones: Tensor) -> Self:
         """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows."""
         from perfcap.actor.bone_lengths import resize
 
         template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)
-        return type(self)(template, rig).to(self.vertices)
+        return type(self)(template, rig, self.rest_hands).to(self.vertices)
+
+
+def _rest_vertices(template: Template, bent: NDArray[np.float64] | None) -> Tensor:
+    """Vertices (V, 3) with fingers bent by rest-to-rest transforms of the bones, (B, 4, 4)."""
+    vertices = torch.tensor(template.vertices)
+    if bent is None:
+        return vertices
+    weights, moved = torch.tensor(template.weights), torch.tensor(bent)
+    skin = SkinWeights(weights, torch.tensor(template.weight_bones))
+    placed = dual_quaternion_blend(vertices, skin, moved[:, :3, :3], moved[:, :3, 3])
+    fingers = (bent != np.eye(4)).any((1, 2))
+    touched = torch.tensor(((template.weights > 0) & fingers[template.weight_bones]).any(1))
+    return torch.where(touched[:, None], placed, vertices)
 
 
 def _positions(template: Template) -> dict[str, Tensor]:
@@ -94,13 +129,21 @@ def _positions(template: Template) -> dict[str, Tensor]:
     rest = torch.tensor(template.bone_rest)[:, :3, 3]
     bones = dict(zip(template.bone_names, range(len(rest)), strict=True))
     positions = {name: rest[bone] for name, bone in (template.joint_bones or bones).items()}
+    positions |= {name: rest[bone] for name, bone in _clavicles(template).items()}
     return {**positions, **{n: torch.tensor(p) for n, (_, p) in template.landmarks.items()}}
+
+
+def _clavicles(template: Template) -> dict[str, int]:
+    """Bones of clavicles, of rigs whose bones were mapped; body models are left as they are."""
+    return clavicle_bones(
+        template.bone_parents.tolist(), template.bone_rest[:, :3, 3], template.joint_bones
+    )
 
 
 def _bone_joints(template: Template, rig: Rig) -> tuple[int, ...]:
     """Index of the joint each bone moves with."""
     named = {name: bone for bone, name in enumerate(template.bone_names)}
-    bones = template.joint_bones or named
+    bones = {**(template.joint_bones or named), **_clavicles(template)}
     own = {bones[name]: joint for joint, name in enumerate(rig.joints) if name in bones}
     if len(own) < 2:
         raise InputError(

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from perfcap.actor.rig import Hinge, Rig
+from perfcap.actor.rig import Clavicle, Hinge, Rig
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 
@@ -86,6 +86,16 @@ PARENTS = {
     **{f"{s}_ankle": f"{s}_knee" for s in "lr"},
 }
 JOINTS = tuple(PARENTS)
+CLAVICLES = ("l_clavicle", "r_clavicle")
+"""Joints without angles of their own that an actor may have behind the sixteen."""
+# Degrees that a clavicle rises while the arm goes from hanging to pointing up: the middle of the 11
+# to 15 of Ludewig et al. 2004, Three-Dimensional Clavicular Motion during Arm Elevation, J. Orthop.
+# Sports Phys. Ther. 34(3). It retracts by 15 to 29 as well; that is left out, because the shoulder
+# joints of experiments/shoulders.py rise by 30 mm and move back by 3. Little of it comes before the
+# arm is up by 30 degrees and most overhead, as (sin E/2)^4 grows: the shoulder blade has 2.5 % of
+# the first 30 degrees of elevation, 21 and 38 % of the next two, 53 % of those from 90 to 120
+# (Scibek and Carcia 2012, World J. Orthop. 3(6)).
+CLAVICLE_RANGE = 13.0
 # joints that coincide with a landmark, and the two ends that hang on another joint
 _LANDMARK_JOINT = {"head_top": "head", "r_toe": "r_ankle", "l_toe": "l_ankle"}
 # bones that share a length factor; left and right of a person are equal
@@ -94,6 +104,7 @@ _GROUPS = {
     "neck": "trunk",
     "head": "head",
     "head_top": "head",
+    "clavicle": "shoulders",
     "shoulder": "shoulders",
     "elbow": "upper_arm",
     "wrist": "forearm",
@@ -114,7 +125,8 @@ def human_rig(positions: Mapping[str, Tensor]) -> Rig:
 
     Args:
         positions: rest position (3,), metres, of the 16 joints of ``JOINTS`` and of the landmarks
-            head_top, l_toe and r_toe; the person faces +z with y up, left is +x.
+            head_top, l_toe and r_toe; the person faces +z with y up, left is +x. Where clavicles
+            begin, if there are any: then shoulders rise with the arms.
 
     Raises:
         InputError: a position is missing or the body is degenerate.
@@ -125,20 +137,36 @@ def human_rig(positions: Mapping[str, Tensor]) -> Rig:
         raise InputError(
             f"actor has no bone named {', '.join(missing)}; expected all of {', '.join(needed)}"
         )
-    joints = torch.stack([torch.as_tensor(positions[name]).double() for name in JOINTS])
-    parents = tuple(-1 if p is None else JOINTS.index(p) for p in PARENTS.values())
+    at = {name: torch.as_tensor(place).double() for name, place in positions.items()}
+    names = (*JOINTS, *(name for name in CLAVICLES if name in at))
+    joints = torch.stack([at[name] for name in names])
+    own = [PARENTS.get(name, "spine") for name in names]
+    parents = tuple(-1 if p is None else JOINTS.index(p) for p in own)
     landmark_joints = tuple(JOINTS.index(_LANDMARK_JOINT.get(n, n)) for n in LANDMARKS)
     landmarks = torch.stack([torch.as_tensor(positions[name]).double() for name in LANDMARKS])
     return Rig(
-        joints=JOINTS,
+        joints=names,
         parents=parents,
         positions=joints,
-        hinges=_hinges({n: torch.as_tensor(positions[n]).double() for n in needed}),
+        hinges=_hinges(at),
         landmarks=LANDMARKS,
         landmark_joints=landmark_joints,
         landmark_positions=landmarks,
-        bone_groups=tuple(_group(name) for name in (*JOINTS, *LANDMARKS)),
+        bone_groups=tuple(_group(name) for name in (*names, *LANDMARKS)),
+        clavicles=tuple(_clavicle(name, at) for name in names[len(JOINTS) :]),
     )
+
+
+def _clavicle(name: str, at: Mapping[str, Tensor]) -> Clavicle:
+    """A clavicle that rises about the horizontal axis square to it."""
+    shoulder = f"{name[0]}_shoulder"
+    up = _body_axes(at)[:, 1]
+    axis = torch.linalg.cross(at[shoulder] - at[name], up)
+    if axis.norm() < 1e-6:
+        raise InputError(f"actor has its {name} straight below its shoulder; check its rest pose")
+    x, y, z = (float(value) for value in axis / axis.norm())
+    lifts = (f"{shoulder}_elevation", f"{shoulder}_horizontal")
+    return Clavicle(name, shoulder, (x, y, z), math.radians(CLAVICLE_RANGE), lifts)
 
 
 def _group(name: str) -> str:

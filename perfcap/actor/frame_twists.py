@@ -14,33 +14,43 @@ from perfcap.geometry.rotation import skew
 
 
 def frame_twists(tree: KinematicTree, rotation: Tensor, position: Tensor, angles: Tensor) -> Tensor:
-    """Twists of a frame's unknowns (translation, rotation, angles), (*b, F, 6 + A, 6).
+    """Twists of a frame's unknowns (translation, rotation, angles), then of the clavicles' turns.
+
+    Angles move what a clavicle carries through its turn as well, which their twists hold; how they
+    move the clavicles themselves is left to ``ClavicleTurns.fold``.
 
     Args:
         tree: of the skeleton.
         rotation: of its joints, rest to posed, (*b, F, J, 3, 3).
         position: of its joints in the world, (*b, F, J, 3), metres.
         angles: where they are, (*b, F, A), radians.
+
+    Returns:
+        (*b, F, 6 + A + K, 6).
     """
     axes = _hinge_axes(tree, rotation, angles)
     world = torch.eye(3).to(axes).expand(*axes.shape[:-2], 3, 3)
     turn = torch.cat((world, axes), -2)
     joint = torch.cat((tree.hinge_joint.new_zeros(3), tree.hinge_joint))
-    centre = position[..., joint, :]
+    velocity = torch.linalg.cross(position[..., joint, :], turn)
     shift = torch.cat((torch.zeros_like(world), world), -1)
-    return torch.cat((shift, torch.cat((turn, torch.linalg.cross(centre, turn)), -1)), -2)
+    if not len(tree.clavicles):
+        return torch.cat((shift, torch.cat((turn, velocity), -1)), -2)
+    drifts = tree.clavicles.drifts(rotation, position, angles)
+    velocity = velocity + torch.nn.functional.pad(drifts, (0, 0, 3, 0))
+    own = tree.clavicles.arms(rotation, position)[0]
+    own = torch.cat((own, torch.linalg.cross(position[..., tree.clavicles.joint, :], own)), -1)
+    return torch.cat((shift, torch.cat((turn, velocity), -1), own), -2)
 
 
 def topmost_joints(tree: KinematicTree) -> Tensor:
-    """The topmost joint that each unknown of a frame moves, (6 + A,)."""
-    return torch.cat((tree.hinge_joint.new_zeros(6), tree.hinge_joint))
+    """The topmost joint that each twist of a frame moves, (6 + A + K,)."""
+    return torch.cat((tree.hinge_joint.new_zeros(6), tree.hinge_joint, tree.clavicles.joint))
 
 
 def moved_joints(tree: KinematicTree) -> Tensor:
-    """1 where an unknown moves a joint, else 0, (J, 6 + A)."""
-    below = tree.chain[: tree.joints, : tree.joints].clone()
-    below[:, 0] = 1
-    return below[:, topmost_joints(tree)]
+    """1 where a twist moves a joint, else 0, (J, 6 + A + K)."""
+    return tree.above[:, topmost_joints(tree)]
 
 
 def _hinge_axes(tree: KinematicTree, rotation: Tensor, angles: Tensor) -> Tensor:

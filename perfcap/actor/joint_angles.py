@@ -21,16 +21,18 @@ def joint_angles(skeleton: Skeleton, rotation: Tensor) -> Tensor:
 
     Args:
         skeleton: whose joints.
-        rotation: rest-to-posed rotations in the world, (F, J, 3, 3).
+        rotation: rest-to-posed rotations in the world, (F, J, 3, 3); those of the last joints, as
+            of clavicles, which have no angles, may be left out.
 
     Returns:
         (F, A), radians.
     """
     tree = skeleton.tree
-    parents = tree.parents.clamp(min=0)
-    turned = rotation[:, parents].mT @ rotation @ tree.unrest.mT  # products of hinges, F J 3 3
+    given = rotation.shape[1]
+    parents = tree.parents[:given].clamp(min=0)
+    turned = rotation[:, parents].mT @ rotation @ tree.unrest[:given].mT  # products of hinges
     angles = skeleton.rest_angles.to(rotation).expand(len(rotation), -1).clone()
-    for joint in range(tree.joints):
+    for joint in range(given):
         hinges = [int(slot) for slot in tree.slots[joint] if slot < len(tree.axes)]
         if not hinges:
             continue

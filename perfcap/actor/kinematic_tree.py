@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from perfcap.actor.clavicle_turns import ClavicleTurns
 from perfcap.actor.rig import Rig
 from perfcap.geometry.rotation import rotvec_to_matrix
 
@@ -44,6 +45,10 @@ class KinematicTree(nn.Module):
             by point, then bone, (J + L, J + L).
         moves: 1 where an angle moves a landmark, else 0, (L, A).
         jumps: see ``_jumps``, (R, 2 + J).
+        order: of the bones, each after the one that it starts at, (J + L,).
+        above: 1 where a joint is on the way from the root to another or is it, indexed by the
+            lower one first, (J, J); rotations are inherited along it.
+        clavicles: joints that turn with angles of others.
     """
 
     axes: Tensor
@@ -57,6 +62,8 @@ class KinematicTree(nn.Module):
     chain: Tensor
     moves: Tensor
     jumps: Tensor
+    order: Tensor
+    above: Tensor
 
     def __init__(self, rig: Rig) -> None:
         super().__init__()
@@ -64,6 +71,8 @@ class KinematicTree(nn.Module):
         self.group_names = tuple(dict.fromkeys(groups[1:]))
         like = rig.positions
         start = [max(parent, 0) for parent in rig.parents] + list(rig.landmark_joints)
+        for clavicle in rig.clavicles:
+            start[rig.joints.index(clavicle.carried)] = rig.joints.index(clavicle.joint)
         ends = torch.cat((rig.positions, rig.landmark_positions.to(like)))
         axes = like.new_tensor([hinge.axis for hinge in rig.hinges]).reshape(-1, 3)
         joint = torch.tensor([rig.joints.index(h.joint) for h in rig.hinges], dtype=torch.long)
@@ -77,11 +86,14 @@ class KinematicTree(nn.Module):
             ("bone_start", torch.tensor(start)),
             ("bone_group", torch.tensor([-1] + [self.group_names.index(g) for g in groups[1:]])),
             ("bone_vectors", ends - rig.positions[start]),
-            ("chain", _chain(above, rig.landmark_joints).to(like)),
+            ("chain", _chain(start).to(like)),
             ("moves", above[list(rig.landmark_joints)][:, joint].to(like)),
             ("jumps", _jumps(rig.parents)),
+            ("order", torch.tensor(_starts_first(start))),
+            ("above", above.to(like)),
         ):
             self.register_buffer(name, value)
+        self.clavicles = ClavicleTurns(rig)
 
     @property
     def joints(self) -> int:
@@ -120,14 +132,21 @@ def _rest_turns(rig: Rig, axes: Tensor) -> Tensor:
     return turns
 
 
-def _chain(above: Tensor, landmark_joints: tuple[int, ...]) -> Tensor:
-    """Which bones lead to each joint and landmark, (J + L, J + L)."""
-    joints = above.clone()
-    joints[:, 0] = False
-    to_landmark = torch.eye(len(landmark_joints), dtype=torch.bool)
-    pad = torch.zeros(len(above), len(landmark_joints), dtype=torch.bool)
-    top, low = (joints, pad), (joints[list(landmark_joints)], to_landmark)
-    return torch.cat((torch.cat(top, 1), torch.cat(low, 1)))
+def _chain(start: list[int]) -> Tensor:
+    """Which bones lead to each joint and landmark, (J + L, J + L); the root's leads nowhere."""
+    chain = torch.eye(len(start), dtype=torch.bool)
+    chain[0, 0] = False
+    for bone in _starts_first(start)[1:]:
+        chain[bone] |= chain[start[bone]]
+    return chain
+
+
+def _starts_first(start: list[int]) -> list[int]:
+    """Bones in an order in which each follows the one that it starts at; theirs where that will."""
+    order = [0]
+    while len(order) < len(start):
+        order += [b for b, s in enumerate(start) if b not in order and s in order][:1]
+    return order
 
 
 def _jumps(parents: tuple[int, ...]) -> Tensor:

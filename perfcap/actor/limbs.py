@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.anatomy import JOINTS
 
 TRUNK = 0
 _ARM = ("shoulder", "elbow", "wrist")
@@ -20,7 +19,7 @@ def limb_of_triangles(actor: Actor) -> NDArray[np.int64]:
     vertices; where all three differ, to the one numbered in between.
     """
     heaviest = actor.skin.rows()[2].cpu().numpy()
-    of_joint = np.array([_limb(joint) for joint in JOINTS])
+    of_joint = np.array([_limb(joint) for joint in actor.skeleton.rig.joints])
     corners = of_joint[heaviest][actor.template.faces]
     limbs: NDArray[np.int64] = np.sort(corners, 1)[:, 1]
     return limbs

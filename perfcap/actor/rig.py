@@ -33,6 +33,28 @@ class Hinge:
 
 
 @dataclass(frozen=True)
+class Clavicle:
+    """A joint without angles of its own, which turns as the arm that it carries is lifted.
+
+    It carries the place of the arm, not its rotation: angles of the shoulder stay relative to the
+    chest. How far it turns is in ``clavicle_turns.py``.
+
+    Attributes:
+        joint: the clavicle's; its position is where it begins, and its parent is the chest.
+        carried: the shoulder, which has the same parent.
+        axis: unit axis in rest coordinates, carried along by the chest; positive turns lift.
+        range: radians, from an arm that hangs to one that points up.
+        lifts: names of the hinges of the shoulder that lift the arm, at 0 where it hangs.
+    """
+
+    joint: str
+    carried: str
+    axis: tuple[float, float, float]
+    range: float
+    lifts: tuple[str, str]
+
+
+@dataclass(frozen=True)
 class Rig:
     """A skeleton as plain data; lengths in metres, all positions in the rest pose.
 
@@ -52,6 +74,7 @@ class Rig:
             joints are others: those of a robot. Empty where they are a person's.
         neutral: what turns those sixteen from rest to the anatomical neutral pose, (16, 3, 3);
             None where angles of 0 do.
+        clavicles: those of the joints that are; they come last.
     """
 
     joints: tuple[str, ...]
@@ -64,6 +87,16 @@ class Rig:
     bone_groups: tuple[str, ...] = ()
     roles: tuple[int, ...] = ()
     neutral: Tensor | None = None
+    clavicles: tuple[Clavicle, ...] = ()
+
+    @property
+    def without_clavicles(self) -> tuple[int, ...]:
+        """Each joint, and in place of a clavicle the joint that it hangs on, (J,)."""
+        names = {clavicle.joint for clavicle in self.clavicles}
+        return tuple(
+            parent if name in names else joint
+            for joint, (name, parent) in enumerate(zip(self.joints, self.parents, strict=True))
+        )
 
     def __post_init__(self) -> None:
         if self.parents[:1] != (-1,) or min(self.parents[1:], default=0) < 0:
@@ -77,6 +110,19 @@ class Rig:
             raise InputError(
                 f"skeleton has hinges on {', '.join(sorted(unknown))}, which are no joints of it"
             )
+
+
+def with_still_shoulders(rig: Rig) -> Rig:
+    """The rig without its clavicles, which are its last joints: shoulders stay on the chest."""
+    count = len(rig.joints) - len(rig.clavicles)
+    return replace(
+        rig,
+        joints=rig.joints[:count],
+        parents=rig.parents[:count],
+        positions=rig.positions[:count],
+        bone_groups=(*rig.bone_groups[:count], *rig.bone_groups[len(rig.joints) :]),
+        clavicles=(),
+    )
 
 
 def with_limits(rig: Rig, limits: Mapping[str, tuple[float, float]]) -> Rig:

@@ -82,6 +82,7 @@ class SkinnedPoints(nn.Module):
         points, frame = self._twin(table, directions).linearize(
             self._skin(), chosen, table, unknowns, directions
         )
+        frame = self.actor.skeleton.tree.clavicles.fold(frame, motion.angles)
         return points, frame, None
 
     def _twin(self, *given: Tensor) -> ModuleType:

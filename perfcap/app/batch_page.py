@@ -148,10 +148,10 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
         s: sum(clip.state == s for clip in clips) for s in ("done", "gaps", "failed", "waiting")
     }
     words = ", ".join(f"{number} {state}" for state, number in count.items() if number)
-    heads = ("", "clip", "state", "frames", "trust", "doubted", "seconds", "open")
+    heads = ("picture", "clip", "state", "frames", "trust", "doubted", "seconds", "open")
     rows = (_row(folder, clip) for clip in clips)
-    body = element(
-        "body",
+    main = element(
+        "main",
         element("h1", f"{len(clips)} clips: {words}"),
         element("table", element("tr", *(element("th", head) for head in heads)), *rows),
     )
@@ -164,7 +164,7 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
         element("title", f"{folder.name} · perfcap"),
         Markup(f"<style>{_STYLE}</style>"),
     )
-    return f"<!doctype html>{element('html', head, body, lang='en')}"
+    return f"<!doctype html>{element('html', head, element('body', main), lang='en')}"
 
 
 def _row(folder: Path, clip: ClipSummary) -> Markup:

@@ -128,7 +128,7 @@ def _landmarks(template: Template) -> Mapping[str, tuple[int, Any]]:
 def _own_limits(actor: Actor) -> dict[str, tuple[float, float]]:
     """Limits that differ from those that the joints' places give."""
     rig = actor.skeleton.rig
-    if rig.joints != JOINTS:
+    if rig.joints[: len(JOINTS)] != JOINTS:
         raise InputError(
             f"actor {actor.template.name!r}: has a skeleton of its own; only actors with the human "
             "one are written as folders"

@@ -129,6 +129,8 @@ class PoseConfig:
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.004  # least share of their weights that is kept
+    clavicles: bool = True  # shoulders rise with the arms, on actors whose rigs have clavicles
+    rest_hands: bool = True  # fingers are bent as at rest, where rigs have them
     initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
     widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
@@ -160,6 +162,8 @@ MONOPERFCAP_POSE = PoseConfig(
     evidence=EvidenceConfig(enabled=False),
     contact=ContactConfig(enabled=False),
     clean=0.0,
+    clavicles=False,
+    rest_hands=False,
 )
 
 # Huang et al. 2017, Sec. IV: frames on their own, then windows of 30 whose joints follow ten
@@ -172,6 +176,8 @@ MUVS_POSE = PoseConfig(
     evidence=EvidenceConfig(enabled=False),
     contact=ContactConfig(enabled=False),
     clean=0.0,
+    clavicles=False,
+    rest_hands=False,
 )
 
 

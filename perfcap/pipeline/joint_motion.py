@@ -77,7 +77,7 @@ def neutral_turns(skeleton: Skeleton) -> Tensor:
         return skeleton.rig.neutral.to(skeleton.rest_positions)
     rest = skeleton.rest_motion()
     rotation: Tensor = skeleton(replace(rest, angles=torch.zeros_like(rest.angles))).rotation
-    return rotation[0]
+    return rotation[0, person_joints(skeleton)]
 
 
 def wanted_turns(source: Actor, joints: JointMotion, target: Skeleton) -> Tensor:

@@ -205,6 +205,10 @@ def _start(
     like = detections.joints2d
     cameras = cameras.to(like)
     actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
+    if not config.pose.clavicles:
+        actor = actor.with_still_shoulders()
+    if not config.pose.rest_hands:
+        actor = actor.with_modelled_hands()
     pixel_unit = 0.01 * person_height(detections)
     pose = relaxed(config.pose, detections, pixel_unit)
     bones: Tensor | None = None

@@ -23,7 +23,8 @@ _PARTS = len(JOINTS)
 
 def parts_of_triangles(actor: Actor) -> NDArray[np.int64]:
     """The joint of ``JOINTS`` that moves each triangle most, (T,): its body part."""
-    heaviest = actor.skin.rows()[2].cpu().numpy()
+    own = np.array(actor.skeleton.rig.without_clavicles)
+    heaviest = own[actor.skin.rows()[2].cpu().numpy()]
     found: NDArray[np.int64] = np.sort(heaviest[actor.template.faces], 1)[:, 1]
     return found
 

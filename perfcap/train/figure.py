@@ -60,7 +60,8 @@ def actor_figure(actor: Actor, side: int) -> Figure:
     template = actor.template
     welded, first = template.weld()
     names = actor.skeleton.rig.joints
-    order = torch.tensor([JOINTS.index(name) for name in names])
+    own = actor.skeleton.rig.without_clavicles
+    order = torch.tensor([JOINTS.index(names[joint]) for joint in own])
     bones = order[torch.tensor(actor.bone_joints)[torch.tensor(template.weight_bones[first])]]
     weights = torch.tensor(template.weights[first], dtype=torch.float32)
     faces = torch.tensor(template.faces)

@@ -75,6 +75,7 @@ def test_everything_that_can_happen(clips: Path, tmp_path: Path, perfcap: Comman
     assert rows["dies"]["tries"] == "2" and rows["good"]["tries"] == "1"
     assert int(rows["good"]["frames"]) > 0 and 0 < float(rows["good"]["mean_trust"]) <= 1
     page = (out / "index.html").read_text()
+    assert page.count("<main>") == 1 and "<th></th>" not in page
     assert "4 clips: 2 done, 1 gaps, 1 failed" in page
     assert 'src="pictures/good.jpg"' in page and 'href="good/overlay.mp4"' in page
     assert (out / "pictures" / "good.jpg").stat().st_size > 500

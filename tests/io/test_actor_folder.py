@@ -10,10 +10,12 @@ import pytest
 import torch
 from foreign_rigs import MIXAMO, RIGS, Rig
 from gltf_files import one_pixel_png
+from synthetic import clavicled, random_motion, rest_positions, template
 from takes import marked_template, sway
 from test_actor_import import load_from
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import human_rig
 from perfcap.actor.rig import with_limits
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
@@ -153,3 +155,21 @@ def test_shipped_manifests_state_licence_and_origin() -> None:
     manifest = read_manifest(find_actor("sam").path.with_name("manifest.toml"))
     assert manifest.licence == "CC0-1.0" and "MakeHuman" in manifest.provenance
     assert manifest.generic and not manifest.joints
+
+
+def test_clavicles_come_back_with_a_folder(tmp_path: Path) -> None:
+    actor = Actor(clavicled().rounded())
+    save_actor(actor, tmp_path / "actor")
+    again = load_actor(str(tmp_path / "actor"))
+    assert again.skeleton.rig.clavicles == actor.skeleton.rig.clavicles
+    assert again.bone_joints == actor.bone_joints
+    still = actor.with_still_shoulders()
+    assert still.skeleton.rig.joints == Actor(template()).skeleton.rig.joints
+    assert still.with_still_shoulders() is still
+    motion = random_motion(still.skeleton, 2)
+    same = ("pelvis", "head", "l_shoulder", "r_ankle")
+    rows = [actor.template.bone_names.index(name) for name in same]
+    turns = (a.bone_transforms(motion)[:, rows, :3, :3] for a in (actor, still))
+    assert torch.allclose(*turns, atol=1e-12)
+    plain = Actor(template(), human_rig(rest_positions()))
+    assert torch.allclose(still.joints(motion), plain.joints(motion), atol=1e-6)  # rounded

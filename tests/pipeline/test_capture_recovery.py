@@ -5,8 +5,10 @@ from typing import Any
 
 import pytest
 import torch
+from synthetic import clavicled
 from takes import make_take
 
+from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
@@ -124,6 +126,17 @@ def test_published_constants_run_too() -> None:
     performance = run(take, MONOPERFCAP_POSE)
     assert performance.complete
     assert take.error_mm(performance.joints()).mean() < 40
+
+
+def test_clavicles_turn_unless_the_constants_are_published() -> None:
+    actor = Actor(clavicled())
+    assert actor.skeleton.rig.clavicles
+    take = make_take(50, views=3, lifted=False, actor=actor)
+    performance = run(take)
+    assert performance.actor.skeleton.rig.clavicles == actor.skeleton.rig.clavicles
+    assert take.error_mm(performance.joints()).mean() < 2
+    published = run(take, MONOPERFCAP_POSE, until=Stage.INITIALIZE)
+    assert not published.actor.skeleton.rig.clavicles
 
 
 def test_until_initialize_solves_no_window() -> None:

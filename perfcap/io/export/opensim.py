@@ -96,7 +96,7 @@ def _moving(recording: Recording) -> _Moving:
     skeleton = rig.actor.skeleton
     rest = skeleton.rest_motion()
     neutral = skeleton(replace(rest, angles=torch.zeros_like(rest.angles)))
-    turn = rig.rotation @ neutral.rotation[0].mT.numpy()
+    turn = rig.rotation @ neutral.rotation[0, : len(JOINTS)].mT.numpy()
     world = AHEAD_UP_RIGHT @ recording.upright
     return _Moving(
         skeleton,
