@@ -17,7 +17,7 @@ FOLDER = Path(__file__).resolve().parent
 GROUPS = {
     "How accurate is the motion?": (
         "rendered_accuracy", "own_skeleton", "multi_view", "views_sweep", "video_alone", "peers",
-        "lifter_real", "fast_motion", "joint_table", "pose_refiner", "pose_fusion",
+        "lifter_real", "fast_motion", "angle_limits", "joint_table", "pose_refiner", "pose_fusion",
     ),
     "And the surface?": (
         "stage_ablation", "real_silhouettes", "segmentation_ablation", "shaken_masks",

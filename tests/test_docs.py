@@ -52,6 +52,15 @@ def test_commands_parse(line: str) -> None:
     assert callable(command.run)
 
 
+def test_files_of_equations_are_there() -> None:
+    page = text(DOCS / "method.md")
+    files = set(re.findall(r"`((?:[a-z_]+/)+[a-z_]+\.py)`", page))
+    assert len(files) > 30
+    assert {file for file in files if not (ROOT / "perfcap" / file).is_file()} <= {
+        file for file in files if (ROOT / file).is_file()
+    }
+
+
 @pytest.mark.parametrize("code", blocks())
 def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,0 +1,128 @@
+"""Limits of angles: the largest published ones, or what is usual among healthy adults.
+
+A hard limit that a person goes beyond is paid for elsewhere: the pelvis tilts, feet and hips move
+off. Recorded motion of many people in four views, fast clips on which nothing was chosen, and
+rendered people; detections with errors, and exact ones, where limits are all that is left besides
+the rig and the temporal prior.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import fast_motion
+import numpy as np
+import report
+import torch
+from recordings import Recording, exact_detections, rendered, rendered_views
+from report import Report, Table
+from window_problem import bare_actor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.rig import Rig, with_limits
+from perfcap.actor.skeleton import Skeleton
+from perfcap.metrics import joint_errors
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.jobs import capture
+
+# degrees; AAOS 1965, Kurz 2003, White and Panjabi 1990, Russell et al. 2010, as perfcap had them
+USUAL = {
+    "spine_flexion": (-30, 80), "head_nod": (-25, 25), "hip_flexion": (-30, 130),
+    "hip_abduction": (-30, 50), "hip_rotation": (-45, 45), "ankle_dorsiflexion": (-89, 30),
+    "ankle_inversion": (-25, 35),
+}  # fmt: skip
+_SEQUENCES = ("dev_tight", "dev_skirt", "dev_coat")
+_SEVERAL = ("dev_dance", "dev_views", "dev_duo/1", "dev_duo/2")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    clips: int = 14
+    """Of the library, at most."""
+    views: tuple[int, ...] = (1, 4, 8)
+    """Numbers of views of recorded motion."""
+    frames: int = 60
+    """Of a clip of recorded motion."""
+    sequences: tuple[str, ...] = (*_SEQUENCES, *_SEVERAL)
+    """Rendered, in one view or several."""
+
+
+def run(config: Experiment) -> Report:
+    """Both limits on everything."""
+    torch.set_num_threads(1)
+    recorded = [
+        row for exact in (False, True) for views in config.views
+        for row in _recorded(config, views, exact)
+    ]  # fmt: skip
+    seen = [_rendered(recording) for recording in _recordings(config)]
+    columns = ("views", "detections", "limits", "median, mm", "90 %", "clips not worse")
+    each = ("sequence", "usual, mm", "largest", "exact, usual", "largest ")
+    notes = (
+        "Distances in the world, of one view after a similarity; not worse than with usual limits.",
+    )
+    tables = (
+        Table("recorded motion, held out", columns, tuple(recorded), 2),
+        Table("rendered people", each, tuple(seen), 2),
+    )
+    return Report(tables, notes)
+
+
+def _recorded(config: Experiment, views: int, exact: bool) -> Iterator[tuple[object, ...]]:
+    setting = fast_motion.Experiment(
+        data=config.data, clips=config.clips, frames=config.frames, exact=exact
+    )
+    found: dict[str, list[float]] = {"usual": [], "largest": []}
+    for take in fast_motion.takes(setting, views):
+        usual = replace(take, actor=bare_actor(Skeleton(usual_limits(take.actor.skeleton.rig))))
+        for name, each in (("usual", usual), ("largest", take)):
+            error = joint_errors(fast_motion.tracked(each, PoseConfig()), take.truth, 30.0)
+            found[name].append(float(error.mpjpe if views > 1 else error.mpjpe_similarity))
+    kept = sum(a <= b for a, b in zip(found["largest"], found["usual"], strict=True))
+    for name, errors in found.items():
+        share = f"{kept} of {len(errors)}" if name == "largest" else ""
+        kind = "exact" if exact else "with errors"
+        yield views, kind, name, *np.quantile(errors, (0.5, 0.9)).tolist(), share
+
+
+def usual_limits(rig: Rig) -> Rig:
+    """The rig with narrower limits, wide enough for its rest pose."""
+    limits = {}
+    for hinge in rig.hinges:
+        pair = USUAL.get(hinge.name.removeprefix("l_").removeprefix("r_"))
+        if pair is not None:
+            low, high = (math.radians(value) for value in pair)
+            limits[hinge.name] = (min(low, hinge.rest), max(high, hinge.rest))
+    return with_limits(rig, limits)
+
+
+def _recordings(config: Experiment) -> Iterator[Recording]:
+    for name in config.sequences:
+        folder, _, person = name.partition("/")
+        if name in _SEQUENCES:
+            yield rendered(config.data, name)
+        else:
+            several = rendered_views(config.data, folder, int(person or 1))
+            yield replace(several, name=name)
+
+
+def _rendered(recording: Recording) -> tuple[object, ...]:
+    own = recording.actor
+    usual = Actor(own.template, usual_limits(own.skeleton.rig))
+    errors = []
+    for detections in (recording.detections, exact_detections(recording)):
+        for actor in (usual, own):
+            found = capture(actor, recording.cameras, detections, recording.rate)
+            distance = found.joints() - recording.truth
+            errors.append(1e3 * float(distance.norm(dim=-1).nanmean()))
+    return recording.name, *errors
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "angle_limits")
