@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 import torch
-from synthetic import actor, cameras
+from synthetic import actor, bent_motion, cameras
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.actor.deformed_surface import DeformedSurface
-from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy import PosePrior, Reprojection, Rigidity, SilhouetteOverlap, Tether, Trajectory
-from perfcap.pipeline.objective import neutral_angles
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.solve import Compound, Objective, Step, of_part
 
 F64 = torch.float64
 FRAMES, NODES = 2, 8
-BEND = 0.6  # rad
-
-
-def bent(person: Actor, seed: int) -> Motion:
-    """Poses around the neutral one, the same whatever the limits are, turned any way."""
-    random = torch.Generator().manual_seed(seed)
-    angles = neutral_angles(person).expand(FRAMES, -1)
-    angles = angles + BEND * (2 * torch.rand(angles.shape, generator=random, dtype=F64) - 1)
-    place, turn = torch.rand(2, FRAMES, 3, generator=random, dtype=F64) - 0.5
-    return Motion(place, 3 * turn, angles.clamp(person.skeleton.lower, person.skeleton.upper))
 
 
 class JointProblem:
@@ -40,8 +27,7 @@ class JointProblem:
         self.surface = DeformedSurface(self.actor, self.graph)
         self.cameras = cameras(views, size, distance=3.0)
         self.silhouette = SoftSilhouette(faces, (size, size), band)
-        pose = bent(self.actor, seed=3)
-        self.start = self.surface.start(pose)
+        self.start = self.surface.start(bent_motion(self.actor.skeleton, FRAMES, seed=3))
         random = torch.Generator().manual_seed(0)
         step = 0.01 * torch.randn(FRAMES, self.start.frame_dim, generator=random, dtype=F64)
         self.truth = self.moved(self.start, step)

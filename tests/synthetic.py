@@ -182,6 +182,22 @@ def random_motion(
     )
 
 
+def bent_motion(
+    skeleton: Skeleton, frames: int = 2, batch: tuple[int, ...] = (), *, seed: int = 0
+) -> Motion:
+    """Poses up to 0.6 rad around a relaxed one, whatever the limits are, turned any way."""
+    random = torch.Generator().manual_seed(seed)
+
+    def spread(size: int) -> Tensor:
+        return 2 * torch.rand(*batch, frames, size, generator=random, dtype=torch.float64) - 1
+
+    bends = [0.25 if n.endswith(("elbow_flexion", "knee_flexion")) else 0.0
+             for n in skeleton.angle_names]  # fmt: skip
+    angles = torch.tensor(bends, dtype=torch.float64) + 0.6 * spread(len(bends))
+    place, turn = 0.5 * spread(3), 1.5 * spread(3)
+    return Motion(place, turn, angles.clamp(skeleton.lower, skeleton.upper))
+
+
 def cameras(views: int = 1, size: int = 400, distance: float = 5.0) -> Camera:
     """Views on a circle around the origin at height 0, looking at it."""
     turn = 2 * math.pi * torch.arange(views, dtype=torch.float64) / views

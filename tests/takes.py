@@ -81,7 +81,7 @@ def sway(actor: Actor, frames: int, rate: float = 30.0, turns: float = 0.0) -> M
     time = torch.arange(frames, dtype=F64)[:, None] / rate
     skeleton = actor.skeleton
     middle = neutral_angles(actor)
-    room = torch.minimum(middle - skeleton.lower, skeleton.upper - middle).clamp(max=0.5)
+    room = torch.minimum(middle - skeleton.lower, skeleton.upper - middle).clamp(max=0.43)
     count = len(middle)
     phase = torch.arange(count, dtype=F64) * 2.4
     pace = 0.4 + 0.5 * torch.arange(count, dtype=F64) / count  # Hz

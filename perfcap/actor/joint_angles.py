@@ -10,13 +10,15 @@ from torch import Tensor
 from perfcap.actor.skeleton import Skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
 
+_ROUNDS = 8  # of hinges that are not square: ankles are within 1e-6 degrees after seven
+
 
 @torch.no_grad()
 def joint_angles(skeleton: Skeleton, rotation: Tensor) -> Tensor:
     """Angles, within their limits, under which joints turn nearly as given.
 
     Three hinges square to one another can make any rotation, of which one of two sets of angles is
-    taken: the one nearer to the limits. Fewer hinges make the nearest they can one after another.
+    taken: the one nearer to the limits. Fewer hinges make the nearest they can.
     A start for a solve, which weighs joints against one another.
 
     Args:
@@ -61,17 +63,28 @@ def _three(axes: Tensor, turned: Tensor, lower: Tensor, upper: Tensor) -> Tensor
 
 
 def _few(axes: Tensor, turned: Tensor) -> Tensor:
-    """Angles (F, K) about axes (K, 3), each the best for what those before it have left."""
-    found = []
-    for axis in axes:
-        # the turn about a is nearest to R where the angle is atan2(a . vee(R - R'), tr R - a' R a)
-        vee = torch.stack((turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0],
-                           turned[:, 1, 0] - turned[:, 0, 1]), -1)  # fmt: skip
-        trace = turned.diagonal(dim1=-2, dim2=-1).sum(-1)
-        angle = torch.atan2(vee @ axis, trace - (turned @ axis) @ axis)
-        found.append(angle)
-        turned = rotvec_to_matrix(angle[:, None] * axis).mT @ turned
+    """Angles (F, K) about axes (K, 3) whose product is nearest to ``turned`` (F, 3, 3).
+
+    Each in turn is the best for what the others leave, until they agree.
+    """
+    found = [turned.new_zeros(len(turned))] * len(axes)
+    for _ in range(_ROUNDS if len(axes) > 1 else 1):
+        for slot, axis in enumerate(axes):
+            left = turned
+            for angle, other in zip(found[:slot], axes[:slot], strict=True):
+                left = rotvec_to_matrix(angle[:, None] * other).mT @ left
+            for angle, other in zip(found[:slot:-1], axes.flip(0)[: -slot - 1], strict=True):
+                left = left @ rotvec_to_matrix(angle[:, None] * other).mT
+            found[slot] = _nearest(axis, left)
     return torch.stack(found, -1)
+
+
+def _nearest(axis: Tensor, turned: Tensor) -> Tensor:
+    """Angle (F,) about an axis (3,) nearest to R: atan2(a . vee(R - R'), tr R - a' R a)."""
+    vee = torch.stack((turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0],
+                       turned[:, 1, 0] - turned[:, 0, 1]), -1)  # fmt: skip
+    trace = turned.diagonal(dim1=-2, dim2=-1).sum(-1)
+    return torch.atan2(vee @ axis, trace - (turned @ axis) @ axis)
 
 
 def _wrapped(angles: Tensor, centre: Tensor) -> Tensor:
