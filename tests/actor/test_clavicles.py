@@ -219,7 +219,7 @@ def test_resized_actors_keep_their_clavicles() -> None:
 def test_rigs_without_clavicles_are_as_they_were() -> None:
     plain = Actor(template())
     assert plain.skeleton.rig.joints == JOINTS and not plain.skeleton.rig.clavicles
-    assert not len(plain.skeleton.tree.clavicles)
+    assert not plain.skeleton.tree.clavicles.count
     assert torch.equal(plain.skeleton.tree.order, torch.arange(len(JOINTS) + 16))
 
 
