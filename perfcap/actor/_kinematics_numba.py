@@ -69,7 +69,7 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     frame = motion.angles.new_empty(*lead, marks, 3, motion.frame_dim)
     rows = frame.numpy().reshape(-1, marks, 3, motion.frame_dim)
     _frame_jacobian(arrays, poses, rows)
-    if len(tree.clavicles):
+    if tree.clavicles.count:
         _add_drifts(arrays, _clavicles(tree, motion), poses, rows)
     if BONES not in motion.shared:
         return pose.landmarks, frame, None
@@ -104,19 +104,22 @@ def _solve(tree: KinematicTree, motion: Motion) -> tuple[Pose, _Tree, _Poses]:
 
 
 def _clavicles(tree: KinematicTree, motion: Motion) -> _Clavicles:
-    every, count = tree.clavicles, len(tree.clavicles)
-    turns, slopes = every(motion.angles), every.slopes(motion.angles)
+    every, count = tree.clavicles, tree.clavicles.count
+    if not count:  # nothing to compute: most rigs have none
+        kind, none = motion.angles.numpy().dtype, np.empty(0, np.int64)
+        vectors: Floats = np.empty((0, 3), kind)
+        slopes: Floats = np.empty((0, 0, 2), kind)
+        return _Clavicles(none, none, none.reshape(0, 2), vectors, vectors.reshape(0, 0), slopes)
     return _Clavicles(
         **{name: getattr(every, name).numpy() for name in _Clavicles._fields[:-2]},
-        turns=_rows(turns, count),
-        slopes=_rows(slopes, count, 2),
+        turns=_rows(every(motion.angles), count),
+        slopes=_rows(every.slopes(motion.angles), count, 2),
     )
 
 
 def _rows(tensor: Tensor, *shape: int) -> Floats:
     """Contiguous, as another memory layout would compile the kernels once more."""
-    rows = tensor.shape[: tensor.dim() - len(shape)].numel()
-    return np.ascontiguousarray(tensor.detach().numpy()).reshape(rows, *shape)
+    return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

@@ -24,7 +24,7 @@ def linearize(tree: KinematicTree, motion: Motion) -> tuple[Tensor, Tensor, Tens
     axes = _world_axes(tree, bodies, partial).unsqueeze(-3)  # *b F 1 A 3
     arms = pose.landmarks.unsqueeze(-2) - pose.position[..., tree.hinge_joint, :].unsqueeze(-3)
     turned = torch.linalg.cross(axes, arms * tree.moves[..., None])  # *b F L A 3
-    if len(tree.clavicles):
+    if tree.clavicles.count:
         drifts = tree.clavicles.drifts(pose.rotation, pose.position, motion.angles)
         turned = turned + drifts.unsqueeze(-3) * tree.moves[..., None]
     root = skew(motion.translation.unsqueeze(-2) - pose.landmarks)  # columns e_k x (p - t)
@@ -46,11 +46,11 @@ def _partial_turns(tree: KinematicTree, motion: Motion) -> list[Tensor]:
 def _joint_turns(tree: KinematicTree, motion: Motion, partial: list[Tensor]) -> Tensor:
     """Rotation of each joint relative to its parent, (*b, F, J, 3, 3)."""
     turns = partial[-1] @ tree.unrest
-    if not len(tree.clavicles):
+    if not tree.clavicles.count:
         return turns
     clavicles = _turns(tree.clavicles.axes, tree.clavicles(motion.angles))
     source = torch.arange(tree.joints).to(tree.parents)
-    source[tree.clavicles.joint] = tree.joints + torch.arange(len(tree.clavicles)).to(source)
+    source[tree.clavicles.joint] = tree.joints + torch.arange(tree.clavicles.count).to(source)
     return torch.cat((turns, clavicles), -3)[..., source, :, :]
 
 

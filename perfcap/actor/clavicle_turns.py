@@ -17,6 +17,7 @@ class ClavicleTurns(nn.Module):
     """The K clavicles of a rig as tensors.
 
     Attributes:
+        count: K.
         joint: of each clavicle, (K,).
         carried: the joint whose place each carries, (K,).
         lifts: the two angles that each turns with, (K, 2).
@@ -37,6 +38,7 @@ class ClavicleTurns(nn.Module):
     def __init__(self, rig: Rig) -> None:
         super().__init__()
         like, every = rig.positions, rig.clavicles
+        self.count = len(every)
         angle = {hinge.name: index for index, hinge in enumerate(rig.hinges)}
         lifts = torch.tensor([[angle[n] for n in c.lifts] for c in every]).long().reshape(-1, 2)
         rest = like.new_tensor([hinge.rest for hinge in rig.hinges])
@@ -51,10 +53,6 @@ class ClavicleTurns(nn.Module):
             ("spread", (lifts[..., None] == torch.arange(len(rest))).to(like)),
         ):
             self.register_buffer(name, value)
-
-    def __len__(self) -> int:
-        """K."""
-        return len(self.joint)
 
     def forward(self, angles: Tensor) -> Tensor:
         """Turns (*b, F, K), radians, of angles (*b, F, A)."""
@@ -102,9 +100,9 @@ class ClavicleTurns(nn.Module):
         Returns:
             (*b, F, ..., D).
         """
-        if not len(self):
+        if not self.count:
             return jacobian
-        own, turned = jacobian.tensor_split((jacobian.shape[-1] - len(self),), -1)
+        own, turned = jacobian.tensor_split((jacobian.shape[-1] - self.count,), -1)
         share = torch.einsum("...ki,kia->...ka", self.slopes(angles), self.spread)
         more = jacobian.dim() - share.dim()
         share = share.reshape(*share.shape[:-2], *(1,) * more, *share.shape[-2:])

@@ -34,7 +34,7 @@ def frame_twists(tree: KinematicTree, rotation: Tensor, position: Tensor, angles
     joint = torch.cat((tree.hinge_joint.new_zeros(3), tree.hinge_joint))
     velocity = torch.linalg.cross(position[..., joint, :], turn)
     shift = torch.cat((torch.zeros_like(world), world), -1)
-    if not len(tree.clavicles):
+    if not tree.clavicles.count:
         return torch.cat((shift, torch.cat((turn, velocity), -1)), -2)
     drifts = tree.clavicles.drifts(rotation, position, angles)
     velocity = velocity + torch.nn.functional.pad(drifts, (0, 0, 3, 0))

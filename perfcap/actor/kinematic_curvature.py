@@ -40,7 +40,7 @@ def kinematic_curvature(
     turned = _order(skeleton) * (axes @ moment.mT)
     frame = torch.nn.functional.pad(turned + turned.mT, (3, 0, 3, 0))
     carried = tree.chain[tree.joints :].mT @ pull  # what pulls on a bone's end, *b F J+L 3
-    if len(tree.clavicles):
+    if tree.clavicles.count:
         clavicles = _through_clavicles(skeleton, motion, pose, axes[..., 3:, :], carried)
         frame = frame + torch.nn.functional.pad(clavicles, (6, 0, 6, 0))
     if BONES not in motion.shared:
@@ -52,7 +52,7 @@ def kinematic_curvature(
     below = moved_joints(tree)[tree.bone_start, 3 : motion.frame_dim].mT.to(bones)  # 3+A J+L
     torque = axes @ torch.linalg.cross(bones, carried).mT  # *b F 3+A J+L
     border = torch.nn.functional.pad((below * torque) @ member, (0, 0, 3, 0))
-    if len(tree.clavicles):
+    if tree.clavicles.count:
         ends, every = tree.clavicles.carried, tree.clavicles
         along, arm = every.arms(pose.rotation, pose.position)
         pulled = (torch.linalg.cross(along, arm) * carried[..., ends, :]).sum(-1, keepdim=True)

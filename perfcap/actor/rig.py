@@ -110,6 +110,25 @@ class Rig:
             raise InputError(
                 f"skeleton has hinges on {', '.join(sorted(unknown))}, which are no joints of it"
             )
+        self._check_clavicles()
+
+    def _check_clavicles(self) -> None:
+        names = tuple(clavicle.joint for clavicle in self.clavicles)
+        first, parents = (
+            len(self.joints) - len(names),
+            dict(zip(self.joints, self.parents, strict=True)),
+        )
+        hinges = {hinge.name: hinge.joint for hinge in self.hinges}
+        if self.joints[first:] != names or max(self.parents) >= first > 0:
+            raise InputError("skeleton has clavicles that are not its last joints, or carry others")
+        for clavicle in self.clavicles:
+            lifted = {hinges.get(name) for name in clavicle.lifts}
+            same = parents.get(clavicle.carried) == parents[clavicle.joint]
+            if not same or lifted != {clavicle.carried}:
+                raise InputError(
+                    f"skeleton has {clavicle.joint} that carries {clavicle.carried}; expected a "
+                    "joint with the same parent, and two of its hinges"
+                )
 
 
 def with_still_shoulders(rig: Rig) -> Rig:

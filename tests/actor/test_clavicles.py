@@ -21,6 +21,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Landmarks
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.surface_points import SkinnedPoints
+from perfcap.errors import InputError
 from perfcap.solve.energy import Step
 from perfcap.solve.second_order import twice_differentiated
 
@@ -218,8 +219,28 @@ def test_resized_actors_keep_their_clavicles() -> None:
 def test_rigs_without_clavicles_are_as_they_were() -> None:
     plain = Actor(template())
     assert plain.skeleton.rig.joints == JOINTS and not plain.skeleton.rig.clavicles
-    assert not len(plain.skeleton.tree.clavicles)
+    assert not plain.skeleton.tree.clavicles.count
     assert torch.equal(plain.skeleton.tree.order, torch.arange(len(JOINTS) + 16))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joint": "l_elbow"}, "not its last joints"),
+        ({"carried": "head"}, "same parent"),
+        ({"carried": "nose"}, "same parent"),
+        ({"lifts": ("l_shoulder_elevation", "l_elbow_flexion")}, "two of its hinges"),
+        ({"lifts": ("up", "down")}, "two of its hinges"),
+    ],
+)
+def test_broken_clavicles_are_refused(change: dict[str, object], message: str) -> None:
+    rig = SKELETON.rig
+    broken = (replace(rig.clavicles[0], **change), rig.clavicles[1])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=message):
+        replace(rig, clavicles=broken)
+    hung = (*rig.parents[:CLAVICLE], SPINE, CLAVICLE)
+    with pytest.raises(InputError, match="carry others"):
+        replace(rig, parents=hung)
 
 
 def test_what_is_a_clavicle() -> None:
