@@ -24,7 +24,6 @@ from perfcap.app.capture_folder import (
 from perfcap.cli import main
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
-from perfcap.io.gltf_document import companions
 
 QUICK = ("--no-overlay", "--until", "initialize", "--frames", "0:6")
 
@@ -322,38 +321,3 @@ def test_a_link_in_place_of_the_work_folder(
     (tmp_path / "out" / ".perfcap").symlink_to(tmp_path / "elsewhere")
     assert "is a link" in perfcap(take.command(tmp_path / "out", *QUICK)).refused()
     assert list((tmp_path / "elsewhere").iterdir()) == []
-
-
-def test_buffers_of_a_character_are_inputs(
-    take: TakeFiles, tmp_path: Path, perfcap: Command
-) -> None:
-    """A changed .bin beside a .gltf gave the old result again."""
-    mesh = write_gltf(take.actor, tmp_path)
-    call = take.command(tmp_path / "out", *QUICK, actor=mesh)
-    assert perfcap(call).code == 0
-    files = json.loads((tmp_path / "out" / "run.json").read_text())["input_files"]
-    assert {str(mesh), str(tmp_path / "buffer.bin")} <= files.keys()
-    assert perfcap([*call, "--resume"]).code == 0
-    os.utime(tmp_path / "buffer.bin", (1, 1))
-    assert "inputs that have changed" in perfcap([*call, "--resume"]).refused()
-
-
-def test_companions_of_no_character(tmp_path: Path) -> None:
-    for text in ("{", "[]", '{"buffers": 3, "images": [4, {"uri": 5}, {"uri": "data:,"}]}'):
-        (tmp_path / "a.gltf").write_text(text)
-        assert companions(tmp_path / "a.gltf") == ()
-    (tmp_path / "a.gltf").write_text('{"images": [{"uri": "a%20b.png"}, {"uri": "\\u0000"}]}')
-    assert companions(tmp_path / "a.gltf") == (tmp_path / "a b.png",)
-    assert companions(tmp_path / "a.glb") == companions(tmp_path / "no.gltf") == ()
-
-
-def write_gltf(glb: Path, folder: Path) -> Path:
-    """A .glb as a .gltf with its buffer beside it."""
-    data = glb.read_bytes()
-    size = int.from_bytes(data[12:16], "little")
-    tree = json.loads(data[20 : 20 + size])
-    tree["buffers"][0]["uri"] = "buffer.bin"
-    (folder / "buffer.bin").write_bytes(data[28 + size :])
-    path = folder / "character.gltf"
-    path.write_text(json.dumps(tree))
-    return path
