@@ -120,8 +120,25 @@ def is_done(job: Job, known: Outcome | None) -> bool:
     """Whether a result is that of this very job, from inputs as they are now."""
     if known is None or not known.captured or known.arguments != job.arguments:
         return False
-    there = own_file(job.folder, "run.json") is not None
-    return there and unchanged(known.inputs, states_of(job.inputs))
+    report = own_file(job.folder, "run.json")
+    if report is None or not unchanged(known.inputs, states_of(job.inputs)):
+        return False
+    read = _read_inside(report, job.inputs)
+    return unchanged(read, states_of(map(Path, read)))
+
+
+def _read_inside(report: Path, inputs: Collection[Path]) -> dict[str, str]:
+    """Files that a capture read in or beside its inputs, with their states: those of a project's
+    folder, the buffers of a character. Shipped models are others on every machine of a cluster.
+    """
+    try:
+        values: Any = read_json(report, "the report of a capture")
+    except InputError:
+        return {}
+    found = values.get("input_files") if isinstance(values, dict) else None
+    places = {*inputs, *(path.parent for path in inputs)}
+    read = found.items() if isinstance(found, dict) else ()
+    return {name: state for name, state in read if not places.isdisjoint(Path(name).parents)}
 
 
 def _run(job: Job, cores: Collection[int], overwrite: bool) -> int:

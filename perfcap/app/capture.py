@@ -16,6 +16,7 @@ from perfcap.app.auto_actor import AUTO, cast
 from perfcap.app.capture_checks import (
     examined,
     made_up,
+    preset_doubts,
     told,
     wants_bones,
 )
@@ -154,6 +155,7 @@ def _run(
     given = inputs
     inputs, views = settled(given, wrong)
     inputs = examined(inputs, needs_images=images, detected=detected)
+    inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
     if masks is not None:
         more = [*partly_masked(inputs, masks)]

@@ -108,6 +108,15 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
     )
 
 
+def preset_doubts(preset: str, views: int) -> Iterator[str]:
+    """What a preset is not made for."""
+    if preset == "muvs2017" and views == 1:
+        yield (
+            "--preset muvs2017: is a method of several views, and there is one; --preset default "
+            "sees depth better"
+        )
+
+
 def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:
     """Whether to solve bone lengths; ``auto``: of nobody in particular, where views show them."""
     return choice == "solve" or (choice == "auto" and generic and shows_bone_lengths(detections))

@@ -15,6 +15,7 @@ from perfcap.app.networks import DETECTORS, LIFTERS, NO_SEGMENTER, find_model, f
 from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST
+from perfcap.io.gltf_document import companions
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
 
@@ -71,7 +72,7 @@ def used_files(request: CaptureRequest, actors: Iterable[Path]) -> Iterator[Path
     """Files and folders that a request reads."""
     yield from (*request.videos, *request.detections, *request.masks)
     for actor in actors:
-        yield actor
+        yield from (actor, *companions(actor))
         manifest = actor.with_name(MANIFEST)
         if manifest.is_file():
             yield manifest

@@ -63,11 +63,15 @@ def guess_manifest(session: Session, joint_set: JointSet | None) -> Guess:
         for axis in found[1:]:
             numbers *= axis or 0
         if numbers == _BLAZEPOSE_ROWS * _BLAZEPOSE_COLUMNS:
+            _require_set(session, joint_set, BLAZEPOSE33, "BlazePose")
             return _blazepose(session, output, layout, size)
         if numbers == len(COCO17) * _MOVENET_COLUMNS and found[-1] == _MOVENET_COLUMNS:
+            _require_set(session, joint_set, COCO17, "MoveNet")
             return _movenet(session, output, layout, size)
     for output, found in outputs.items():
         if len(found) == 4 and all(found[1:]):
+            if joint_set is not None:
+                _require_count(session, joint_set, [found[1] or 0, found[3] or 0])
             return _heatmaps(output, found, layout, size, joint_set)
     shapes = "; ".join(f"{o} {list(s)}" for o, s in outputs.items())
     raise InputError(
@@ -105,7 +109,10 @@ def _simcc(
     if size[0] != size[1]:
         outputs = sorted(outputs, key=lambda o: bins[o] * (1 if size[1] < size[0] else -1))
     split = bins[outputs[0]] / size[1]
-    joints = joint_set or _by_count(session, session.shapes[outputs[0]][1])
+    count = session.shapes[outputs[0]][1]
+    if joint_set is not None and count is not None:
+        _require_count(session, joint_set, [count])
+    joints = joint_set or _by_count(session, count)
     listed = ", ".join(f'"{o}"' for o in outputs)
     text = (
         _input(layout, size, _IMAGENET)
@@ -172,6 +179,24 @@ def _blazepose(session: Session, output: str, layout: str, size: tuple[int, int]
         + _joints(BLAZEPOSE33)
     )
     return Guess("BlazePose, BlazePose-33", text, ())
+
+
+def _require_set(session: Session, asked: JointSet | None, joints: JointSet, family: str) -> None:
+    """Refuse other joints than those of a family."""
+    if asked is not None and asked.name != joints.name:
+        raise InputError(
+            f"--joints {asked.name}: {session.path} has the outputs of {family}, whose joints are "
+            f"{joints.name}; leave it out, or write the manifest by hand"
+        )
+
+
+def _require_count(session: Session, asked: JointSet, counts: list[int]) -> None:
+    """Refuse a set of another number of joints than an output has."""
+    if len(asked) not in counts:
+        raise InputError(
+            f"--joints {asked.name}: are {len(asked)} joints, {session.path} has "
+            f"{' or '.join(map(str, counts))}; expected a set of that number"
+        )
 
 
 def _by_count(session: Session, count: int | None) -> JointSet:

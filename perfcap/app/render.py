@@ -18,7 +18,7 @@ from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
-from perfcap.pipeline.surroundings import Surroundings, axis
+from perfcap.pipeline.surroundings import Surroundings, axis, upright
 
 _SIZE = (720, 720)  # px, height and width
 _TURN = 360.0  # degrees
@@ -63,6 +63,10 @@ def _render(request: RenderRequest) -> int:
     rows = _rows(request, result)
     joints = torch.from_numpy(result.joints)
     up = None if request.up == "auto" else axis(request.up)
+    if up is not None and float(up.to(joints) @ upright(joints)) < 0:
+        PlainConsole().print(
+            f"--up {request.up}: the person is upside down then; auto takes the opposite axis"
+        )
     around = Surroundings.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
     path = _path(request, result, around, rows)
     pictures = draw_free_view(result.template, result.shown, around, path)

@@ -129,13 +129,18 @@ def _retargeted(request: RetargetRequest) -> list[_Part]:
     rigs = [_level(_read(request, place, mapping)) for place, _ in people]
     ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
-    config = RetargetConfig()
-    if request.floor == "none":
-        config = replace(config, contact=replace(config.contact, enabled=False))
+    config = _config(request)
     return [
         _solved(name, rig, target, scale, config)
         for (_, name), rig, target in zip(people, rigs, targets, strict=True)
     ]
+
+
+def _config(request: RetargetRequest) -> RetargetConfig:
+    config = RetargetConfig()
+    if request.floor == "auto":
+        return config
+    return replace(config, contact=replace(config.contact, enabled=False))
 
 
 def _read(request: RetargetRequest, place: Path, mapping: ActorMapping | None) -> MovingRig:
@@ -184,7 +189,7 @@ def _write(request: RetargetRequest, folder: Path, parts: Sequence[_Part]) -> No
     merge_characters(folder / SCENE, {name: folder / name / "capture.glb" for name in names})
     write_people(folder, [{"actor": part.target.template.name} for part in parts])
     with writing(folder / "config.yaml") as file:
-        file.write(yaml.safe_dump(plain(asdict(RetargetConfig())), sort_keys=False).encode())
+        file.write(yaml.safe_dump(plain(asdict(_config(request))), sort_keys=False).encode())
     with writing(folder / REPORT) as file:
         file.write(json.dumps(plain(_about(request)), indent=1).encode())
 
@@ -202,7 +207,7 @@ def _write_person(request: RetargetRequest, folder: Path, part: _Part) -> None:
         nobody,
         found.motion,
         part.rig.rate,
-        RetargetConfig(),
+        _config(request),
         floor=found.floor,
         contact=found.contact,
         warnings=part.rig.notes,

@@ -270,6 +270,21 @@ def _resolve(path: Path, uri: object, what: str) -> bytes:
     return _read_bounded(target)
 
 
+def companions(path: Path) -> tuple[Path, ...]:
+    """Files that a ``.gltf`` keeps its buffers and images in; none of what is no glTF file."""
+    if path.suffix.lower() != ".gltf":
+        return ()
+    try:
+        tree = _parse(path, _read_bounded(path))
+    except InputError:  # reading will say so
+        return ()
+    parts = [tree.get("buffers"), tree.get("images")]
+    entries = [each for part in parts if isinstance(part, list) for each in part]
+    uris = [each.get("uri") for each in entries if isinstance(each, dict)]
+    named = [unquote(u) for u in uris if isinstance(u, str) and not u.startswith("data:")]
+    return tuple(path.parent / name for name in dict.fromkeys(named) if "\0" not in name)
+
+
 def _normalized(raw: NDArray[Any]) -> NDArray[np.float64]:
     if raw.dtype.kind == "f":
         return raw.astype(np.float64)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from perfcap.io.detections import read_detections
 from perfcap.io.result import Result
 from perfcap.io.result_folder import ASSUMED_CAMERA, DETECTIONS, own_file
 
+_LOG = logging.getLogger(__name__)
 _RATE = 0.01  # share by which frame rates may differ and mean the same
 
 
@@ -75,6 +77,8 @@ def find_sources(result: Result, rows: slice, places: Places | None = None) -> S
     clip = finder.clip(places.videos)
     rig, cameras, pixel_map = finder.cameras(places.cameras, clip)
     detections = finder.detections(rig, pixel_map, clip)
+    for line in finder.doubts:
+        _LOG.warning("--videos: %s", line)
     shown = clip.names if clip is not None else () if rig is None else rig.names
     if shown and len(names) != len(shown):  # a damaged report
         names = tuple(shown)
@@ -94,6 +98,9 @@ class _Finder:
         numbers = result.frame_numbers[rows]
         self.frames = slice(int(numbers[0]), int(numbers[-1]) + 1)
         self.end = int(result.frame_numbers[-1]) + 1
+        self.states = _mapping(result.report.get("input_files"))
+        self.placed = False  # whether videos were given that are not where the capture had them
+        self.doubts: list[str] = []  # of what was given
         self.notes: list[str] = []
 
     def clip(self, given: Sequence[Path]) -> Clip | None:
@@ -114,7 +121,24 @@ class _Finder:
                 raise
             self.notes.append(f"The input video is not shown: {error}.")
             return None
+        self.notes += self._replaced(paths, given)
+        self.placed = bool(given)
         return clip
+
+    def _replaced(self, paths: Sequence[Path], given: Sequence[Path]) -> Iterator[str]:
+        """Videos of another size than those that the capture read: others, or encoded anew."""
+        for text, path in zip(_texts(self.request.get("videos")), paths, strict=False):
+            state = self.states.get(text)
+            size = state.split(" bytes of ")[0] if isinstance(state, str) else ""
+            if not path.is_file() or not size.isdecimal() or str(path.stat().st_size) == size:
+                continue
+            line = (
+                f"{path}: has {path.stat().st_size} bytes, the video of the capture had {size}; "
+                "if it is another, nothing that is drawn over it fits: give the capture's own"
+            )
+            if given:
+                self.doubts.append(line)
+            yield f"{line}."
 
     def cameras(
         self, given: Path | None, clip: Clip | None
@@ -125,13 +149,16 @@ class _Finder:
         if path is None:
             self.notes.append("The capture does not say which cameras it was made with.")
             return None, None, None
+        unmatched = False
         try:
             rig = self._rig(path, clip)
             sizes = rig.cameras.size if clip is None else clip.sizes
-            pixel_map = match_image(rig, sizes, self._maps() if clip is not None else None)
+            maps = self._maps() if clip is not None else None
+            unmatched = True
+            pixel_map = match_image(rig, sizes, maps)
             return rig, pixel_map.cameras(rig.cameras, sizes), pixel_map
         except InputError as error:
-            if given:
+            if given or (unmatched and self.placed):  # videos of another size than the capture's
                 raise
             self.notes.append(f"Nothing is projected into the video: {error}.")
             return None, None, None

@@ -19,6 +19,7 @@ from runs import Command
 from takes import TakeFiles
 
 from perfcap.app.batch_clip import Job, Outcome, is_done, last_line, read_outcome, run_clip
+from perfcap.app.capture_folder import states_of
 from perfcap.io.result import read_result
 
 # a stand-in for `python -m perfcap capture`: the folder is behind --out
@@ -180,6 +181,16 @@ def test_outcomes_are_kept_and_judged(clips: Path, tmp_path: Path) -> None:
     assert not is_done(made, found)
     found = run_clip(made)
     assert is_done(made, found)
+    report = json.loads((tmp_path / "clip" / "run.json").read_text())
+    nested = frames / "calibration" / "Calib.toml"  # of a project's folder
+    nested.parent.mkdir()
+    found = run_clip(made)
+    nested.write_text("x")
+    report["input_files"] = states_of([nested]) | {"/opt/models/sam.glb": "another machine's"}
+    (tmp_path / "clip" / "run.json").write_text(json.dumps(report))
+    assert is_done(made, found)
+    nested.write_text("changed")
+    assert not is_done(made, found)
     shutil.rmtree(tmp_path / "clip")
     assert not is_done(made, found)
 

@@ -9,7 +9,7 @@ from runs import Command
 from synthetic import cameras as circle
 from takes import TakeFiles, make_take, write_detections
 
-from perfcap.app.capture_checks import refuse_wrong
+from perfcap.app.capture_checks import preset_doubts, refuse_wrong
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
@@ -67,3 +67,9 @@ def test_views_of_different_people_are_refused() -> None:
     mixed = replace(first.detections, joints2d=pixels, joints3d=None)
     with pytest.raises(InputError, match="disagree on the person"):
         refuse_wrong(inputs_of(mixed))
+
+
+def test_a_preset_of_several_views_is_named_for_one() -> None:
+    assert any("several views" in line for line in preset_doubts("muvs2017", 1))
+    for preset, views in (("muvs2017", 2), ("default", 1), ("monoperfcap", 1), ("rhodin2016", 1)):
+        assert not [*preset_doubts(preset, views)]

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tiny_networks import rtmpose
 
 from perfcap import __version__
 from perfcap.cli import main
@@ -89,3 +90,31 @@ def test_version_by_module() -> None:
     call = [sys.executable, "-m", "perfcap", "--version"]
     found = subprocess.run(call, capture_output=True, text=True, check=True)
     assert found.stdout == f"perfcap {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "words"),
+    [
+        ("blazepose", "COCO-17", "whose joints are BlazePose-33"),
+        ("lightning", "Halpe-26", "whose joints are COCO-17"),
+        (None, "COCO-17", "are 17 joints"),
+    ],
+)
+def test_joints_that_a_network_has_not_are_refused(
+    tmp_path: Path,
+    name: str | None,
+    joints: str,
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """They were not looked at, or written down for an output of another number."""
+    model = tmp_path / "model.onnx"
+    if name is None:
+        model.write_bytes(rtmpose(26).SerializeToString())
+    else:
+        shutil.copy(DETECTORS / name / "model.onnx", model)
+    code, _, err = run(capsys, "models", "manifest", model, "--joints", joints)
+    assert code == 2 and words in err and err.count("\n") == 1
+    assert not (tmp_path / "manifest.toml").exists()
+    own = {"blazepose": "BlazePose-33", "lightning": "COCO-17", None: "Halpe-26"}[name]
+    assert run(capsys, "models", "manifest", model, "--joints", own)[0] == 0

@@ -161,3 +161,12 @@ def test_the_video_that_was_captured_stays(
     call = ["render", captured, "--frames", ":1", *SMALL, "--out", take.video]
     assert "was captured from; choose another name" in perfcap(call).refused()
     assert take.video.read_bytes() == before
+
+
+def test_upside_down_is_named(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    call = ["render", captured, "--freeze", 0, "--seconds", 0.05, "--out", tmp_path / "a.mp4"]
+    told = {
+        up: "upside down" in perfcap([*call, f"--up={up}", *SMALL]).out
+        for up in ("auto", "y", "-y", "x")
+    }
+    assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]

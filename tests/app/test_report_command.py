@@ -14,6 +14,8 @@ import pytest
 from runs import Command
 from takes import TakeFiles
 
+from perfcap.io.video_writer import VideoWriter
+
 PAGE = "report.html"
 
 
@@ -140,3 +142,25 @@ def test_a_place_that_cannot_be_written(folder: Path, perfcap: Command) -> None:
     (folder / PAGE).mkdir()
     assert "cannot be written" in perfcap(["report", folder]).refused()
     assert not [path for path in folder.iterdir() if path.name.endswith(".tmp")]
+
+
+def test_videos_of_another_take_are_told(
+    folder: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    """A page showed the capture over another film, and nothing on the terminal said so."""
+    moved = Path(shutil.copy(take.video, tmp_path / "moved.mp4"))
+    done = perfcap(["report", folder, "--videos", moved])
+    assert done.code == 0 and not done.notes
+    assert "bytes, the video of the capture had" not in (folder / PAGE).read_text()
+    with moved.open("ab") as file:
+        file.write(b"\0" * 8)
+    done = perfcap(["report", folder, "--videos", moved])
+    assert done.code == 0 and any("the video of the capture had" in line for line in done.notes)
+    assert "bytes, the video of the capture had" in (folder / PAGE).read_text()
+    small = tmp_path / "small.mp4"
+    with VideoWriter(small, 30.0) as writer:
+        for _ in range(24):
+            writer.write(np.zeros((48, 64, 3), np.uint8))
+    before = (folder / PAGE).read_bytes()
+    assert "calibration is for" in perfcap(["report", folder, "--videos", small]).refused()
+    assert (folder / PAGE).read_bytes() == before

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 from foreign_rigs import RIGS
 from runs import Command
 from takes import make_take
@@ -88,6 +89,8 @@ def test_places_that_no_person_is_in_are_told() -> None:
 def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     call = ["retarget", captured / "capture.glb", "--actor", "sam", "--out", tmp_path / "out"]
     assert perfcap([*call, "--frames", "3:9", "--floor", "none"]).code == 0
+    kept = yaml.safe_load((tmp_path / "out" / "config.yaml").read_text())
+    assert kept["contact"]["enabled"] is False  # as it was solved
     found = read_result(tmp_path / "out")
     assert found.frame_numbers.tolist() == [3, 4, 5, 6, 7, 8]
     assert found.report["floor"] is None
