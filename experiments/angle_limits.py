@@ -8,7 +8,6 @@ the rig and the temporal prior.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,18 +21,13 @@ from report import Report, Table
 from window_problem import bare_actor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import usual_ranges
 from perfcap.actor.rig import Rig, with_limits
 from perfcap.actor.skeleton import Skeleton
 from perfcap.metrics import joint_errors
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
 
-# degrees; AAOS 1965, Kurz 2003, White and Panjabi 1990, Russell et al. 2010, as perfcap had them
-USUAL = {
-    "spine_flexion": (-30, 80), "head_nod": (-25, 25), "hip_flexion": (-30, 130),
-    "hip_abduction": (-30, 50), "hip_rotation": (-45, 45), "ankle_dorsiflexion": (-89, 30),
-    "ankle_inversion": (-25, 35),
-}  # fmt: skip
 _SEQUENCES = ("dev_tight", "dev_skirt", "dev_coat")
 _SEVERAL = ("dev_dance", "dev_views", "dev_duo/1", "dev_duo/2")
 
@@ -92,14 +86,9 @@ def _recorded(config: Experiment, views: int, exact: bool) -> Iterator[tuple[obj
 
 
 def usual_limits(rig: Rig) -> Rig:
-    """The rig with narrower limits, wide enough for its rest pose."""
-    limits = {}
-    for hinge in rig.hinges:
-        pair = USUAL.get(hinge.name.removeprefix("l_").removeprefix("r_"))
-        if pair is not None:
-            low, high = (math.radians(value) for value in pair)
-            limits[hinge.name] = (min(low, hinge.rest), max(high, hinge.rest))
-    return with_limits(rig, limits)
+    """The rig with what is usual as hard limits."""
+    ends = zip(rig.hinges, *(each.tolist() for each in usual_ranges(rig)), strict=True)
+    return with_limits(rig, {hinge.name: (low, high) for hinge, low, high in ends})
 
 
 def _recordings(config: Experiment) -> Iterator[Recording]:

@@ -73,6 +73,29 @@ SIDE_LIMITS = {
     "ankle_inversion": Limit(-30, 52, f"{_KAPANDJI}: supination 52, pronation 30"),
 }
 
+# What healthy adults do, where limits are wider.
+USUAL = {
+    "spine_flexion": Limit(-30, 80, f"{_AAOS}: thoracolumbar flexion 80; {_KURZ}: extension 30"),
+    "head_nod": Limit(-25, 25, f"{_PANJABI}: C0-C1, 25 of flexion-extension"),
+    "hip_flexion": Limit(-30, 130, f"{_AAOS}: extension 30; {_KURZ}: flexion 130"),
+    "hip_abduction": Limit(-30, 50, f"{_AAOS}: adduction 30; {_KURZ}: abduction 50"),
+    "hip_rotation": Limit(-45, 45, f"{_AAOS}: 45 each way"),
+    "ankle_dorsiflexion": Limit(-89, 30, f"{_RUSSELL}: plantar 89, dorsal 30"),
+    "ankle_inversion": Limit(-25, 35, f"{_AAOS}: inversion 35; {_KAPANDJI}: eversion 25"),
+}
+
+
+def usual_ranges(rig: Rig) -> tuple[Tensor, Tensor]:
+    """Lower and upper ends of what is usual, (A,) each, radians; limits where they are narrower."""
+    lower, upper = [], []
+    for hinge in rig.hinges:
+        usual = USUAL.get(hinge.name.removeprefix("l_").removeprefix("r_"))
+        low, high = (hinge.lower, hinge.upper) if usual is None else map(math.radians, usual[:2])
+        lower.append(max(hinge.lower, min(low, hinge.rest)))
+        upper.append(min(hinge.upper, max(high, hinge.rest)))
+    return torch.tensor(lower, dtype=torch.float64), torch.tensor(upper, dtype=torch.float64)
+
+
 PARENTS = {
     "pelvis": None,
     "spine": "pelvis",

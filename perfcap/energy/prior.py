@@ -14,51 +14,74 @@ class PosePrior(Energy[Motion]):
     """Gaussian on the joint angles: sum ((angle - mean) / deviation)^2 (MuVS Eq. 2, diagonal).
 
     Twists of straight limbs and of the head leave the landmarks where they are; this keeps them
-    at rest instead of wherever the solver strayed.
+    at rest instead of wherever the solver strayed. Beyond what is ``usual`` it is steeper: there
+    the residual grows by ``1 / beyond`` a radian more.
 
     Args:
         mean: (A,), radians.
         deviation: (A,) or a number, radians.
         weight: of the energy.
+        usual: lower and upper ends of the usual ranges, (A,) each, radians, around the mean;
+            the whole line when not given.
+        beyond: deviation outside of them, radians.
     """
 
     coupling = Coupling.FRAME
     mean: Tensor
     scale: Tensor
+    lower: Tensor
+    upper: Tensor
+    steeper: Tensor
 
     def __init__(
-        self, mean: Tensor, deviation: float | Tensor = 1.0, weight: float | Tensor = 1.0
+        self,
+        mean: Tensor,
+        deviation: float | Tensor = 1.0,
+        weight: float | Tensor = 1.0,
+        usual: tuple[Tensor, Tensor] | None = None,
+        beyond: float = torch.inf,
     ) -> None:
         super().__init__(weight)
+        free = torch.full_like(mean, torch.inf)
+        lower, upper = (-free, free) if usual is None else (each.to(mean) for each in usual)
         self.register_buffer("mean", mean)
         self.register_buffer("scale", 1 / torch.as_tensor(deviation).to(mean).expand_as(mean))
+        self.register_buffer("lower", lower)
+        self.register_buffer("upper", upper)
+        self.register_buffer("steeper", mean.new_tensor(1 / beyond))
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, A, 1)."""
-        return Residual((self.scale * (motion.angles - self.mean)).unsqueeze(-1))
+        return Residual(self._rows(motion.angles).unsqueeze(-1))
 
     def linearize(self, motion: Motion) -> Linearization:
-        """A constant diagonal."""
+        """A diagonal."""
         residual = self.residual(motion)
-        count = len(self.mean)
-        jacobian = torch.nn.functional.pad(self.scale.diag(), (6, 0))
-        return Linearization(
-            residual, jacobian[:, None].expand(*residual.value.shape[:-2], count, 1, 6 + count)
-        )
+        jacobian = torch.nn.functional.pad(self._slopes(motion.angles).diag_embed(), (6, 0))
+        return Linearization(residual, jacobian.unsqueeze(-2))
+
+    def _rows(self, angles: Tensor) -> Tensor:
+        outside = angles - angles.clamp(self.lower, self.upper)
+        return self.scale * (angles - self.mean) + self.steeper * outside
+
+    def _slopes(self, angles: Tensor) -> Tensor:
+        outside = (angles < self.lower) | (angles > self.upper)
+        return self.scale + self.steeper * outside
 
     def add_to_blocks(self, motion: Motion, curvature: Tensor, gradient: Tensor) -> Tensor | None:
-        """A constant on the diagonal; see ``OffersBlocks``."""
+        """A number on the diagonal; see ``OffersBlocks``."""
         plain = is_plain(curvature, gradient, motion.angles, self.mean, self.scale)
         if self.weight.ndim or not (plain and is_plain(self.weight)):
             return None
-        error = self.scale * (motion.angles - self.mean).reshape(*gradient.shape[:-1], -1)
-        weighted = self.weight.to(error) * self.scale
+        angles = motion.angles.reshape(*gradient.shape[:-1], -1)
+        error, slope = self._rows(angles), self._slopes(angles)
+        weighted = self.weight.to(error) * slope
         gradient[..., 6:] += weighted * error
-        curvature.diagonal(dim1=-2, dim2=-1)[..., 6:] += weighted * self.scale
+        curvature.diagonal(dim1=-2, dim2=-1)[..., 6:] += weighted * slope
         return self.weight.to(error) * error.square().sum((-2, -1))
 
     def second_order(self, motion: Motion, pull: Tensor) -> None:
-        """None: the residual is linear."""
+        """None: the residual is linear, but at the ends of usual ranges."""
 
 
 class BoneLengthPrior(Energy[Motion]):

@@ -78,10 +78,15 @@ class PathConfig:
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """Weak preference for the neutral pose; keeps unseen twists at rest."""
+    """Weak preference for the neutral pose; keeps unseen twists at rest.
+
+    From one view it is steep outside of the ranges that are usual: there, poses that few people
+    can take need more than the word of one network. Several views show them.
+    """
 
     deviation: float = 1.5  # rad
     alone: float = 0.75  # rad, for one view without 3D joints, where it tells the depth of limbs
+    beyond: float = 0.1  # rad, outside of the usual ranges, of one view
     weight: float = 1.0
     poses: float = 0.2  # of the mixture of recorded poses, in windows of two views without 3D
 

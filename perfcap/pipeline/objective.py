@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import usual_ranges
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
@@ -58,7 +59,8 @@ def pose_objective(
     mean = neutral_angles(actor)
     alone = detections.views == 1 and detections.joints3d is None
     deviation = config.prior.alone if alone else config.prior.deviation
-    energies["prior"] = PosePrior(mean, deviation, config.prior.weight)
+    usual = usual_ranges(actor.skeleton.rig) if detections.views == 1 else None
+    energies["prior"] = PosePrior(mean, deviation, config.prior.weight, usual, config.prior.beyond)
     return Objective(energies).to(actor.skeleton.lower)
 
 

@@ -86,10 +86,11 @@ def energies(motion: Motion, views: int, kernel: Kernel, weight: Tensor) -> dict
     spread = spread * torch.linspace(1, 2, max(1, lead.numel()), dtype=torch.float64)[:, None]
     spread = spread.reshape(*lead, 1, views) if lead else spread[0]
     where = ACTOR.landmarks, eye, detections, weight, kernel
+    mean = 0.1 * motion.angles[(0,) * (motion.angles.ndim - 1)]
     return {
         "joints2d": Reprojection(*where, spread),
         "joints3d": JointPosition(*where, unit),
-        "prior": PosePrior(0.1 * motion.angles[(0,) * (motion.angles.ndim - 1)], 0.4, 0.7),
+        "prior": PosePrior(mean, 0.4, 0.7, (mean - 0.2, mean + 0.3), 0.1),
     }
 
 

@@ -8,7 +8,9 @@ from checks import check_energy
 from synthetic import actor, cameras, random_motion
 from torch import Tensor
 
+from perfcap.actor.anatomy import USUAL, usual_ranges
 from perfcap.actor.motion import Motion
+from perfcap.actor.rig import with_limits
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_vectors, retarget
 from perfcap.energy.joint_position import JointPosition
@@ -214,6 +216,32 @@ def test_pose_prior() -> None:
     expected = 0.3 * ((motion.angles - mean) / deviation).square().sum((-2, -1))
     assert torch.allclose(energy(motion), expected)
     assert energy(ACTOR.skeleton.rest_motion(FRAMES)) == 0
+
+
+def test_pose_prior_is_steeper_beyond_what_is_usual() -> None:
+    motion = random_motion(ACTOR.skeleton, FRAMES, (2,))
+    mean = ACTOR.skeleton.rest_angles
+    usual = mean - 0.3, mean + 0.2
+    energy = PosePrior(mean, 1.5, 0.3, usual, 0.1)
+    check_energy(energy, motion, pick=lambda i: (energy, element(motion, i)))
+    inside = replace(motion, angles=motion.angles.clamp(*usual))
+    torch.testing.assert_close(energy(inside), PosePrior(mean, 1.5, 0.3)(inside))
+    edge = replace(motion, angles=usual[1].expand_as(motion.angles))
+    past = replace(edge, angles=edge.angles + 0.1)
+    rows = energy.residual(past).value - energy.residual(edge).value
+    torch.testing.assert_close(rows, torch.full_like(rows, 0.1 / 1.5 + 1))
+
+
+def test_usual_ranges_lie_within_limits_and_hold_the_rest_pose() -> None:
+    rig, skeleton = ACTOR.skeleton.rig, ACTOR.skeleton
+    lower, upper = usual_ranges(rig)
+    assert (skeleton.lower <= lower).all() and (upper <= skeleton.upper).all()
+    assert (lower <= skeleton.rest_angles).all() and (skeleton.rest_angles <= upper).all()
+    named = {name.removeprefix("l_").removeprefix("r_") for name in skeleton.angle_names}
+    assert set(USUAL) <= named
+    own = usual_ranges(with_limits(rig, {"l_hip_rotation": (-0.1, 0.2)}))
+    index = skeleton.angle_names.index("l_hip_rotation")
+    assert (float(own[0][index]), float(own[1][index])) == (-0.1, 0.2)
 
 
 def test_bone_length_prior() -> None:

@@ -48,6 +48,7 @@ def energies(distorted: bool) -> dict[str, Energy]:
             ACTOR.landmarks, normal(2, FRAMES, 2, 16, 3), torch.ones(2, FRAMES, 2, 16), unit=unit
         ),
         "prior": PosePrior(rest, 0.5),
+        "usual": PosePrior(rest, 0.5, 1.0, (rest - 0.1, rest + 0.2), 0.1),
         "bones": BoneLengthPrior(groups, FRAMES),
         "trajectory": Trajectory(FRAMES, 2, translation=2.0, rotation=3.0, angles=4.0),
     }
