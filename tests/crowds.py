@@ -78,7 +78,7 @@ def walkers(
             (len(body.skeleton.group_names),), 0.07 * (k - (count - 1) / 2), dtype=F64
         )
         body = body.resized(size)
-        plain = sway(body, frames)
+        plain = sway(body, frames, most=0.43)
         way = 2 * math.pi * k / count + 0.3
         ahead = torch.tensor([math.sin(way), 0.0, math.cos(way)], dtype=F64)
         beside = torch.tensor([math.cos(way), 0.0, -math.sin(way)], dtype=F64)

@@ -76,12 +76,14 @@ def make_take(
     return Take(actor, cameras, detect(actor, cameras, truth, lifted), truth, rate)
 
 
-def sway(actor: Actor, frames: int, rate: float = 30.0, turns: float = 0.0) -> Motion:
+def sway(
+    actor: Actor, frames: int, rate: float = 30.0, turns: float = 0.0, most: float = 0.5
+) -> Motion:
     """A smooth motion below 1 Hz around a relaxed pose, well within the limits, (F,)."""
     time = torch.arange(frames, dtype=F64)[:, None] / rate
     skeleton = actor.skeleton
     middle = neutral_angles(actor)
-    room = torch.minimum(middle - skeleton.lower, skeleton.upper - middle).clamp(max=0.43)
+    room = torch.minimum(middle - skeleton.lower, skeleton.upper - middle).clamp(max=most)
     count = len(middle)
     phase = torch.arange(count, dtype=F64) * 2.4
     pace = 0.4 + 0.5 * torch.arange(count, dtype=F64) / count  # Hz
