@@ -158,8 +158,11 @@ class _Finder:
             pixel_map = match_image(rig, sizes, maps)
             return rig, pixel_map.cameras(rig.cameras, sizes), pixel_map
         except InputError as error:
-            if given or (unmatched and self.placed):  # videos of another size than the capture's
+            if given:
                 raise
+            if unmatched and self.placed:
+                found = str(error).split("; ")[0]
+                raise InputError(f"--videos: {found}; give the capture's own") from None
             self.notes.append(f"Nothing is projected into the video: {error}.")
             return None, None, None
 

@@ -162,5 +162,8 @@ def test_videos_of_another_take_are_told(
         for _ in range(24):
             writer.write(np.zeros((48, 64, 3), np.uint8))
     before = (folder / PAGE).read_bytes()
-    assert "calibration is for" in perfcap(["report", folder, "--videos", small]).refused()
+    assert (
+        "for 160x120; give the capture's own"
+        in perfcap(["report", folder, "--videos", small]).refused()
+    )
     assert (folder / PAGE).read_bytes() == before
