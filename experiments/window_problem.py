@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self, cast
+from typing import Self
 
 import cmu
 import numpy as np
@@ -18,6 +18,7 @@ import report
 import torch
 from detection_noise import detect
 from torch import Tensor
+from torch.nn import Module
 from window_motion import clip_landmarks, default_skeleton, random_landmarks
 
 from perfcap.actor.actor import Actor
@@ -46,8 +47,9 @@ _CLIPS = ("07_01", "02_03", "05_02", "02_05", "02_04", "01_03", "05_10", "06_11"
 _FOCAL, _CENTRE, _SIZE = 1220.0, 319.5, 640  # px
 
 
-class _BareActor:
+class _BareActor(Actor):
     def __init__(self, skeleton: Skeleton) -> None:
+        Module.__init__(self)  # no template, no skin
         self.skeleton, self.landmarks = skeleton, Landmarks(skeleton)
 
     def joints(self, motion: Motion) -> Tensor:
@@ -57,7 +59,7 @@ class _BareActor:
 
 def bare_actor(skeleton: Skeleton) -> Actor:
     """An actor without a surface: all that pose energies ask for."""
-    return cast(Actor, _BareActor(skeleton))
+    return _BareActor(skeleton)
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ class Result:
         """Vertices of a span of frames in the world, (f, V, 3) m: captured, or else skinned.
 
         Raises:
-            InputError: the captured ones are damaged.
+            InputError: the captured ones are damaged, or bones put them nowhere.
         """
         if self.surface is not None:
             return self.surface.read(span)
@@ -75,6 +75,8 @@ class Result:
             matrices[..., :3, 3],
         )
         vertices: NDArray[np.float32] = posed.float().numpy()
+        if not np.isfinite(vertices).all():
+            raise InputError(f"{self.folder}: its bones put vertices nowhere; {_AGAIN}")
         return vertices
 
     @property

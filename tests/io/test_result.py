@@ -67,6 +67,17 @@ def test_without_a_surface_the_skeleton_moves_the_skin(
     assert result.vertices(slice(2, 4)).dtype == np.float32
 
 
+def test_bones_that_put_vertices_nowhere_are_refused(folder: Path) -> None:
+    """Finite transforms may overflow in single precision."""
+    result = read_result(folder)
+    far = result.bone_transforms.copy()
+    far[1, :, :3, 3] = 1e39
+    damaged = replace(result, bone_transforms=far, surface=None)
+    assert np.isfinite(damaged.vertices(slice(0, 1))).all()
+    with pytest.raises(InputError, match="put vertices nowhere"):
+        damaged.vertices(slice(0, 2))
+
+
 def test_the_surface_is_read_when_it_is_asked_for(saved: Path) -> None:
     result = read_result(saved)
     assert result.surface is not None and isinstance(result.surface.vertices, np.memmap)
