@@ -186,7 +186,7 @@ def test_outcomes_are_kept_and_judged(clips: Path, tmp_path: Path) -> None:
     nested.parent.mkdir()
     found = run_clip(made)
     nested.write_text("x")
-    report["input_files"] = states_of([nested]) | {"/opt/models/sam.glb": "another machine's"}
+    report["input_files"] = states_of([nested]) | {"/elsewhere/sam.glb": "another machine's"}
     (tmp_path / "clip" / "run.json").write_text(json.dumps(report))
     assert is_done(made, found)
     nested.write_text("changed")
