@@ -1,7 +1,7 @@
-"""Limits of angles: the largest published ones, or what is usual among healthy adults.
+"""Limits of angles: large published ones, or what is usual among healthy adults.
 
 A hard limit that a person goes beyond is paid for elsewhere: the pelvis tilts, feet and hips move
-off. Recorded motion of many people in four views, fast clips on which nothing was chosen, and
+off. The recorded motion of ``fast_motion.py``, and
 rendered people; detections with errors, and exact ones, where limits are all that is left besides
 the rig and the temporal prior.
 """
@@ -62,7 +62,7 @@ def run(config: Experiment) -> Report:
         "Distances in the world, of one view after a similarity; not worse than with usual limits.",
     )
     tables = (
-        Table("recorded motion, held out", columns, tuple(recorded), 2),
+        Table("recorded motion", columns, tuple(recorded), 2),
         Table("rendered people", each, tuple(seen), 2),
     )
     return Report(tables, notes)

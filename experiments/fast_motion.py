@@ -1,6 +1,7 @@
 """A prior that follows the evidence: recorded motion, as fast as it was and half again as fast.
 
-Clips of the CMU library on which no setting was chosen, on the person's own bones, seen by one to
+Clips of the CMU library on which the prior was not chosen, though limits of angles and their steep
+ends were with these clips in view, on the person's own bones, seen by one to
 eight views of a simulated detector: solved once, with the stated prior and weights, and twice, with
 a prior and weights from the first solve. Robust triangulation needs two views. The most active
 stretch of a clip counts; where a landmark is faster than 200 m/s^2 the capture itself failed, and
@@ -106,7 +107,7 @@ def run(config: Experiment) -> Report:
         "Error: of one view after a similarity, root-free acceleration; of several in the world. "
         "Millimetres and mm/frame²; medians over clips and quantiles, jerk over the truth's.",
     )
-    tables = [Table("recorded motion, held out", columns, tuple(rows), 2)]
+    tables = [Table("recorded motion, none of which chose the prior", columns, tuple(rows), 2)]
     if single:
         tables.append(Table("one view of fast motion", fast, tuple(single), 2))
     return Report(tuple(tables), notes)

@@ -42,13 +42,22 @@ _KURZ = "Kurz, Stretching Scientifically, 4th ed. 2003, table of normal ranges"
 _RUSSELL = "Russell et al., Extreme Ankle Range of Motion of Ballet Dancers, Foot Ankle Spec. 2010"
 _KAPANDJI = "Kapandji, The Physiology of the Joints, vol. 2, 6th ed. 2010"
 _KAPANDJI_3 = "Kapandji, The Physiology of the Joints, vol. 3, 2nd ed. 1974"
-_TAINAKA = "Tainaka et al., J. Sports Sci. Med. 2014, mean and two deviations of 123 athletes"
-_BENNELL = "Bennell et al., Br. J. Sports Med. 2001, mean and two deviations in a lunge"
+_TAINAKA = (
+    "Tainaka et al. 2014, as tabled in J. Athl. Train. 53(6), 2018, Table 1: "
+    "mean and two deviations of 123 active people"
+)
+_BENNELL = (
+    "Bennell et al., Br. J. Sports Med. 2001, Table 3: "
+    "mean and two deviations of dancers of 8 to 11 years in a lunge"
+)
 _FEIPEL = "Feipel et al., Med. Probl. Perform. Art. 2004"
 
-# Positive is named by the angle. Limits are what nobody goes beyond, not what is usual: the largest
-# published value is taken, of dancers and athletes too, because a limit that is too narrow bends
-# the rest of the body, and because one hinge stands for several joints of a real one.
+# Positive is named by the angle. Limits are wider than what is usual: large published values are
+# taken, of dancers and athletes too, because a limit that is too narrow bends the rest of the body,
+# and because one hinge stands for several joints of a real one. Three of them are readings of ours:
+# the nod may go as far as both joints together in either direction, a hip has half of what dancers
+# have between the thighs, and deviations are doubled. Kapandji's spine, hip flexion and foot are
+# quoted from memory and have yet to be compared with the book.
 CENTRE_LIMITS = {
     "spine_flexion": Limit(-60, 105, f"{_KAPANDJI_3}: thoracolumbar flexion 105, extension 60"),
     "spine_lateral": Limit(-35, 35, f"{_AAOS}: 35 each side; positive to the left"),
@@ -66,7 +75,7 @@ SIDE_LIMITS = {
     "shoulder_rotation": Limit(-108, 90, f"{_NORKIN}: medial 90, lateral 108"),
     "elbow_flexion": Limit(0, 150, f"{_AAOS}: 0 to 150"),
     "hip_flexion": Limit(-30, 145, f"{_AAOS}: extension 30; {_KAPANDJI}: passive flexion 145"),
-    "hip_abduction": Limit(-30, 60, f"{_AAOS}: adduction 30; {_FEIPEL}: 120 between the thighs"),
+    "hip_abduction": Limit(-30, 60, f"{_AAOS}: adduction 30; {_FEIPEL}: half of 120"),
     "hip_rotation": Limit(-70, 65, f"{_TAINAKA}: external 56 + 14, internal 50 + 14"),
     "knee_flexion": Limit(0, 160, f"{_KAPANDJI}: 160 passive"),
     "ankle_dorsiflexion": Limit(-89, 46, f"{_RUSSELL}: plantar 89; {_BENNELL}: dorsal 34 + 12"),
