@@ -17,8 +17,9 @@ from threading import Thread
 
 from report import Report, Table, main
 
-from perfcap.app.batch import BatchRequest, run_batch
+from perfcap.app.batch import run_batch
 from perfcap.app.batch_page import SUMMARY
+from perfcap.commands.capture import Batch
 from perfcap.io import models_folder
 
 LENGTH = 24  # frames
@@ -46,7 +47,7 @@ def run(config: Experiment) -> Report:
             if number == len(config.processes) - 1:
                 Thread(target=_kill_one, args=(out, killed), daemon=True).start()
             started = time.perf_counter()
-            run_batch(BatchRequest(clips, out, processes, report=False))
+            run_batch(Batch(clips, out, processes, report=False))
             wall = time.perf_counter() - started
             first = first or wall
             states = _column(out, "state")

@@ -29,7 +29,8 @@ from export_readers import (
 )
 from report import DATA, Report, Table, main
 
-from perfcap.app.export import ExportRequest, run_export
+from perfcap.app.export import run_export
+from perfcap.commands.results import Export
 from perfcap.io.export import Recording, upright_from
 from perfcap.io.export.names import unique_names, word
 from perfcap.io.export.recording import Z_UP
@@ -79,7 +80,7 @@ def run(config: Experiment) -> Report:
 def _examine(case: Case, folder: Path, out: Path, programs: Programs) -> Mapping[str, Any]:
     """A row of the table by column."""
     with redirect_stdout(StringIO()):
-        run_export(ExportRequest(folder, FORMATS, out, name="x"))
+        run_export(Export(folder, FORMATS, out, name="x"))
     result = read_result(folder)
     turn = upright_from(upright(torch.from_numpy(result.joints)).numpy())
     recording = Recording(result, "x", 0, result.frames, turn)

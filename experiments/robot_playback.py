@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from report import DATA, Report, Table, data_folder, main
 from retarget import CMU, OTHERS, panel, shipped_clip
 
-from perfcap.app.export import ExportRequest, run_export
-from perfcap.app.retarget import RetargetRequest, run_retarget
+from perfcap.app.export import run_export
+from perfcap.app.retarget import run_retarget
+from perfcap.commands.results import Export, Retarget
 from perfcap.io.actor import load_actor
 from perfcap.io.export import Recording
 from perfcap.io.result import read_result
@@ -92,8 +93,8 @@ def _clips(config: Experiment) -> Iterator[tuple[str, Path, str]]:
 def _played(robot: Path, clip: Path, frames: str, scratch: str) -> tuple[float, ...]:
     """Frames, values beyond limits, share of frames with a foot in the floor, and more."""
     out = Path(scratch) / "out"
-    run_retarget(RetargetRequest(clip, (str(robot),), out, frames))
-    run_export(ExportRequest(out, ("qpos",), name="played"))
+    run_retarget(Retarget(clip, (str(robot),), out, frames))
+    run_export(Export(out, ("qpos",), name="played"))
     with np.load(out / "export" / "played_qpos.npz", allow_pickle=False) as found:
         qpos, names = found["qpos"], found["joint_names"].tolist()
     mujoco: Any = import_module("mujoco")

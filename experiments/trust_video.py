@@ -25,7 +25,7 @@ from video_alone import Experiment as Videos
 from video_alone import videos
 
 from perfcap.app.capture import run_capture
-from perfcap.app.capture_request import CaptureRequest
+from perfcap.commands.capture import Capture
 from perfcap.geometry.alignment import procrustes
 from perfcap.pipeline import jobs
 from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
@@ -117,7 +117,7 @@ def _judged(name: str, video: Path, truth: Tensor) -> Judged:
 
     with tempfile.TemporaryDirectory() as folder, mock.patch.object(jobs, "frame_evidence", kept):
         out = Path(folder) / "out"
-        request = CaptureRequest(
+        request = Capture(
             videos=(video,), out=out, lifter="cmu", until="track_motion", overlay=False
         )
         run_capture(request)

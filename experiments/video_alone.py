@@ -19,7 +19,7 @@ from report import Report, Table, data_folder
 from torch import Tensor
 
 from perfcap.app.capture import run_capture
-from perfcap.app.capture_request import CaptureRequest
+from perfcap.commands.capture import Capture
 from perfcap.io.calibration.assumed import ASSUMED_FOV
 from perfcap.metrics import joint_errors
 
@@ -100,7 +100,7 @@ def captured(
 ) -> tuple[Tensor, float]:
     """Joints (F, 16, 3) of a capture into a folder, and its seconds."""
     start = time.perf_counter()
-    request = CaptureRequest(
+    request = Capture(
         videos=(video.path,),
         out=out,
         fov=fov,

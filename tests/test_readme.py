@@ -46,7 +46,7 @@ def test_install_commands_are_one_line_each() -> None:
 @pytest.mark.parametrize("line", commands())
 def test_commands_parse(line: str) -> None:
     command = tyro.cli(Command, prog="perfcap", args=shlex.split(line)[1:])
-    assert callable(command.run)
+    assert command is not None
 
 
 def test_all_commands_are_shown() -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.measurements import Measurements
@@ -24,58 +22,42 @@ from perfcap.app.actor_sheet import SHEET
 from perfcap.app.capture_folder import same_file
 from perfcap.app.console import PlainConsole
 from perfcap.app.measures import save_measures
+from perfcap.commands.actor import ActorBuild
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, MESH, UNKNOWN, save_actor
 from perfcap.io.actor_import import import_actor, require_sound
 from perfcap.io.actor_mapping import read_mapping
-from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf_document import require_readable_kind
 from perfcap.io.mesh import FORMATS
 from perfcap.pipeline.appearance import Appearance
 from perfcap.rigging import Person
 
+# what the command asks about a person
+_MEASURES = tuple(f.name for f in fields(Person) if f.name in {o.name for o in fields(ActorBuild)})
+
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class BuildRequest:
-    """What the command line asks for; see ``perfcap actor build --help``."""
-
-    source: Path | None
-    out: Path
-    mapping: Path | None = None
-    name: str | None = None
-    licence: str | None = None
-    overrides: Path | None = None
-    detector: str | None = None
-    body: bool = False
-    body_model: str = DEFAULT_BODY
-    person: Person = field(default_factory=Person)
-
-
-def build_request(options: Mapping[str, Any]) -> BuildRequest:
-    """The options of the command line, those about the person taken together.
+def _person(request: ActorBuild) -> Person:
+    """Who is asked for.
 
     Raises:
         InputError: a measure that no person has.
     """
-    about = {f.name for f in fields(Person)}
-    values = {name: value for name, value in options.items() if name in about}
-    gender = values.get("gender")
-    person = Person(**{**values, "gender": None if gender is None else GENDERS[gender]})
-    rest = {name: value for name, value in options.items() if name not in about}
-    return BuildRequest(**rest, person=person)
+    values = {name: getattr(request, name) for name in _MEASURES}
+    gender = values.pop("gender")
+    return Person(**values, gender=None if gender is None else GENDERS[gender])
 
 
-def run_build(request: BuildRequest) -> int:
+def run_build(request: ActorBuild) -> int:
     """Write the folder and show what is in it; returns the exit code.
 
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
     _spare_inputs(request)
-    actor, licence, provenance, measurements = _made(request)
+    actor, licence, provenance, measurements = _made(request, _person(request))
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
     Appearance.of(actor.template)  # whether the texture can be decoded, before anything is written
@@ -87,7 +69,7 @@ def run_build(request: BuildRequest) -> int:
     return code
 
 
-def _spare_inputs(request: BuildRequest) -> None:
+def _spare_inputs(request: ActorBuild) -> None:
     for path in (request.source, request.mapping, request.overrides):
         for name in (MESH, MANIFEST, SHEET):
             if path is not None and same_file(path, request.out / name):
@@ -97,14 +79,14 @@ def _spare_inputs(request: BuildRequest) -> None:
                 )
 
 
-def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:
+def _made(request: ActorBuild, person: Person) -> tuple[Actor, str, str, Measurements | None]:
     """The actor, its licence, where it comes from, and what the body in it measures if known."""
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
     if request.body:
         require_no_source(request.source)
-        _refuse_others(request, "--body", tuple(f.name for f in fields(Person)))
-        actor, licence, measured = body_of(request.person, request.body_model, request.name)
+        _refuse_others(request, "--body", _MEASURES)
+        actor, licence, measured = body_of(person, request.body_model, request.name)
         return actor, licence, f"body model {request.body_model}", measured
     if request.source is None:
         raise InputError("no file is given; expected a character or a mesh, or --body")
@@ -117,25 +99,23 @@ def _made(request: BuildRequest) -> tuple[Actor, str, str, Measurements | None]:
         )
     if is_bare(request.source):
         _refuse_others(request, "a mesh without bones", ("height", "overrides", "detector"))
-        how = Rigging(
-            request.body_model, request.person.height, request.overrides, request.detector
-        )
+        how = Rigging(request.body_model, person.height, request.overrides, request.detector)
         actor, inside = rigged_mesh(request.source, how)
         return actor, UNKNOWN, f"rigged automatically from {request.source.name}", inside
     _refuse_others(request, "a character with bones", ("mapping",))
     return (*_from_rigged(request, request.source), None)
 
 
-def _refuse_others(request: BuildRequest, kind: str, used: tuple[str, ...]) -> None:
+def _refuse_others(request: ActorBuild, kind: str, used: tuple[str, ...]) -> None:
     """Refuse options that would do nothing."""
     options = {name: getattr(request, name) for name in ("mapping", "overrides", "detector")}
-    options |= {f.name: getattr(request.person, f.name) for f in fields(Person)}
+    options |= {name: getattr(request, name) for name in _MEASURES}
     for name, value in options.items():
         if value is not None and name not in used:
             raise InputError(f"--{name}: does nothing for {kind}; leave it out")
 
 
-def _from_rigged(request: BuildRequest, source: Path) -> tuple[Actor, str, str]:
+def _from_rigged(request: ActorBuild, source: Path) -> tuple[Actor, str, str]:
     mapping = None if request.mapping is None else read_mapping(request.mapping)
     imported = import_actor(source, mapping)
     require_sound(source, imported.findings)

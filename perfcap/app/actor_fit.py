@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import torch
 
@@ -12,31 +11,18 @@ from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
 from perfcap.app.console import PlainConsole
 from perfcap.app.fit_sheet import FIT_SHEET
-from perfcap.app.inputs import InputRequest, read_inputs
+from perfcap.app.inputs import read_inputs
 from perfcap.app.measures import print_measures
 from perfcap.app.personal_body import BodyRequest, find_body
+from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, save_actor
-from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.rigging import Person
 
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitRequest(InputRequest):
-    """What the command line asks for; see ``perfcap actor fit --help``."""
-
-    out: Path
-    masks: tuple[Path, ...] = ()
-    silhouettes: bool = True
-    height: float | None = None
-    count: int = 12
-    name: str | None = None
-    body_model: str = DEFAULT_BODY
-
-
-def run_fit(request: FitRequest) -> int:
+def run_fit(request: ActorFit) -> int:
     """Fit, write the actor's folder and show what is in it; returns the exit code.
 
     Raises:
@@ -69,7 +55,7 @@ def run_fit(request: FitRequest) -> int:
     return code
 
 
-def _check(request: FitRequest) -> None:
+def _check(request: ActorFit) -> None:
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
     if request.masks and not request.silhouettes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
+from perfcap.commands.actor import ActorFrames
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
 from perfcap.io.clip import Clip
@@ -30,19 +30,7 @@ _SHOWN, _TALL = 12, 220  # pictures of the preview, and their height, px
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class FramesRequest:
-    """What the command line asks for; see ``perfcap actor frames --help``."""
-
-    video: Path
-    out: Path
-    count: int = 60
-    frames: str | None = None
-    masks: str = "colmap"
-    box: tuple[float, ...] = ()
-
-
-def run_frames(request: FramesRequest) -> int:
+def run_frames(request: ActorFrames) -> int:
     """Write ``images/`` and ``masks/``; returns the exit code.
 
     Raises:
@@ -97,7 +85,7 @@ def _box(numbers: tuple[float, ...], size: tuple[int, int]) -> Area:
 
 
 def _save(
-    request: FramesRequest, clip: Clip, stills: Stills, frame: int, box: Area
+    request: ActorFrames, clip: Clip, stills: Stills, frame: int, box: Area
 ) -> NDArray[np.bool_] | None:
     """Write one still, and its mask if wanted; returns the mask."""
     picture = clip.read_view(0, frame, frame + 1)[0]
@@ -141,7 +129,7 @@ def _outlined(picture: Image, mask: NDArray[np.bool_] | None) -> Image:
     return dimmed
 
 
-def _doubts(request: FramesRequest, stills: Stills, chosen: list[int]) -> Iterator[str]:
+def _doubts(request: ActorFrames, stills: Stills, chosen: list[int]) -> Iterator[str]:
     if len(chosen) < request.count:
         yield f"only {len(chosen)} frames could be chosen; film more slowly"
     dull = blurred(stills, chosen)

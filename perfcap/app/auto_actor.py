@@ -11,6 +11,7 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.app.inputs import Inputs
 from perfcap.app.personal_body import BodyRequest, PersonalBody, find_body
+from perfcap.commands.capture import AUTO
 from perfcap.errors import InputError
 from perfcap.io.actor import ActorFile, find_actor, load_actor, models_folder
 from perfcap.io.body_model import DEFAULT_BODY
@@ -18,7 +19,6 @@ from perfcap.io.result_folder import BODY_PICTURE
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.rigging import Person, ViewFitSettings
 
-AUTO = "auto"
 BODY_SETTINGS = {"muvs2017": ViewFitSettings(consensus="median")}
 """How presets fit a body, where that differs from the default."""
 

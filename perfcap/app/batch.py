@@ -6,7 +6,6 @@ import dataclasses
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -28,8 +27,8 @@ from perfcap.app.batch_page import (
     summarize,
     write_pages,
 )
-from perfcap.app.capture_request import CaptureRequest
 from perfcap.app.console import PlainConsole
+from perfcap.commands.capture import Batch, Capture
 from perfcap.errors import InputError
 from perfcap.io.clip_list import ListedClip, read_clip_list
 from perfcap.io.result_folder import locked
@@ -44,18 +43,7 @@ _SWITCHES = ("overlay", "refine_cameras")
 _YES, _NO = ("yes", "true", "1"), ("no", "false", "0")
 
 
-@dataclass(frozen=True)
-class BatchRequest:
-    """What the command line asks for; see ``perfcap batch --help``."""
-
-    clips: Path
-    out: Path
-    processes: int | None = None
-    cluster: str | None = None
-    report: bool = True
-
-
-def run_batch(request: BatchRequest) -> int:
+def run_batch(request: Batch) -> int:
     """Capture what is not captured yet; 0 where every clip has a whole result, else 3.
 
     Raises:
@@ -63,7 +51,7 @@ def run_batch(request: BatchRequest) -> int:
     """
     if request.processes is not None and request.processes < 1:
         raise InputError(f"--processes {request.processes}: expected 1 or more")
-    columns = [f.name for f in dataclasses.fields(CaptureRequest) if f.name not in _OURS]
+    columns = [f.name for f in dataclasses.fields(Capture) if f.name not in _OURS]
     reserved = (INDEX, SUMMARY, PICTURES, _KEPT)
     clips = read_clip_list(request.clips.absolute(), columns, _PATHS, _EITHER, reserved)
     folder = make_folder(request.out)
@@ -116,7 +104,7 @@ def _inputs(clip: ListedClip) -> tuple[Path, ...]:
     return tuple(path for path in parts if path.exists())
 
 
-def _outcomes(request: BatchRequest, jobs: Sequence[Job]) -> Iterator[tuple[Job, Outcome]]:
+def _outcomes(request: Batch, jobs: Sequence[Job]) -> Iterator[tuple[Job, Outcome]]:
     """Jobs and their outcomes as they end."""
     cores = usable_cores()
     count = min(request.processes or cores, max(len(jobs), 1))

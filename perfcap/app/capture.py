@@ -12,7 +12,7 @@ from pathlib import Path
 import torch
 
 from perfcap.actor.actor import Actor
-from perfcap.app.auto_actor import AUTO, cast
+from perfcap.app.auto_actor import cast
 from perfcap.app.capture_checks import (
     examined,
     made_up,
@@ -23,7 +23,6 @@ from perfcap.app.capture_checks import (
 from perfcap.app.capture_folder import spare_inputs, spare_others, states_of, unchanged
 from perfcap.app.capture_people import Crowd, check_people, find_people, run_people
 from perfcap.app.capture_request import (
-    CaptureRequest,
     casting_of,
     describe,
     find_device,
@@ -39,8 +38,10 @@ from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.masked_frames import given_doubts, partly_masked
 from perfcap.app.project import in_project
-from perfcap.app.report import ReportRequest, write_report
-from perfcap.app.true_views import ViewRequest, settled
+from perfcap.app.report import write_report
+from perfcap.app.true_views import settled
+from perfcap.commands.capture import AUTO, Capture
+from perfcap.commands.results import Report
 from perfcap.detect.segmenter import OnnxSegmenter
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
@@ -81,12 +82,6 @@ DONE, INCOMPLETE = 0, 3
 _LOG = logging.getLogger(__name__)
 
 
-def default_folder(videos: Sequence[Path]) -> Path:
-    """Where a capture of these videos goes if nobody says: named after the first one."""
-    name = videos[0].resolve().stem if videos else "perfcap"
-    return Path(f"{name}_capture")
-
-
 def point_to(folder: Path) -> None:
     """Say where the results are, in a last line."""
     picture = own_file(folder, OVERLAY)
@@ -96,22 +91,22 @@ def point_to(folder: Path) -> None:
     PlainConsole().print(line, soft_wrap=True)
 
 
-def run_capture(request: CaptureRequest) -> int:
+def run_capture(request: Capture) -> int:
     """Capture and write everything; returns the exit code.
 
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
-    request = in_project(request)
+    request = in_project(replace(request, out=request.folder))  # a project has other videos
     code = _capture(request)
     if request.report:
-        for folder in people_of(request.out):
-            write_report(ReportRequest(folder, request.videos, request.cameras))
+        for folder in people_of(request.folder):
+            write_report(Report(folder, request.videos, request.cameras))
     return code
 
 
-def _capture(request: CaptureRequest) -> int:
-    folder = make_folder(request.out)
+def _capture(request: Capture) -> int:
+    folder = make_folder(request.folder)
     with locked(folder):
         finish(folder)  # what a killed run had complete
         check_people(request)
@@ -135,7 +130,7 @@ def _capture(request: CaptureRequest) -> int:
 
 
 def _run(
-    request: CaptureRequest, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
+    request: Capture, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
 ) -> int:
     started = time.perf_counter()
     for name in request.actor:
@@ -151,9 +146,8 @@ def _run(
         told_of = (*inputs.warnings, *found.notes)
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
-    wrong = ViewRequest(request.sync, request.refine_cameras)
     given = inputs
-    inputs, views = settled(given, wrong)
+    inputs, views = settled(given, request.sync == "auto", request.refine_cameras)
     inputs = examined(inputs, needs_images=images, detected=detected)
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
@@ -200,7 +194,7 @@ def _save_detections(folder: Path, inputs: Inputs) -> None:
 
 
 def _perform(
-    request: CaptureRequest,
+    request: Capture,
     actor: Actor,
     inputs: Inputs,
     masks: MaskFolders | None,
@@ -231,7 +225,7 @@ def _perform(
 
 
 def _draw(
-    request: CaptureRequest,
+    request: Capture,
     folder: Path,
     performance: Performance,
     inputs: Inputs,
@@ -250,7 +244,7 @@ def _draw(
             )
 
 
-def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
+def _videos(request: Capture) -> dict[str, Callable[..., None]]:
     """The videos that a request asks for, and what draws them."""
     if not request.overlay:
         return {}
@@ -259,7 +253,7 @@ def _videos(request: CaptureRequest) -> dict[str, Callable[..., None]]:
     return {OVERLAY: save_overlay, TEXTURED: save_textured}
 
 
-def _known_result(folder: Path, request: CaptureRequest, call: Call) -> int | None:
+def _known_result(folder: Path, request: Capture, call: Call) -> int | None:
     """Exit code of the result of this very call, where ``--resume`` finds it; None of no result.
 
     Raises:
@@ -277,7 +271,7 @@ def _known_result(folder: Path, request: CaptureRequest, call: Call) -> int | No
     return known
 
 
-def _expected(request: CaptureRequest, folder: Path) -> tuple[str, ...]:
+def _expected(request: Capture, folder: Path) -> tuple[str, ...]:
     """Files of a whole result of this request."""
     found = (DETECTIONS,) if any(networks_of(request)) else ()
     surface = (SURFACE,) if Stage[request.until.upper()].needs_images else ()
@@ -289,7 +283,7 @@ def _expected(request: CaptureRequest, folder: Path) -> tuple[str, ...]:
     return (*FILES, *_videos(request), *found, *body, *surface)
 
 
-def _finished(folder: Path, request: CaptureRequest, call: Call) -> int | None:
+def _finished(folder: Path, request: Capture, call: Call) -> int | None:
     """Exit code of the whole result of the same request on the same files."""
     try:
         require_one_capture(folder)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 
-from perfcap.app.auto_actor import AUTO, Cast, cast
+from perfcap.app.auto_actor import Cast, cast
 from perfcap.app.capture_checks import (
     doubts,
     made_up,
@@ -18,11 +18,12 @@ from perfcap.app.capture_checks import (
     refuse_wrong_cameras,
     wants_bones,
 )
-from perfcap.app.capture_request import CaptureRequest, casting_of, find_device, settings_of
+from perfcap.app.capture_request import casting_of, find_device, settings_of
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import UNMATCHED, Matching, match_actors
 from perfcap.app.people_files import CapturedScene, write_scene
+from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.association import Association, associate
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
@@ -57,7 +58,7 @@ class Crowd:
         return replace(self.inputs, detections=self.found.people[track], warnings=())
 
 
-def check_people(request: CaptureRequest) -> None:
+def check_people(request: Capture) -> None:
     """Refuse numbers of actors and people that do not go together.
 
     Raises:
@@ -99,7 +100,7 @@ def check_people(request: CaptureRequest) -> None:
             )
 
 
-def _require_views(request: CaptureRequest) -> None:
+def _require_views(request: Capture) -> None:
     """One view shows one person; a video that follows ``--actor`` looks like another."""
     if len(request.videos) > 1:
         return
@@ -114,7 +115,7 @@ def _require_views(request: CaptureRequest) -> None:
     )
 
 
-def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
+def find_people(request: Capture, inputs: Inputs) -> Association:
     """Who is who: as many people as are asked for, or for several actors at least as many.
 
     Raises:
@@ -123,7 +124,7 @@ def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
     refuse_wrong_cameras(inputs.rig)
     parts = inputs.rig.cameras, inputs.detections, inputs.clip.fps
     if len(request.actor) == 1:
-        return associate(*parts, people=request.count)
+        return associate(*parts, people=request.head_count)
     wanted = len(request.actor)
     try:
         found = associate(*parts)
@@ -132,7 +133,7 @@ def find_people(request: CaptureRequest, inputs: Inputs) -> Association:
     return found if found and len(found.people) >= wanted else associate(*parts, people=wanted)
 
 
-def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
+def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
     """Capture everybody and write the folder; whether all went well."""
     started = time.perf_counter()
     matching, chosen = _cast(request, crowd, work)
@@ -160,7 +161,7 @@ def run_people(request: CaptureRequest, folder: Path, crowd: Crowd, work: Checkp
     return all(each.complete and each.trusted for each in done)
 
 
-def _cast(request: CaptureRequest, crowd: Crowd, work: Checkpoint) -> tuple[Matching, list[Cast]]:
+def _cast(request: Capture, crowd: Crowd, work: Checkpoint) -> tuple[Matching, list[Cast]]:
     """Who is whom, and the actor of each person."""
     count = len(crowd.found.people)
     if len(request.actor) > 1:
@@ -196,7 +197,7 @@ def _doubts(everybody: Sequence[Inputs], images: bool, detected: bool) -> list[s
 
 
 def _perform(
-    request: CaptureRequest,
+    request: Capture,
     inputs: Inputs,
     people: Sequence[Person],
     until: Stage,

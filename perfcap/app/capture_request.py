@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from perfcap.app.auto_actor import AUTO, Casting
-from perfcap.app.inputs import InputRequest
+from perfcap.app.auto_actor import Casting
 from perfcap.app.networks import DETECTORS, LIFTERS, NO_SEGMENTER, find_model, find_segmenter
+from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST
@@ -20,41 +20,7 @@ from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaptureRequest(InputRequest):
-    """What the command line asks for; see ``perfcap capture --help``."""
-
-    actor: tuple[str, ...] = (AUTO,)
-    height: float | None = None
-    masks: tuple[Path, ...] = ()
-    sync: str = "none"
-    refine_cameras: bool = False
-    out: Path
-    until: str = "refine_surface"
-    preset: str = "default"
-    bones: str = "auto"
-    floor: str = "auto"
-    segmenter: str = "blazepose"
-    device: str = "auto"
-    overlay: bool = True
-    report: bool = False
-    resume: bool = False
-    overwrite: bool = False
-
-    @property
-    def count(self) -> int | None:
-        """How many people are captured; None for as many as there are."""
-        if isinstance(self.people, int):
-            return self.people
-        return len(self.actor) if self.people is None else None
-
-    @property
-    def everybody(self) -> bool:
-        """Whether files that list everybody are sorted by people."""
-        return self.people is not None or len(self.actor) > 1
-
-
-def describe(request: CaptureRequest) -> dict[str, Any]:
+def describe(request: Capture) -> dict[str, Any]:
     """The request as plain values."""
     values = {k: getattr(request, k) for k in request.__dataclass_fields__}
     del values["resume"], values["report"], values["overwrite"]
@@ -68,7 +34,7 @@ def describe(request: CaptureRequest) -> dict[str, Any]:
     }
 
 
-def used_files(request: CaptureRequest, actors: Iterable[Path]) -> Iterator[Path]:
+def used_files(request: Capture, actors: Iterable[Path]) -> Iterator[Path]:
     """Files and folders that a request reads."""
     yield from (*request.videos, *request.detections, *request.masks)
     for actor in actors:
@@ -86,7 +52,7 @@ def used_files(request: CaptureRequest, actors: Iterable[Path]) -> Iterator[Path
         yield segmenter
 
 
-def segmenter_of(request: CaptureRequest) -> Path | None:
+def segmenter_of(request: Capture) -> Path | None:
     """Manifest of the network of person masks; None where it is not wanted or nobody would ask.
 
     Raises:
@@ -102,7 +68,7 @@ def segmenter_of(request: CaptureRequest) -> Path | None:
     return found
 
 
-def uses_masks(request: CaptureRequest) -> bool:
+def uses_masks(request: Capture) -> bool:
     """Whether silhouettes are looked for, so that known ones take their place.
 
     Raises:
@@ -116,20 +82,20 @@ def uses_masks(request: CaptureRequest) -> bool:
     return used and bool(request.masks)
 
 
-def networks_of(request: CaptureRequest) -> Iterator[Path]:
+def networks_of(request: Capture) -> Iterator[Path]:
     """Folders of the networks that a request uses."""
     for names, kind in ((request.detectors, DETECTORS), (request.lifters, LIFTERS)):
         for name in names:
             yield find_model(name, kind)
 
 
-def casting_of(request: CaptureRequest, actor: str) -> Casting:
+def casting_of(request: Capture, actor: str) -> Casting:
     """How an actor is found; of several people by joints alone, images show all of them at once."""
     look = Stage[request.until.upper()].needs_images and not request.everybody
     return Casting(actor, request.height, request.masks, look, request.preset)
 
 
-def settings_of(request: CaptureRequest) -> CaptureConfig:
+def settings_of(request: Capture) -> CaptureConfig:
     """The preset, without contact and floor where the request says so."""
     preset = PRESETS[request.preset]
     if request.floor == "auto":

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from perfcap.app.capture import run_capture
-from perfcap.app.capture_request import CaptureRequest
 from perfcap.app.console import PlainConsole
 from perfcap.app.evaluate import error_table, evaluate
+from perfcap.commands.capture import Capture
 from perfcap.io.actor import models_folder
 
 ACTOR = "sam"
@@ -17,7 +17,7 @@ def run_demo(out: Path, overwrite: bool = False) -> int:
     """Capture the demo clip and print its errors; returns the exit code."""
     source = models_folder() / "demo"
     code = run_capture(
-        CaptureRequest(
+        Capture(
             videos=(source / "video.mp4",),
             actor=(ACTOR,),
             cameras=source / "camera.json",

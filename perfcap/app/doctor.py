@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from perfcap.app.console import PlainConsole
 from perfcap.app.project import find_project
+from perfcap.commands.capture import Doctor
 from perfcap.errors import InputError
 from perfcap.io.doctor import Severity, examine_inputs, examine_installation
 
 COLORS = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFO: "default"}
 
 
-def run_doctor(
-    cameras: Path | None,
-    detections: Sequence[Path],
-    videos: Sequence[Path],
-    video_map: Path | None,
-) -> int:
+def run_doctor(request: Doctor) -> int:
     """Print findings; returns 2 when one of them will spoil a capture.
 
     Raises:
         InputError: files to check, but no cameras to check them against.
     """
+    cameras, detections, videos = request.cameras, request.detections, request.videos
     found = find_project(videos, cameras, joints=not detections)
     if found is not None:
         cameras, videos = found.cameras, found.videos
         detections = detections or found.detections
-    if cameras is None and (detections or videos or video_map):
+    if cameras is None and (detections or videos or request.video_map):
         raise InputError(
             "--cameras: is missing; expected the calibration that detections and videos are "
             "checked against"
         )
     findings = list(examine_installation())
     if cameras is not None:
-        findings += examine_inputs(cameras, list(detections), list(videos), video_map)
+        findings += examine_inputs(cameras, list(detections), list(videos), request.video_map)
     console = PlainConsole()
     for finding in findings:
         console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from perfcap.app.console import PlainConsole
 from perfcap.app.people_truth import match_truths, read_truths
 from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
 from perfcap.app.truth import Truth, find_truth, read_found, read_truth
+from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.people_folder import is_several, people_of
@@ -51,28 +51,7 @@ _ROWS = (
 )
 
 
-@dataclass(frozen=True)
-class EvaluateRequest:
-    """What to compare with what.
-
-    Attributes:
-        folder: of a capture.
-        truth: an npz, a folder with one, or the folder of a data set.
-        dataset: which data set it is.
-        sequence: of that data set.
-        out: where the numbers go; ``metrics.json`` in the folder if not given.
-        every: of how many frames one is compared as surface and silhouette.
-    """
-
-    folder: Path
-    truth: Path
-    dataset: str | None = None
-    sequence: str | None = None
-    out: Path | None = None
-    every: int = 1
-
-
-def run_evaluate(request: EvaluateRequest) -> int:
+def run_evaluate(request: Evaluate) -> int:
     """Print the table and write metrics.json; returns the exit code.
 
     Raises:
@@ -93,7 +72,7 @@ def run_evaluate(request: EvaluateRequest) -> int:
     return 0
 
 
-def _evaluate_people(request: EvaluateRequest) -> int:
+def _evaluate_people(request: Evaluate) -> int:
     """Everybody against the truth whose joints are nearest; all together in the folder's file."""
     folders = people_of(request.folder)
     truths = match_truths(folders, read_truths(request.truth, request.dataset, request.sequence))

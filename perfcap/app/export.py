@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
+from perfcap.commands.results import Export
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
@@ -25,24 +26,7 @@ _MARKED = ("trc", "c3d")  # formats of markers
 _LONGEST = 100  # bytes of a name: files get endings, and file systems refuse 255
 
 
-@dataclass(frozen=True)
-class ExportRequest:
-    """What the command line asks for; see ``perfcap export --help``."""
-
-    folder: Path
-    to: tuple[str, ...]
-    out: Path | None = None
-    name: str | None = None
-    frames: str | None = None
-    up: str | None = None
-    unit: str | None = None
-    world_up: str = "auto"
-    surface: bool = True
-    markers: str = "landmarks"
-    order: str = "auto"
-
-
-def run_export(request: ExportRequest) -> int:
+def run_export(request: Export) -> int:
     """Write all files and say which, of several people each on their own; returns the exit code.
 
     Raises:
@@ -57,12 +41,12 @@ def run_export(request: ExportRequest) -> int:
     return for_everybody(request.folder, export)
 
 
-def _export(request: ExportRequest) -> int:
-    formats = {name: FORMATS[name] for name in request.to}
+def _export(request: Export) -> int:
+    formats: dict[str, Format] = {name: FORMATS[name] for name in request.to}
     if not formats:
         raise InputError(f"--to: expected one or several of {', '.join(FORMATS)}")
-    for name, chosen in formats.items():
-        chosen.require(name)
+    for kind, chosen in formats.items():
+        chosen.require(kind)
     _require_use(request, formats)
     name = _name(request)
     recording = _recording(request, name, read_result(request.folder))
@@ -90,7 +74,7 @@ def _export(request: ExportRequest) -> int:
     return 0
 
 
-def _require_use(request: ExportRequest, formats: Mapping[str, Format]) -> None:
+def _require_use(request: Export, formats: Mapping[str, Format]) -> None:
     """Refuse options that none of the formats follows: whoever gives one counts on it."""
     free = any(not each.fixed for each in formats.values())
     given = {
@@ -104,7 +88,7 @@ def _require_use(request: ExportRequest, formats: Mapping[str, Format]) -> None:
             raise InputError(f"{option}: means nothing to {', '.join(formats)}; leave it out")
 
 
-def _name(request: ExportRequest) -> str:
+def _name(request: Export) -> str:
     """What files are called: as asked for, or as the folder."""
     if request.name is None:
         try:
@@ -126,7 +110,7 @@ def _shortened(name: str) -> str:
     return name.encode("utf-8", "replace")[:_LONGEST].decode("utf-8", "ignore")
 
 
-def _recording(request: ExportRequest, name: str, result: Result) -> Recording:
+def _recording(request: Export, name: str, result: Result) -> Recording:
     """The frames that are asked for, counted as in the video, with y up."""
     numbers = result.frame_numbers
     part = parse_frames(request.frames)

@@ -6,12 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from perfcap.app.console import progress_bars
 from perfcap.app.networks import (
-    DEFAULT_DETECTORS,
-    DEFAULT_LIFTER,
     DETECTORS,
     LIFTERS,
     Detecting,
@@ -20,6 +17,7 @@ from perfcap.app.networks import (
     find_model,
     parse_boxes,
 )
+from perfcap.commands.views import Views
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.lifter import OnnxLifter
@@ -39,65 +37,6 @@ from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.impossible import impossible_cameras
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-
-
-@dataclass(frozen=True, kw_only=True)
-class InputRequest:
-    """What a command that reads views of a person is told about them.
-
-    Attributes:
-        videos: a video or a folder of images a view.
-        cameras: the calibration; None for one view, whose lens is then assumed.
-        fov: degrees across the longer side of the image, of a view without calibration.
-        detections: one file or folder a view, or one npz of all; none to find the joints.
-        detector: names or folders of networks that find the joints; shipped ones if none is given.
-        box: where they find the person in the first frame, four numbers a view.
-        person: which person they find, where no box says it: 1 for the surest.
-        lifter: name or folder of a network that gives 3D poses to views without; a shipped one for
-            one view whose joints are found in the video.
-        frames: ``A:B``, the part of the clip to use.
-        video_map: maps from video to calibration pixels, where they differ.
-        detections_in: whose pixels those of the detections are: ``calibration`` or ``video``.
-        people: how many are found, ``auto`` for as many as files list; None for one, who is
-            followed.
-    """
-
-    videos: tuple[Path, ...]
-    cameras: Path | None = None
-    fov: float | None = None
-    detections: tuple[Path, ...] = ()
-    detector: tuple[str, ...] = ()
-    box: tuple[float, ...] = ()
-    person: int | None = None
-    lifter: str | None = None
-    frames: str | None = None
-    video_map: Path | None = None
-    detections_in: str = "calibration"
-    people: int | Literal["auto"] | None = None
-
-    @property
-    def everybody(self) -> bool:
-        """Whether everybody is read, whoever they are."""
-        return self.people is not None
-
-    @property
-    def count(self) -> int | None:
-        """How many people are found; None for as many as there are."""
-        return 1 if self.people is None else self.people if self.people != "auto" else None
-
-    @property
-    def detectors(self) -> tuple[str, ...]:
-        """The networks that find the joints; none where files hold them."""
-        return () if self.detections else self.detector or DEFAULT_DETECTORS
-
-    @property
-    def lifters(self) -> tuple[str, ...]:
-        """The network that lifts them, or none."""
-        if self.lifter is not None:
-            return (self.lifter,)
-        found = not self.detections and not self.detector and len(self.videos) == 1
-        found = found and not self.everybody
-        return (DEFAULT_LIFTER,) if found else ()
 
 
 @dataclass(frozen=True)
@@ -124,7 +63,7 @@ class Inputs:
     files: Mapping[str, str | None] = field(default_factory=dict)
 
 
-def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:
+def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:
     """A clip with its cameras and detections, found in the videos where a detector is given.
 
     Args:
@@ -146,7 +85,7 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
             detectors, boxes, request.person or 1, tell, checkpoint, poses=lifter is not None
         )
         if request.everybody:
-            detecting = replace(detecting, people=request.count or 1)
+            detecting = replace(detecting, people=request.head_count or 1)
         seen = _read(request, detecting)
         if lifter is None:
             return seen
@@ -154,7 +93,7 @@ def read_inputs(request: InputRequest, checkpoint: Checkpoint = NO_CHECKPOINT) -
         return _lifted(alone, lifter, seen.detections)
 
 
-def _check_detections(request: InputRequest) -> None:
+def _check_detections(request: Views) -> None:
     """Joints come from files or from networks, one of the two."""
     if request.detections and request.detector:
         raise InputError(
@@ -172,9 +111,9 @@ def _check_detections(request: InputRequest) -> None:
         raise InputError("--fov: and --cameras are both given; leave one of them out")
 
 
-def _check_detector(request: InputRequest) -> None:
+def _check_detector(request: Views) -> None:
     """Networks follow as many people as they are told, each wherever they are found."""
-    if request.everybody and request.count is None:
+    if request.everybody and request.head_count is None:
         raise InputError(
             "--people auto: counts the people that --detections list; without these say how many"
         )
@@ -183,7 +122,7 @@ def _check_detector(request: InputRequest) -> None:
         raise InputError(f"{name}: is for one person; leave it out where several are captured")
 
 
-def _read(request: InputRequest, detecting: Detecting | None = None) -> Inputs:
+def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     """Everything but 3D poses of a lifter; with ``detecting``, no files of joints are read."""
     part = parse_frames(request.frames)
     videos = list(request.videos)

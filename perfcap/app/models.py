@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from perfcap.app.console import PlainConsole
 from perfcap.app.network_guess import guess_manifest
+from perfcap.commands.models import WriteManifest
 from perfcap.detect.joint_set import JOINT_SETS
 from perfcap.detect.manifest import FILE as MANIFEST
 from perfcap.detect.manifest import ModelFile
@@ -22,17 +22,6 @@ from perfcap.io.files import TEXT_LIMIT, require_file
 
 _KINDS = ("actors", "bodies", "detectors", "lifters", "priors")
 _MOST = 1000  # folders that are looked at
-
-
-@dataclass(frozen=True)
-class ManifestRequest:
-    """What the command line asks for; see ``perfcap models manifest --help``."""
-
-    file: Path
-    joints: str | None = None
-    licence: str = "unknown"
-    origin: str = "unknown"
-    overwrite: bool = False
 
 
 def run_list(folder: Path | None) -> int:
@@ -79,7 +68,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def run_manifest(request: ManifestRequest) -> int:
+def run_manifest(request: WriteManifest) -> int:
     """Write a manifest beside an ONNX file; returns the exit code.
 
     Raises:

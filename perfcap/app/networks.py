@@ -20,8 +20,6 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.remembering import RememberingNetwork
 
 DETECTORS, LIFTERS = "detectors", "lifters"
-DEFAULT_DETECTORS = ("thunder", "blazepose", "rendered")  # the first one follows the person
-DEFAULT_LIFTER = "cmu"
 SEGMENTER = "segmenter.toml"  # of a shipped detector that answers with masks as well
 NO_SEGMENTER = "none"
 

@@ -15,11 +15,12 @@ import torch
 import yaml
 
 from perfcap.app.auto_actor import Cast
-from perfcap.app.capture_request import CaptureRequest, describe, networks_of
+from perfcap.app.capture_request import describe, networks_of
 from perfcap.app.console import progress_bars
 from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import Matching
+from perfcap.commands.capture import Capture
 from perfcap.detect.association import BONE_NAMES, Association, tracked_bones
 from perfcap.io.atomic import writing
 from perfcap.io.detections import save_candidates, save_detections
@@ -55,7 +56,7 @@ class CapturedScene:
 
 
 def write_scene(
-    request: CaptureRequest, folder: Path, scene: CapturedScene, started: float, work: Checkpoint
+    request: Capture, folder: Path, scene: CapturedScene, started: float, work: Checkpoint
 ) -> None:
     """Write everybody's result and what they share into an empty folder; run.json comes last.
 
@@ -92,7 +93,7 @@ def write_scene(
 
 
 def _write_person(
-    request: CaptureRequest,
+    request: Capture,
     folder: Path,
     scene: CapturedScene,
     number: int,
@@ -108,7 +109,7 @@ def _write_person(
         "actor": _actor(request, number),
         "detections": [],
         "detections_in": "calibration",
-        "out": str(request.out / person_folder(number)),
+        "out": str(request.folder / person_folder(number)),
     }
     run = {"request": own, **about}
     write_result(performance, place, inputs.clip.start, run, inputs.rig.names)
@@ -125,7 +126,7 @@ def _write_masks(folder: Path, scene: CapturedScene) -> None:
     save_masks(folder / MASKS, masks, scene.inputs.clip.start)
 
 
-def _actor(request: CaptureRequest, number: int) -> str:
+def _actor(request: Capture, number: int) -> str:
     return request.actor[(number - 1) % len(request.actor)]
 
 
@@ -139,7 +140,7 @@ def _kept(inputs: Inputs) -> dict[str, Any]:
     }
 
 
-def _who(request: CaptureRequest, scene: CapturedScene) -> list[dict[str, Any]]:
+def _who(request: Capture, scene: CapturedScene) -> list[dict[str, Any]]:
     """What people.json says of each."""
     listed = []
     bones = tracked_bones(scene.found.points)

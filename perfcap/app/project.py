@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from perfcap.app.console import PlainConsole
-from perfcap.app.inputs import InputRequest
+from perfcap.commands.views import Views
 from perfcap.io.project import Project, open_project
 
 _LOG = logging.getLogger(__name__)
 
-Asked = TypeVar("Asked", bound=InputRequest)
+Asked = TypeVar("Asked", bound=Views)
 
 
 def in_project(request: Asked) -> Asked:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import torch
 
@@ -12,6 +11,7 @@ from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import beside, for_everybody
+from perfcap.commands.results import Render
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras
 from perfcap.io.result import Result, read_result
@@ -26,23 +26,7 @@ _SECONDS = 4.0  # of a frozen frame
 _LONGEST = 600.0  # s
 
 
-@dataclass(frozen=True)
-class RenderRequest:
-    """What the command line asks for; see ``perfcap render --help``."""
-
-    folder: Path
-    out: Path
-    orbit: float | None = None
-    camera: Path | None = None
-    view: str | None = None
-    size: tuple[int, int] | None = None
-    frames: str | None = None
-    freeze: int | None = None
-    seconds: float | None = None
-    up: str = "auto"
-
-
-def run_render(request: RenderRequest) -> int:
+def run_render(request: Render) -> int:
     """Write the video, of several people one each, OUT_person1.mp4 ...; returns the exit code.
 
     Raises:
@@ -57,7 +41,7 @@ def run_render(request: RenderRequest) -> int:
     )
 
 
-def _render(request: RenderRequest) -> int:
+def _render(request: Render) -> int:
     result = read_result(request.folder)
     spare_result(request.folder, request.out)
     rows = _rows(request, result)
@@ -81,7 +65,7 @@ def _render(request: RenderRequest) -> int:
     return 0
 
 
-def _check(request: RenderRequest) -> None:
+def _check(request: Render) -> None:
     if request.out.suffix.lower() != ".mp4":
         raise InputError(f"--out {request.out}: expected the name of a video that ends in .mp4")
     if not request.out.parent.is_dir():
@@ -100,7 +84,7 @@ def _check(request: RenderRequest) -> None:
         raise InputError(f"--seconds {request.seconds}: expected more than 0, at most {_LONGEST:g}")
 
 
-def _rows(request: RenderRequest, result: Result) -> list[int]:
+def _rows(request: Render, result: Result) -> list[int]:
     """The frame of the result that each picture shows; options count as the video does."""
     numbers = result.frame_numbers.tolist()
     held = f"{request.folder} holds frames {numbers[0]} to {numbers[-1]}"
@@ -119,9 +103,7 @@ def _rows(request: RenderRequest, result: Result) -> list[int]:
     return rows
 
 
-def _path(
-    request: RenderRequest, result: Result, around: Surroundings, rows: Sequence[int]
-) -> CameraPath:
+def _path(request: Render, result: Result, around: Surroundings, rows: Sequence[int]) -> CameraPath:
     size = None if request.size is None else (request.size[1], request.size[0])
     if request.camera is None:
         joints = torch.from_numpy(result.joints)

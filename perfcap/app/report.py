@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import webbrowser
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import for_everybody
 from perfcap.app.scores import joint_doubts
 from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
+from perfcap.commands.results import Report
 from perfcap.errors import InputError
 from perfcap.io.result_folder import MOTION, PAGE, REPORT
 from perfcap.report import Places, Wanted, make_comparison, make_report
@@ -22,18 +23,7 @@ from perfcap.report import Places, Wanted, make_comparison, make_report
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class ReportRequest:
-    """What the command line asks for; see ``perfcap report --help``."""
-
-    folder: Path
-    videos: tuple[Path, ...] = ()
-    cameras: Path | None = None
-    truth: Path | None = None
-    frames: str | None = None
-
-
-def run_report(request: ReportRequest) -> int:
+def run_report(request: Report) -> int:
     """Write the page and print where it is, of several people one each; returns the exit code.
 
     Raises:
@@ -42,7 +32,7 @@ def run_report(request: ReportRequest) -> int:
     return for_everybody(request.folder, lambda folder, _: _report(replace(request, folder=folder)))
 
 
-def _report(request: ReportRequest) -> int:
+def _report(request: Report) -> int:
     page = write_report(request)
     stop = parse_frames(request.frames).stop
     last = int(read_found(request.folder / MOTION).frames[-1])
@@ -78,7 +68,7 @@ def _view(folder: Path) -> int:
     page, report = folder / PAGE, folder / REPORT
     fresh = page.is_file() and report.is_file()
     if not fresh or page.stat().st_mtime < report.stat().st_mtime:
-        page = write_report(ReportRequest(folder))
+        page = write_report(Report(folder))
     _open(page)
     return 0
 
@@ -88,7 +78,7 @@ def _open(page: Path) -> None:
         PlainConsole().print(f"no browser was found; open {page} in one")
 
 
-def write_report(request: ReportRequest) -> Path:
+def write_report(request: Report) -> Path:
     """Write ``report.html`` into a result's folder; returns its path.
 
     Raises:

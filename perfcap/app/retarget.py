@@ -20,6 +20,7 @@ from perfcap.app.capture_folder import spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.app.people_loop import named_people
+from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
@@ -59,20 +60,6 @@ _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
 @dataclass(frozen=True)
-class RetargetRequest:
-    """What the command line asks for; see ``perfcap retarget --help``."""
-
-    source: Path
-    actor: tuple[str, ...]
-    out: Path
-    frames: str | None = None
-    mapping: Path | None = None
-    source_mapping: Path | None = None
-    floor: str = "auto"
-    overwrite: bool = False
-
-
-@dataclass(frozen=True)
 class _Part:
     """One person: from where, onto whom, and what came of it."""
 
@@ -84,7 +71,7 @@ class _Part:
     scores: RetargetScores
 
 
-def run_retarget(request: RetargetRequest) -> int:
+def run_retarget(request: Retarget) -> int:
     """Solve and write a folder like that of a capture; returns the exit code.
 
     Raises:
@@ -108,14 +95,14 @@ def run_retarget(request: RetargetRequest) -> int:
     return 0
 
 
-def _inputs(request: RetargetRequest) -> list[Path]:
+def _inputs(request: Retarget) -> list[Path]:
     given = [request.source, *(find_actor(name).path for name in request.actor)]
     files = [path for path in (request.mapping, request.source_mapping) if path is not None]
     inside = sorted(request.source.iterdir()) if request.source.is_dir() else []
     return [*given, *files, *inside]
 
 
-def _retargeted(request: RetargetRequest) -> list[_Part]:
+def _retargeted(request: Retarget) -> list[_Part]:
     mapping = None if request.source_mapping is None else read_mapping(request.source_mapping)
     people = list(named_people(request.source)) if request.source.is_dir() else []
     people = people or [(request.source, "")]
@@ -136,14 +123,14 @@ def _retargeted(request: RetargetRequest) -> list[_Part]:
     ]
 
 
-def _config(request: RetargetRequest) -> RetargetConfig:
+def _config(request: Retarget) -> RetargetConfig:
     config = RetargetConfig()
     if request.floor == "auto":
         return config
     return replace(config, contact=replace(config.contact, enabled=False))
 
 
-def _read(request: RetargetRequest, place: Path, mapping: ActorMapping | None) -> MovingRig:
+def _read(request: Retarget, place: Path, mapping: ActorMapping | None) -> MovingRig:
     rig = read_moving_rig(place, parse_frames(request.frames), mapping)
     for note in rig.notes:
         _LOG.warning("%s", note)
@@ -178,7 +165,7 @@ def _solved(
     return _Part(name, rig, joints, target, found, scores)
 
 
-def _write(request: RetargetRequest, folder: Path, parts: Sequence[_Part]) -> None:
+def _write(request: Retarget, folder: Path, parts: Sequence[_Part]) -> None:
     if len(parts) == 1 and not parts[0].name:
         _write_person(request, folder, parts[0])
         return
@@ -194,7 +181,7 @@ def _write(request: RetargetRequest, folder: Path, parts: Sequence[_Part]) -> No
         file.write(json.dumps(plain(_about(request)), indent=1).encode())
 
 
-def _write_person(request: RetargetRequest, folder: Path, part: _Part) -> None:
+def _write_person(request: Retarget, folder: Path, part: _Part) -> None:
     found, like = part.found, part.found.motion.angles
     nobody = Detections.from_joints(
         like.new_zeros(found.motion.frames, 0, len(LANDMARKS), 2),
@@ -219,7 +206,7 @@ def _write_person(request: RetargetRequest, folder: Path, part: _Part) -> None:
     write_result(performance, folder, int(part.rig.frames[0]), about)
 
 
-def _about(request: RetargetRequest) -> dict[str, Any]:
+def _about(request: Retarget) -> dict[str, Any]:
     given = {key: value for key, value in vars(request).items() if key != "overwrite"}
     return {"perfcap": __version__, "retargeted_from": str(request.source), "request": {
         key: str(value) if isinstance(value, Path) else value for key, value in given.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -13,10 +13,11 @@ from rich.table import Table
 from torch import distributed
 
 from perfcap.app.console import PlainConsole, progress_bars
+from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
 from perfcap.train.checkpoint import start_from
-from perfcap.train.config import LifterConfig, TrainLifterConfig
+from perfcap.train.config import LifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter, LifterCommittee
 from perfcap.train.lifter_task import LiftingTask, score_lifter
@@ -28,30 +29,7 @@ MODEL = "model"
 Watch = Callable[[int, Mapping[str, float]], None]
 
 
-@dataclass(frozen=True)
-class LifterRequest:
-    """What ``perfcap train lifter`` was asked for.
-
-    Attributes:
-        motion: folder of the motion library.
-        out: folder for checkpoints, ``metrics.jsonl`` and ``model/``.
-        config: everything else.
-        licence: of the weights.
-        resume: go on from the last checkpoint.
-        start: checkpoint whose weights to start from, for fine-tuning.
-        together_with: checkpoints of other runs, averaged with this one's answers in the model.
-    """
-
-    motion: Path
-    out: Path
-    config: TrainLifterConfig
-    licence: str = "unstated"
-    resume: bool = False
-    start: Path | None = None
-    together_with: tuple[Path, ...] = ()
-
-
-def run_train_lifter(request: LifterRequest) -> int:
+def run_train_lifter(request: TrainLifter) -> int:
     """Train, export, score and describe a lifter; returns the exit code.
 
     Raises:
@@ -99,7 +77,7 @@ def _lifter(path: Path, config: LifterConfig) -> Lifter:
 
 def _finish(
     model: Lifter | LifterCommittee,
-    request: LifterRequest,
+    request: TrainLifter,
     library: MotionLibrary,
     learned: tuple[str, ...],
 ) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 
 import cv2
 import torch
@@ -11,6 +10,7 @@ from torch import distributed
 
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.train import MODEL, make_folder, processes, tensorboard
+from perfcap.commands.train import TrainDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.atomic import writing
@@ -37,38 +37,7 @@ WEIGHTS = "weights.safetensors"  # beside the exported model: what others start 
 _VALIDATION_SEED = 2**32  # none that a run would be given
 
 
-@dataclass(frozen=True)
-class DetectorRequest:
-    """What to train a detector on, and where to.
-
-    Attributes:
-        motion: folder of the motion library.
-        out: folder for checkpoints, ``metrics.jsonl`` and ``model/``.
-        config: everything else.
-        licence: of the weights.
-        resume: go on from the last checkpoint.
-        crops_folder: folder of rendered crops; ``out``'s own if None.
-        body_model: name or file.
-        actors: names or files of people with clothes of their own.
-        backgrounds: folder of pictures without people; procedural ones if None.
-        photographs: folder of photographs with annotated joints to learn from as well.
-        start: checkpoint whose weights to start from, for fine-tuning.
-    """
-
-    motion: Path
-    out: Path
-    config: TrainDetectorConfig
-    licence: str = "unstated"
-    resume: bool = False
-    crops_folder: Path | None = None
-    body_model: str = "ada"
-    actors: tuple[str, ...] = ("sam",)
-    backgrounds: Path | None = None
-    photographs: Path | None = None
-    start: Path | None = None
-
-
-def run_train_detector(request: DetectorRequest) -> int:
+def run_train_detector(request: TrainDetector) -> int:
     """Render, train, export, score and describe a detector; returns the exit code.
 
     Raises:
@@ -115,7 +84,7 @@ def _check(config: TrainDetectorConfig) -> None:
 
 
 def _crops(
-    request: DetectorRequest, library: MotionLibrary, first: bool, tell: Progress
+    request: TrainDetector, library: MotionLibrary, first: bool, tell: Progress
 ) -> tuple[Shots, Shots]:
     """What to learn from and what to validate on; rendered by the first process."""
     config, folder = request.config, request.crops_folder or request.out / CROPS
@@ -142,7 +111,7 @@ def _crops(
     return shots, CropStore(folder / "validation")
 
 
-def _scenes(request: DetectorRequest, people: MotionLibrary, seed: int) -> Scenes:
+def _scenes(request: TrainDetector, people: MotionLibrary, seed: int) -> Scenes:
     actors = tuple(load_actor(name) for name in request.actors)
     data = request.config.scene
     cast = Cast(load_body_model(request.body_model), actors, people, data)
@@ -150,7 +119,7 @@ def _scenes(request: DetectorRequest, people: MotionLibrary, seed: int) -> Scene
 
 
 def _finish(
-    trained: Detector, request: DetectorRequest, validation: Shots, learned: tuple[str, ...]
+    trained: Detector, request: TrainDetector, validation: Shots, learned: tuple[str, ...]
 ) -> None:
     """Export, score on people held out, write the card."""
     config, folder = request.config, request.out / MODEL

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -15,41 +15,28 @@ from perfcap.io.late_source import LateSource
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 
-@dataclass(frozen=True)
-class ViewRequest:
-    """Which errors of views are to be found.
-
-    Attributes:
-        sync: ``auto`` for clocks, ``none`` for views that are synchronous.
-        refine: whether cameras may stand a little elsewhere.
-    """
-
-    sync: str = "none"
-    refine: bool = False
-
-    @property
-    def asks(self) -> bool:
-        """Whether anything is to be found."""
-        return self.sync == "auto" or self.refine
-
-
-def settled(inputs: Inputs, request: ViewRequest) -> tuple[Inputs, dict[str, Any]]:
+def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str, Any]]:
     """The inputs with clocks and cameras as a moving person shows them, and what was found.
 
     Videos are read from the nearest whole frame, joints between frames.
 
+    Args:
+        inputs: of two views or more.
+        sync: whether clocks are found.
+        refine: whether cameras may stand a little elsewhere.
+
     Raises:
         InputError: one view, cameras that move, or a clip too short to tell.
     """
-    if not request.asks:
+    if not (sync or refine):
         return inputs, {}
-    option = "--sync auto" if request.sync == "auto" else "--refine-cameras"
+    option = "--sync auto" if sync else "--refine-cameras"
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
-    rate, sync = inputs.clip.fps, request.sync == "auto"
+    rate = inputs.clip.fps
     try:
-        found = solve_views(actor, cameras, detections, rate, sync=sync, refine=request.refine)
+        found = solve_views(actor, cameras, detections, rate, sync=sync, refine=refine)
     except InputError as error:
         raise InputError(f"{option}: {error}") from error
     names = list(inputs.rig.names)

@@ -9,15 +9,16 @@ import pytest
 from runs import Command
 from takes import TakeFiles
 
-from perfcap.app.capture_request import CaptureRequest, segmenter_of, used_files
+from perfcap.app.capture_request import segmenter_of, used_files
+from perfcap.commands.capture import Capture
 from perfcap.errors import InputError
 from perfcap.io import models_folder
 
 SHIPPED = models_folder() / "detectors" / "blazepose" / "segmenter.toml"
 
 
-def request(**options: Any) -> CaptureRequest:
-    return CaptureRequest(videos=(Path("a.mp4"),), out=Path("out"), **options)
+def request(**options: Any) -> Capture:
+    return Capture(videos=(Path("a.mp4"),), out=Path("out"), **options)
 
 
 def test_the_shipped_one_is_asked_and_read() -> None:

@@ -10,7 +10,8 @@ from runs import Command
 from scipy.spatial.transform import Rotation
 
 from perfcap.actor.anatomy import JOINTS
-from perfcap.app.export import ExportRequest, run_export
+from perfcap.app.export import run_export
+from perfcap.commands.results import Export
 from perfcap.io.export import Recording
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import read_result
@@ -59,7 +60,7 @@ def pair(
     captured: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[ElementTree.Element, list[str], np.ndarray]:
     out = tmp_path_factory.mktemp("osim")
-    assert run_export(ExportRequest(captured, ("osim",), out, "a")) == 0
+    assert run_export(Export(captured, ("osim",), out, "a")) == 0
     return ElementTree.parse(out / "a.osim").getroot(), *read_mot(out / "a.mot")
 
 

@@ -12,7 +12,7 @@ from takes import TakeFiles
 
 from perfcap.app.console import PlainConsole
 from perfcap.cli import main
-from perfcap.cli.capture import Doctor
+from perfcap.commands.capture import Doctor
 
 # --- one place for what any call can meet ---------------------------------------------------------
 
@@ -31,7 +31,7 @@ def test_no_traceback(
     def fail(_: Doctor) -> int:
         raise error
 
-    monkeypatch.setattr(Doctor, "run", fail)
+    monkeypatch.setattr("perfcap.app.doctor.run_doctor", fail)
     assert words in perfcap(["doctor"]).refused()
 
 
@@ -39,7 +39,7 @@ def test_mistakes_of_the_program_keep_their_traceback(monkeypatch: pytest.Monkey
     def fail(_: Doctor) -> int:
         raise KeyError("a bug")
 
-    monkeypatch.setattr(Doctor, "run", fail)
+    monkeypatch.setattr("perfcap.app.doctor.run_doctor", fail)
     with pytest.raises(KeyError):
         main(["doctor"])
 

@@ -8,7 +8,8 @@ import torch
 from openpose_take import write_openpose
 from takes import TakeFiles, camera_entry, write_detections, write_json
 
-from perfcap.app.inputs import InputRequest, Inputs, read_inputs
+from perfcap.app.inputs import Inputs, read_inputs
+from perfcap.commands.views import Views
 from perfcap.io.detections import save_detections
 
 PART = "10:16"
@@ -17,7 +18,7 @@ PART = "10:16"
 def read(
     take: TakeFiles, detections: Path, frames: str | None = PART, cameras: Path | None = None
 ) -> Inputs:
-    request = InputRequest(
+    request = Views(
         videos=(take.video,),
         cameras=cameras or take.camera,
         detections=(detections,),

@@ -7,16 +7,23 @@ import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import tyro
 
 from perfcap import __version__
-from perfcap.cli.actor import ActorTools
-from perfcap.cli.capture import Batch, Capture, Demo, Doctor
-from perfcap.cli.models import Models
-from perfcap.cli.results import Evaluate, Export, Render, Report, Retarget, View
-from perfcap.cli.train import Train
+from perfcap.commands.actor import (
+    ActorBuild,
+    ActorCommand,
+    ActorFit,
+    ActorFrames,
+    ActorInspect,
+    ActorTools,
+)
+from perfcap.commands.capture import Batch, Capture, Demo, Doctor
+from perfcap.commands.models import ListModels, Models, ModelsCommand, WriteManifest
+from perfcap.commands.results import Evaluate, Export, Render, Report, Retarget, View
+from perfcap.commands.train import Train, TrainCommand, TrainDetector, TrainLifter
 from perfcap.errors import InputError, one_line, sentence
 
 Command = (
@@ -41,14 +48,6 @@ COMMANDS = (
 
 _LONGEST_OPTION = 100  # letters
 _LONGEST = 4096  # letters of a word, as of a path; messages about longer ones take seconds
-
-
-class Runnable(Protocol):
-    """A command with its options."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        ...
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -88,13 +87,106 @@ def _run(arguments: list[str]) -> int:
         return 0
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(_no_command(arguments[0]))
-    command: Runnable = tyro.cli(
+    command = tyro.cli(
         Command,
         prog="perfcap",
         args=arguments,
         description="Human performance capture: skeleton motion and deforming surface from video.",
     )
-    return command.run()
+    return _carry_out(command)
+
+
+def _carry_out(command: Command) -> int:
+    """Run a command; returns the exit code. What it needs is imported here, when it is known."""
+    match command:
+        case ActorTools() | Models() | Train():
+            return _carry_out_part(command.command)
+        case Demo():
+            from perfcap.app.demo import run_demo
+
+            return run_demo(command.out, command.overwrite)
+        case Capture():
+            from perfcap.app.capture import point_to, run_capture
+
+            code = run_capture(command)
+            point_to(command.folder)
+            return code
+        case Batch():
+            from perfcap.app.batch import run_batch
+
+            return run_batch(command)
+        case Doctor():
+            from perfcap.app.doctor import run_doctor
+
+            return run_doctor(command)
+        case _:
+            return _carry_out_later(command)
+
+
+def _carry_out_later(command: Evaluate | Render | Export | Retarget | Report | View) -> int:
+    """Run a command on a finished capture; returns the exit code."""
+    match command:
+        case Evaluate():
+            from perfcap.app.evaluate import run_evaluate
+
+            return run_evaluate(command)
+        case Render():
+            from perfcap.app.render import run_render
+
+            return run_render(command)
+        case Export():
+            from perfcap.app.export import run_export
+
+            return run_export(command)
+        case Retarget():
+            from perfcap.app.retarget import run_retarget
+
+            return run_retarget(command)
+        case Report():
+            from perfcap.app.report import run_report
+
+            return run_report(command)
+        case View():
+            from perfcap.app.report import run_view
+
+            return run_view(command.folder)
+
+
+def _carry_out_part(command: ActorCommand | ModelsCommand | TrainCommand) -> int:
+    """Run a command of ``perfcap actor``, ``models`` or ``train``; returns the exit code."""
+    match command:
+        case ActorInspect():
+            from perfcap.app.actor_inspect import run_inspect
+
+            return run_inspect(command.actor, command.mapping, command.out)
+        case ActorBuild():
+            from perfcap.app.actor_build import run_build
+
+            return run_build(command)
+        case ActorFit():
+            from perfcap.app.actor_fit import run_fit
+
+            return run_fit(command)
+        case ActorFrames():
+            from perfcap.app.actor_frames import run_frames
+
+            return run_frames(command)
+        case ListModels():
+            from perfcap.app.models import run_list
+
+            return run_list(command.folder)
+        case WriteManifest():
+            from perfcap.app.models import run_manifest
+
+            return run_manifest(command)
+        case TrainLifter():
+            from perfcap.app.train import run_train_lifter
+
+            return run_train_lifter(command)
+        case TrainDetector():
+            from perfcap.app.train_detector import run_train_detector
+
+            return run_train_detector(command)
 
 
 def _no_command(word: str) -> str:

@@ -8,6 +8,10 @@ from typing import Literal
 
 import tyro
 
+from perfcap.commands.views import Views
+
+AUTO = "auto"  # an actor of the person's own
+
 
 @dataclass(frozen=True)
 class Demo:
@@ -18,23 +22,14 @@ class Demo:
     overwrite: bool = False
     """Replace another result that lies in the folder."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.demo import run_demo
 
-        return run_demo(self.out, self.overwrite)
-
-
-@dataclass(frozen=True)
-class Capture:
+@dataclass(frozen=True, kw_only=True)
+class Capture(Views):
     """Capture a person's motion and surface from a video, or from several calibrated ones; or
     the motion of several people.
     """
 
-    videos: tyro.conf.Positional[tuple[Path, ...]]
-    """A video or a folder of images; one for each view. Or the folder of a Pose2Sim project or a
-    FreeMoCap recording, which has videos, cameras and joints."""
-    actor: tuple[str, ...] = ("auto",)
+    actor: tuple[str, ...] = (AUTO,)
     """auto: the person's own body, fitted to the videos. Or a shipped actor's name, a skinned
     .glb/.gltf, or a folder with actor.glb. Of several people one each, in any order, or one for
     all."""
@@ -47,33 +42,13 @@ class Capture:
     """Silhouettes of the person that are used as they are: a folder of images for each view, 0 is
     background; one for each frame of the video, or of some, then numbered as they are, from 0. The
     others are found in the images."""
-    cameras: Path | None = None
-    """Calibration: camera.json, Calib*.toml, EasyMocap intri/extri.yml, or a COLMAP text folder.
-    One view needs none: its lens is read from the video, or assumed."""
-    fov: float | None = None
-    """Degrees that a camera without calibration sees across the longer side of the image."""
     out: Path | None = None
     """Folder for the results; VIDEO_capture in the working directory if not given."""
-    detections: tuple[Path, ...] = ()
-    """Joints: detections.npz, OpenPose folders, keypoint JSON or .npy; one for each view. Found in
-    the videos if not given."""
-    detector: tuple[str, ...] = ()
-    """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
-    one follows the person, the others add to it. perfcap models lists them."""
-    box: tuple[float, ...] = ()
-    """Where the person is in the first frame: LEFT TOP RIGHT BOTTOM for each view, pixels; searched
-    for if not given."""
-    person: int | None = None
-    """Which person of the first frame, where several are seen: 1 is the surest, 2 the next."""
-    lifter: str | None = None
-    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
     segmenter: str = "blazepose"
     """A network that finds person masks, as one cue of silhouettes: a shipped one by name, a folder
     with manifest.toml, or a manifest; none to go without."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
-    frames: str | None = None
-    """Part of the clip, A:B (B exclusive)."""
     preset: Literal["default", "monoperfcap", "muvs2017", "rhodin2016"] = "default"
     """Measured defaults, or what Xu et al. 2018, Huang et al. 2017 (several views) or Rhodin et al.
     2016 (several views, raw images without silhouettes) published."""
@@ -85,10 +60,6 @@ class Capture:
     """Correct small errors of where cameras stand and look, from the person's motion."""
     floor: Literal["auto", "none"] = "auto"
     """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
-    video_map: Path | None = None
-    """JSON of affine maps from video to calibration pixels, where the two differ."""
-    detections_in: Literal["calibration", "video"] = "calibration"
-    """Which pixels detections are in, where the two differ."""
     device: str = "auto"
     """Where to compute: auto, cpu, cuda, ..."""
     overlay: bool = True
@@ -100,15 +71,25 @@ class Capture:
     resume: bool = False
     """Go on with this very call where it was stopped; do nothing where its result is there."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.capture import default_folder, point_to, run_capture
-        from perfcap.app.capture_request import CaptureRequest
+    @property
+    def everybody(self) -> bool:
+        """Whether files that list everybody are sorted by people."""
+        return self.people is not None or len(self.actor) > 1
 
-        given = vars(self) | {"out": self.out or default_folder(self.videos)}
-        code = run_capture(CaptureRequest(**given))
-        point_to(given["out"])
-        return code
+    @property
+    def head_count(self) -> int | None:
+        """How many people are captured; None for as many as there are."""
+        if isinstance(self.people, int):
+            return self.people
+        return len(self.actor) if self.people is None else None
+
+    @property
+    def folder(self) -> Path:
+        """Where the result goes; named after the first video if nobody says."""
+        if self.out is not None:
+            return self.out
+        name = self.videos[0].resolve().stem if self.videos else "perfcap"
+        return Path(f"{name}_capture")
 
 
 @dataclass(frozen=True)
@@ -127,12 +108,6 @@ class Batch:
     report: bool = True
     """Write report.html of every clip."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.batch import BatchRequest, run_batch
-
-        return run_batch(BatchRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class Doctor:
@@ -147,9 +122,3 @@ class Doctor:
     """Detections to check against the cameras."""
     video_map: Path | None = None
     """JSON of affine maps from video to calibration pixels."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.doctor import run_doctor
-
-        return run_doctor(self.cameras, self.detections, self.videos, self.video_map)

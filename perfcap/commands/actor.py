@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from perfcap.commands.views import Views
+
 
 @dataclass(frozen=True)
 class ActorInspect:
@@ -19,12 +21,6 @@ class ActorInspect:
     """TOML that names the bones of joints, for rigs that are not recognised."""
     out: Path | None = None
     """Folder for contact_sheet.jpg."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.actor_inspect import run_inspect
-
-        return run_inspect(self.actor, self.mapping, self.out)
 
 
 @dataclass(frozen=True)
@@ -68,35 +64,13 @@ class ActorBuild:
     age: float | None = None
     """Years, for --body."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.actor_build import build_request, run_build
 
-        return run_build(build_request(vars(self)))
-
-
-@dataclass(frozen=True)
-class ActorFit:
+@dataclass(frozen=True, kw_only=True)
+class ActorFit(Views):
     """Make an actor with the body of a person seen by one or several calibrated cameras."""
 
-    videos: tyro.conf.Positional[tuple[Path, ...]]
-    """A video or a folder of images; one for each view."""
     out: Path
     """Folder for actor.glb, manifest.toml, measurements.json, contact_sheet.jpg and fit.jpg."""
-    cameras: Path | None = None
-    """Calibration, as for capture; one view needs none."""
-    fov: float | None = None
-    """Degrees across the longer side of the image, as for capture."""
-    detections: tuple[Path, ...] = ()
-    """Joints, as for capture; one for each view. Found in the videos if not given."""
-    detector: tuple[str, ...] = ()
-    """Networks that find the joints, as for capture."""
-    box: tuple[float, ...] = ()
-    """Where they find the person in the first frame: LEFT TOP RIGHT BOTTOM for each view."""
-    person: int | None = None
-    """Which person of the first frame, 1 for the surest, as for capture."""
-    lifter: str | None = None
-    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
     masks: tuple[Path, ...] = ()
     """Silhouettes of the person: a folder of images for each view, one image a frame of the video,
     0 is background; segmented if not given."""
@@ -104,24 +78,12 @@ class ActorFit:
     """Fit to silhouettes as well as joints; switch it off for loose clothes."""
     height: float | None = None
     """Of the person, metres; one camera needs it."""
-    frames: str | None = None
-    """Part of the clip to choose frames from, A:B (B exclusive)."""
     count: int = 12
     """Frames to fit to, spread over the clip."""
     name: str | None = None
     """What to call the actor; the name of the folder."""
     body_model: str = "ada"
     """Name or file of the body model."""
-    video_map: Path | None = None
-    """JSON of affine maps from video to calibration pixels, where the two differ."""
-    detections_in: Literal["calibration", "video"] = "calibration"
-    """Which pixels detections are in, where the two differ."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.actor_fit import FitRequest, run_fit
-
-        return run_fit(FitRequest(**vars(self)))
 
 
 @dataclass(frozen=True)
@@ -142,12 +104,6 @@ class ActorFrames:
     """Where the person stays in the picture: LEFT TOP RIGHT BOTTOM, pixels; its middle if not
     given."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.actor_frames import FramesRequest, run_frames
-
-        return run_frames(FramesRequest(**vars(self)))
-
 
 ActorCommand = (
     Annotated[ActorBuild, tyro.conf.subcommand("build")]
@@ -162,7 +118,3 @@ class ActorTools:
     """Make or examine an actor."""
 
     command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[ActorCommand]]
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        return self.command.run()

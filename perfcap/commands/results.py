@@ -28,12 +28,6 @@ class Evaluate:
     every: int = 1
     """Compare surfaces and silhouettes of one in so many frames."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.evaluate import EvaluateRequest, run_evaluate
-
-        return run_evaluate(EvaluateRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class Render:
@@ -59,12 +53,6 @@ class Render:
     """How long a frozen frame is shown; 4."""
     up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
     """Which axis of the world points up; auto: the one along which the person stands."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.render import RenderRequest, run_render
-
-        return run_render(RenderRequest(**vars(self)))
 
 
 @dataclass(frozen=True)
@@ -99,12 +87,6 @@ class Export:
     order: Literal["auto", "ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX"] = "auto"
     """Of the axes in bvh; auto: for each joint the one whose angles move the least."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.export import ExportRequest, run_export
-
-        return run_export(ExportRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class Retarget:
@@ -129,12 +111,6 @@ class Retarget:
     overwrite: bool = False
     """Replace the result that lies in the folder."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.retarget import RetargetRequest, run_retarget
-
-        return run_retarget(RetargetRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class Report:
@@ -151,12 +127,6 @@ class Report:
     frames: str | None = None
     """Part of the capture, A:B (B exclusive), counted as in its video."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.report import ReportRequest, run_report
-
-        return run_report(ReportRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class View:
@@ -166,9 +136,3 @@ class View:
 
     folder: tyro.conf.Positional[tuple[Path, ...]]
     """Folder of a capture, or of two of the same frames."""
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.report import run_view
-
-        return run_view(self.folder)

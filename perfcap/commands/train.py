@@ -33,12 +33,6 @@ class TrainLifter:
     together_with: tuple[Path, ...] = ()
     """Checkpoints of other runs, whose answers are averaged with this one's in the model."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.train import LifterRequest, run_train_lifter
-
-        return run_train_lifter(LifterRequest(**vars(self)))
-
 
 @dataclass(frozen=True)
 class TrainDetector:
@@ -69,12 +63,6 @@ class TrainDetector:
     start: Path | None = None
     """Checkpoint whose weights to start from."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.train_detector import DetectorRequest, run_train_detector
-
-        return run_train_detector(DetectorRequest(**vars(self)))
-
 
 TrainCommand = (
     Annotated[TrainLifter, tyro.conf.subcommand("lifter")]
@@ -87,7 +75,3 @@ class Train:
     """Train a network: a lifter or a detector."""
 
     command: Annotated[tyro.conf.OmitSubcommandPrefixes[TrainCommand], tyro.conf.arg(name="")]
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        return self.command.run()

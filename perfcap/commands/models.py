@@ -16,12 +16,6 @@ class ListModels:
     folder: tyro.conf.Positional[Path | None] = None
     """A folder whose subfolders hold manifests."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.models import run_list
-
-        return run_list(self.folder)
-
 
 @dataclass(frozen=True)
 class WriteManifest:
@@ -39,12 +33,6 @@ class WriteManifest:
     overwrite: bool = False
     """Replace the manifest that is there."""
 
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        from perfcap.app.models import ManifestRequest, run_manifest
-
-        return run_manifest(ManifestRequest(**vars(self)))
-
 
 ModelsCommand = (
     Annotated[ListModels, tyro.conf.subcommand("list")]
@@ -59,7 +47,3 @@ class Models:
     command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[ModelsCommand]] = (
         ListModels()
     )
-
-    def run(self) -> int:
-        """Run the command; returns the exit code."""
-        return self.command.run()
