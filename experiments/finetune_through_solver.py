@@ -33,9 +33,9 @@ from perfcap.io.actor import models_folder
 from perfcap.pipeline import PoseConfig, PoseRefiner
 from perfcap.train.body_parts import UNKNOWN
 from perfcap.train.checkpoint import start_from
+from perfcap.train.config import DetectorLoss
 from perfcap.train.crop_batches import CropBatch
 from perfcap.train.detector import Detector
-from perfcap.train.detector_config import DetectorLoss
 from perfcap.train.detector_task import detection_loss
 from perfcap.train.motion_library import MotionLibrary
 

@@ -21,8 +21,8 @@ from perfcap.io.calibration import match_image
 from perfcap.io.clip import Clip
 from perfcap.metrics import joint_errors
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.people import Person, Scene
-from perfcap.pipeline.people_overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
 
 _FEWER = {6: ((0, 2, 4, 5), (0, 3)), 5: ((0, 1, 3), (0, 3))}

@@ -26,8 +26,8 @@ from perfcap.pipeline.extract_people import PeopleSource, Seen
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.overlay import COLORS
 from perfcap.pipeline.people import Person, Scene
-from perfcap.pipeline.people_overlay import COLORS
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.pose_spread import part_deviations
 from perfcap.pipeline.sight import Sight

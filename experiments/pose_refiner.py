@@ -29,9 +29,8 @@ from window_problem import bare_actor
 from perfcap.actor.actor import Actor
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.resection import translation_from_plane
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.geometry.triangulation import triangulate
+from perfcap.geometry.triangulation import translation_from_plane, triangulate
 from perfcap.metrics import joint_errors
 from perfcap.pipeline import PoseRefiner
 

@@ -18,7 +18,7 @@ from report import Report, Table
 from surface_recordings import clip_of
 
 from perfcap.geometry.camera import Camera
-from perfcap.io.mask_labels import fill, read_labels
+from perfcap.io.mask_files import fill, read_labels
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.jobs import capture

@@ -15,7 +15,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.resection import translation_from_plane
+from perfcap.geometry.triangulation import translation_from_plane
 from perfcap.io.actor import load_actor, models_folder
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.datasets import DatasetSequence, find_dataset

@@ -23,7 +23,7 @@ import tyro
 from numpy.typing import NDArray
 
 from perfcap.io.clip import open_source
-from perfcap.io.mask_labels import read_labels
+from perfcap.io.mask_files import read_labels
 
 Image = NDArray[np.uint8]
 

@@ -10,8 +10,7 @@ from perfcap.actor.deformed_surface import DeformedSurface
 from perfcap.actor.embedded_points import EmbeddedPoints
 from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import Motion
-from perfcap.actor.point_differences import PointDifferences
-from perfcap.actor.points import Landmarks, Points
+from perfcap.actor.points import Landmarks, PointDifferences, Points
 from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.rig_reader import read_urdf
 from perfcap.actor.shaped_points import ShapedPoints

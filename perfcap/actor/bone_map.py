@@ -1,4 +1,4 @@
-"""Which of a rig's bones are the joints of the skeleton.
+"""Which of a rig's bones are the joints of the skeleton, where it ends, and which side is left.
 
 What a user says comes first, then what names say, then what the tree and the rest pose say.
 """
@@ -15,11 +15,58 @@ from numpy.typing import NDArray
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_geometry import match_places
 from perfcap.actor.bone_names import ENDS, NAMED, SIDED, NameMatch, match_names
-from perfcap.actor.bone_sides import SURE, exchanged, facing
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 
+# --- Which side of a body is the left one: the one on the left of where the feet point ------------
+
 Floats = NDArray[np.float64]
+
+SURE = 0.2  # cosine between feet and trunk that tells left from right
+_NEEDED = {"l_hip", "r_hip", "l_ankle", "r_ankle", "neck"}
+
+
+def facing(template: Template, joints: Mapping[str, int]) -> float:
+    """Cosine between where the feet point and where the trunk faces, by its left and right.
+
+    Negative where left and right are exchanged, zero where there is no telling for want of feet.
+
+    Args:
+        template: the rigged mesh, in any units and with any axis up.
+        joints: bone of each joint.
+    """
+    at = {name: template.bone_rest[bone, :3, 3] for name, bone in joints.items()}
+    if not at.keys() >= _NEEDED:
+        return 0.0
+    up = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
+    up = up / max(float(np.linalg.norm(up)), 1e-12)
+    ahead = np.cross(at["l_hip"] - at["r_hip"], up)
+    points = sum((_foot(template, joints[f"{side}_ankle"], up) for side in "lr"), np.zeros(3))
+    length = float(np.linalg.norm(ahead) * np.linalg.norm(points))
+    return float(ahead @ points) / length if length > 0 else 0.0
+
+
+def exchanged(bones: Mapping[str, int]) -> dict[str, int]:
+    """The same bones by joint with left and right exchanged."""
+    other = {"l_": "r_", "r_": "l_"}
+    return {other.get(name[:2], name[:2]) + name[2:]: bone for name, bone in bones.items()}
+
+
+def _foot(template: Template, ankle: int, up: Floats) -> Floats:
+    """Level vector from the ankle to the part of the foot that is furthest from it, (3,)."""
+    below = np.zeros(len(template.bone_names), dtype=np.bool_)
+    below[ankle] = True
+    for bone, parent in enumerate(template.bone_parents.tolist()):
+        below[bone] |= parent >= 0 and below[parent]
+    skin = template.vertices[below[template.weight_bones[:, 0]]]
+    if not len(skin):
+        return np.zeros(3)
+    away = skin - template.bone_rest[ankle, :3, 3]
+    away = away - np.outer(away @ up, up)
+    return np.asarray(away[np.linalg.norm(away, axis=1).argmax()])
+
+
+# --- Which of a rig's bones are the joints of the skeleton ----------------------------------------
 
 GIVEN, NAME, PLACE = "mapping", "name", "place"
 _ENOUGH = 8  # joints that names must tell before they are believed
@@ -201,3 +248,55 @@ def _require_distinct(template: Template, joints: Mapping[str, int]) -> None:
                 f"actor {template.name!r}: bone {template.bone_names[bone]} is {', '.join(names)}; "
                 "expected a bone for each: name another one in a mapping file (--mapping)"
             )
+
+
+# --- Landmarks beyond the last joints: the top of the head and the toes ---------------------------
+
+_HOLDERS = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+_HEAD, _FOOT = 0.10, 0.13  # lengths beyond the last joint in statures, where there is no skin
+# people mark toes neither at their tips nor on the ground
+_TOE_REACH, _TOE_HEIGHT = 0.8, 0.02  # of the way to the tip, and in statures above the sole
+
+
+def end_landmarks(
+    template: Template, bones: BoneMap, owners: Sequence[int]
+) -> dict[str, tuple[int, Floats]]:
+    """Bone and rest position (3,) of head_top, l_toe and r_toe.
+
+    Where a bone begins at a landmark, it is there; otherwise the skin tells.
+
+    Args:
+        template: in metres, y up, facing +z.
+        bones: its joints.
+        owners: index of the joint each bone moves with, (B,).
+    """
+    joint_of = np.asarray(owners)[template.weight_bones[:, 0]]
+    stature = float(np.ptp(template.vertices[:, 1]))
+    result: dict[str, tuple[int, Floats]] = {}
+    for name, holder in _HOLDERS.items():
+        bone = bones.joints[holder]
+        start = template.bone_rest[bone, :3, 3]
+        skin = template.vertices[joint_of == JOINTS.index(holder)]
+        if name in bones.ends:
+            place = template.bone_rest[bones.ends[name], :3, 3]
+        elif name == "head_top":
+            place = _head_top(start, skin, stature)
+        else:
+            place = _toe(start, skin, stature)
+        result[name] = (bone, np.array(place))
+    return result
+
+
+def _head_top(head: Floats, skin: Floats, stature: float) -> Floats:
+    top = skin[:, 1].max(initial=head[1]) if len(skin) else head[1] + _HEAD * stature
+    return np.array([head[0], top, head[2]])
+
+
+def _toe(ankle: Floats, skin: Floats, stature: float) -> Floats:
+    if not len(skin):
+        return np.asarray(ankle + np.array([0.0, -_TOE_HEIGHT, _FOOT]) * stature)
+    away = (skin - ankle)[:, [0, 2]]
+    tip = away[np.linalg.norm(away, axis=1).argmax()]
+    height = min(float(skin[:, 1].min()) + _TOE_HEIGHT * stature, float(ankle[1]))
+    forward, side = ankle[[2, 0]] + _TOE_REACH * tip[[1, 0]]
+    return np.array([side, height, forward])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -90,3 +91,41 @@ def _nearest(axis: Tensor, turned: Tensor) -> Tensor:
 def _wrapped(angles: Tensor, centre: Tensor) -> Tensor:
     """Angles moved by full turns to within half a turn of the middle of their limits."""
     return angles - 2 * math.pi * ((angles - centre) / (2 * math.pi)).round()
+
+
+# --------------------------------------------------------------------------------------------------
+# Joints and their axes as landmarks: what shows how a joint is turned, not only where it is.
+
+AXES = 3
+
+
+def axes_skeleton(skeleton: Skeleton) -> Skeleton:
+    """The skeleton with 4 J more landmarks behind its own: every joint, then a metre along each
+    axis of the world of the rest pose, turning with the joint.
+
+    Differences of the last three and the first are the columns of the joint's rotation, so that
+    energies of points see orientations without a chart, and so without its poles.
+    """
+    rig = skeleton.rig
+    names, joints, places = [], [], []
+    corners = torch.cat((torch.zeros(1, AXES), torch.eye(AXES))).to(rig.positions)
+    for number, joint in enumerate(rig.joints):
+        names += [joint + "_origin", *(f"{joint}_{axis}" for axis in "xyz")]
+        joints += [number] * (1 + AXES)
+        places.append(rig.positions[number] + corners)
+    groups = rig.bone_groups
+    more = [groups[joint] for joint in joints] if groups else []
+    wider = replace(
+        rig,
+        landmarks=(*rig.landmarks, *names),
+        landmark_joints=(*rig.landmark_joints, *joints),
+        landmark_positions=torch.cat((rig.landmark_positions, torch.cat(places))),
+        bone_groups=(*groups, *more),
+    )
+    return Skeleton(wider).to(skeleton.lower)
+
+
+def origin_row(skeleton: Skeleton, joint: str) -> int:
+    """Row of a joint's place among the landmarks of an ``axes_skeleton``; its axes follow."""
+    rig = skeleton.rig
+    return len(rig.landmarks) - (1 + AXES) * len(rig.joints) + (1 + AXES) * rig.joints.index(joint)

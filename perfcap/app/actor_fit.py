@@ -10,10 +10,9 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
 from perfcap.app.console import PlainConsole
-from perfcap.app.fit_sheet import FIT_SHEET
 from perfcap.app.inputs import read_inputs
 from perfcap.app.measures import print_measures
-from perfcap.app.personal_body import BodyRequest, find_body
+from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, save_actor

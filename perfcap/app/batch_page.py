@@ -17,8 +17,7 @@ from perfcap.app.batch_clip import INCOMPLETE, Outcome
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.files import read_json
-from perfcap.io.people_folder import people_of
-from perfcap.io.result_folder import OVERLAY, PAGE, REPORT, SCENE, own_file
+from perfcap.io.result_folder import OVERLAY, PAGE, REPORT, SCENE, own_file, people_of
 from perfcap.io.video import VideoFile
 from perfcap.report.markup import Markup, element
 

@@ -48,9 +48,7 @@ from perfcap.io.actor import load_actor
 from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
 from perfcap.io.files import read_json
-from perfcap.io.given_masks import MaskFolders
-from perfcap.io.mask_files import view_folders
-from perfcap.io.people_folder import is_several, people_of
+from perfcap.io.mask_files import MaskFolders, view_folders
 from perfcap.io.result import require_one_capture
 from perfcap.io.result_folder import (
     ASSUMED_CAMERA,
@@ -64,8 +62,10 @@ from perfcap.io.result_folder import (
     TEXTURED,
     finish,
     holds_result,
+    is_several,
     locked,
     own_file,
+    people_of,
     replacing,
     require_places,
 )

@@ -11,15 +11,13 @@ from rich.table import Table
 
 from perfcap.app.capture_folder import spare_result
 from perfcap.app.console import PlainConsole
-from perfcap.app.people_truth import match_truths, read_truths
 from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
-from perfcap.app.truth import Truth, find_truth, read_found, read_truth
+from perfcap.app.truth import Truth, find_truth, match_truths, read_found, read_truth, read_truths
 from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.people_folder import is_several, people_of
 from perfcap.io.result import require_one_capture
-from perfcap.io.result_folder import METRICS
+from perfcap.io.result_folder import METRICS, is_several, people_of
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (

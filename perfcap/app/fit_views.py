@@ -17,7 +17,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.clip import Clip
-from perfcap.io.given_masks import MaskFolders
+from perfcap.io.mask_files import MaskFolders
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.config import PoseConfig

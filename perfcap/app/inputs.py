@@ -34,7 +34,7 @@ from perfcap.io.calibration import (
 )
 from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
 from perfcap.io.detections import read_candidates, read_detections
-from perfcap.io.doctor.impossible import impossible_cameras
+from perfcap.io.doctor.cameras import impossible_cameras
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from perfcap.app.body_doubts import LEAST_INSIDE, joints_inside, require_person
+from perfcap.app.body_doubts import LEAST_INSIDE, joints_inside, outline_doubts, require_person
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
-from perfcap.app.outline_doubts import outline_doubts
-from perfcap.io.given_masks import MaskFolders
+from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
 
 _LOOKED_AT = 12  # frames

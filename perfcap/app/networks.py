@@ -16,8 +16,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import models_folder
 from perfcap.io.clip import Clip
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.remembering import RememberingNetwork
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, RememberingNetwork
 
 DETECTORS, LIFTERS = "detectors", "lifters"
 SEGMENTER = "segmenter.toml"  # of a shipped detector that answers with masks as well

@@ -26,10 +26,17 @@ from perfcap.io.atomic import writing
 from perfcap.io.detections import save_candidates, save_detections
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.mask_files import save_masks
-from perfcap.io.people_folder import person_folder, write_people
-from perfcap.io.result_folder import DETECTIONS, MASKS, OVERLAY, REPORT, SCENE
+from perfcap.io.result_folder import (
+    DETECTIONS,
+    MASKS,
+    OVERLAY,
+    REPORT,
+    SCENE,
+    person_folder,
+    write_people,
+)
 from perfcap.pipeline.checkpoint import Checkpoint
-from perfcap.pipeline.people_overlay import save_people_overlay
+from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import plain, write_result
 

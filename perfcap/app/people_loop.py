@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from perfcap.io.people_folder import is_several, people_of
+from perfcap.io.result_folder import is_several, people_of
 
 
 def for_everybody(folder: Path, command: Callable[[Path, str], int]) -> int:

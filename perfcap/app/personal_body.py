@@ -6,24 +6,91 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import mask_doubts
-from perfcap.app.fit_sheet import save_fit_sheet
+from perfcap.app.body_doubts import mask_doubts, outline_doubts
 from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
 from perfcap.app.masked_frames import masked_frames
 from perfcap.app.measures import save_measures
-from perfcap.app.outline_doubts import outline_doubts
 from perfcap.geometry.camera import Camera
+from perfcap.io.atomic import writing
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
-from perfcap.io.given_masks import MaskFolders
+from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
+
+# --- A fitted body drawn over the frames it was fitted to -----------------------------------------
+
+Image = NDArray[np.uint8]
+
+FIT_SHEET = "fit.jpg"
+_FRAMES, _VIEWS = 3, 4  # at most
+_SIZE = 360  # px, side of each picture
+_ROOM = 0.65  # half a picture, over the person's size
+_QUALITY = 88
+_STYLE = OverlayStyle(tint=0.12)
+
+
+def save_fit_sheet(path: Path, model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> None:
+    """Draw outline, joints and detections of some frames, one a row, into a JPEG file."""
+    encoded = cv2.imencode(
+        ".jpg", fit_sheet(model, fit, chosen)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
+    )[1]
+    with writing(path) as file:
+        file.write(encoded.tobytes())
+
+
+@torch.no_grad()
+def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
+    """A row for each of three frames, a picture for each of at most four views, (H, W, 3) RGB."""
+    actor = model.actor(torch.zeros(0)).to(chosen.detections.joints2d)
+    surface = ShapedPoints.of_surface(model, actor)
+    marks = ShapedPoints.of_landmarks(model, actor).at(np.arange(16))
+    frames = sorted({int(f) for f in np.linspace(0, len(chosen) - 1, _FRAMES).round()})
+    rows = []
+    for frame in frames:
+        motion = fit.motion[frame : frame + 1]
+        cameras = chosen.cameras.frames(slice(frame, frame + 1))
+        local = cameras.to_camera(surface(motion))
+        pixels, depth = cameras.project_camera(local)[0], local[0, ..., 2]
+        points = cameras.project(marks(motion))[0].double().numpy()
+        row = []
+        for view in range(min(cameras.views, _VIEWS)):
+            faces = torch.from_numpy(model.rig.faces)
+            drawn = rasterize(pixels[view], depth[view], faces, cameras.size[view])
+            seen = chosen.detections.joints2d[frame, view].numpy()
+            sure = chosen.detections.confidence2d[frame, view].numpy()
+            image = chosen.read_view(view, frame, frame + 1)[0]
+            picture = draw_overlay(image, drawn.mask.numpy(), points[view], seen, sure, _STYLE)
+            row.append(_around(picture, points[view]))
+        rows.append(np.concatenate(row, 1))
+    return np.concatenate(rows)
+
+
+def _around(picture: Image, points: NDArray[np.float64]) -> Image:
+    """The square about a person's joints (16, 2) px, black beyond the image."""
+    low, high = points.min(0), points.max(0)
+    middle, half = (low + high) / 2, _ROOM * float((high - low).max())
+    scale = _SIZE / (2 * half)
+    shift = _SIZE / 2 - scale * middle
+    matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+    small = cv2.GaussianBlur(picture, (0, 0), 0.4 / scale) if scale < 0.7 else picture
+    square: Image = cv2.warpAffine(small, matrix, (_SIZE, _SIZE)).astype(np.uint8)
+    return square
+
+
+# --------------------------------------------------------------------------------------------------
+# The body of the person in the videos: fitted once, for an actor's folder or for a capture.
 
 _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
 _TALL = (1.3, 2.15)  # m; of a body that is a grown person's

@@ -27,20 +27,21 @@ from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import find_actor, load_actor
-from perfcap.io.actor_mapping import ActorMapping, read_mapping
+from perfcap.io.actor_import import ActorMapping, read_mapping
 from perfcap.io.atomic import writing
 from perfcap.io.export import upright_from
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
-from perfcap.io.people_folder import person_folder, write_people
 from perfcap.io.result_folder import (
     REPORT,
     SCENE,
     finish,
     holds_result,
     locked,
+    person_folder,
     replacing,
     require_places,
+    write_people,
 )
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length

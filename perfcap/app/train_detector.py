@@ -16,20 +16,18 @@ from perfcap.io.actor import load_actor
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import load_body_model
 from perfcap.train.backgrounds import Backgrounds
-from perfcap.train.calibrate import expected_error, fit_calibration
-from perfcap.train.card_detector import write_detector_card
+from perfcap.train.card import write_detector_card
 from perfcap.train.cast import Cast
 from perfcap.train.checkpoint import start_from
+from perfcap.train.config import TrainDetectorConfig
 from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
 from perfcap.train.detector import Detector
-from perfcap.train.detector_config import TrainDetectorConfig
 from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector
-from perfcap.train.export_detector import export_detector
+from perfcap.train.export_detector import expected_error, export_detector, fit_calibration
 from perfcap.train.loop import BEST, train
-from perfcap.train.mixture import Mixture
 from perfcap.train.motion_library import MotionLibrary
-from perfcap.train.photographs import Photographs
+from perfcap.train.photographs import Mixture, Photographs
 from perfcap.train.scenes import Scenes
 
 CROPS = "crops"

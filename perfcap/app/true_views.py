@@ -10,8 +10,7 @@ import torch
 from perfcap.app.inputs import Inputs
 from perfcap.errors import InputError
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
-from perfcap.io.clip import Clip
-from perfcap.io.late_source import LateSource
+from perfcap.io.clip import Clip, LateSource
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,14 +11,16 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
+from perfcap.detect.detections import unit_of
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
-from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
 from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
+from perfcap.io.result_folder import MOTION
 from perfcap.metrics import Alignment
 from perfcap.rates import FASTEST, SLOWEST
 
@@ -202,3 +206,61 @@ def _order(path: Path, named: NDArray[Any]) -> list[int]:
             f"; expected the {len(LANDMARKS)} landmarks, in any order: {', '.join(LANDMARKS)}"
         )
     return [names.index(name) for name in LANDMARKS]
+
+
+# --- The truth of several people, and which of them a result shows --------------------------------
+
+_PERSON = re.compile(r"person[1-9]\d?")
+_RIG, _UNKNOWN = "cameras.json", 1e6
+
+
+def read_truths(path: Path, dataset: str | None, sequence: str | None) -> list[Truth]:
+    """The truths of everybody of a take.
+
+    Args:
+        path: a folder with ``person1/gt.npz``, ...; or that of a data set.
+        dataset: which data set it is.
+        sequence: of the data set, ``NAME`` for everybody in it.
+
+    Raises:
+        InputError: there is none, or it cannot be used.
+    """
+    if dataset is not None:
+        names = find_dataset(dataset).sequences(path)
+        own = [each for each in names if each.rpartition("/")[0] == sequence]
+        return [read_truth(path, dataset, each) for each in own or (sequence,)]
+    if sequence is not None or not path.is_dir():
+        return [read_truth(path, dataset, sequence)]
+    people = sorted(each for each in path.iterdir() if _PERSON.fullmatch(each.name))
+    if not people:
+        return [read_truth(path)]
+    if (path / _RIG).is_file():
+        whole = path.resolve()
+        return read_truths(whole.parent, "rendered", whole.name)
+    return [read_truth(person) for person in people]
+
+
+def match_truths(folders: Sequence[Path], truths: Sequence[Truth]) -> list[Truth]:
+    """The truth of each person: those whose joints are nearest, everybody another one.
+
+    Raises:
+        InputError: there are fewer truths than people, or frames do not belong together.
+    """
+    if len(truths) < len(folders):
+        raise InputError(
+            f"--truth: has {len(truths)} people, the result {len(folders)}; expected the truth of "
+            "everybody, or evaluate one folder of a person"
+        )
+    cost = np.array([[_distance(folder, truth) for truth in truths] for folder in folders])
+    _, columns = linear_sum_assignment(np.nan_to_num(cost, nan=_UNKNOWN))
+    return [truths[column] for column in columns]
+
+
+def _distance(folder: Path, truth: Truth) -> float:
+    """Mean distance of the joints, m; NaN where the truth has none."""
+    found, sequence = read_found(folder / MOTION), truth.sequence
+    if sequence.joints3d is None:
+        return float("nan")
+    rows, others = match_frames(found.frames, truth, str(found.path))
+    apart = (found.joints[rows] - sequence.joints3d[others]).norm(dim=-1)
+    return float(apart.nanmean())

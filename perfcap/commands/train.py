@@ -8,8 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from perfcap.train.config import TrainLifterConfig
-from perfcap.train.detector_config import TrainDetectorConfig
+from perfcap.train.config import TrainDetectorConfig, TrainLifterConfig
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,8 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import JointSet
 from perfcap.detect.look import Box
 from perfcap.detect.manifest import Manifest, read_manifest
-from perfcap.detect.network_input import check_image_input, prepare_crops
 from perfcap.detect.person import Start, follow_person
-from perfcap.detect.session import Execution, Session
+from perfcap.detect.session import Execution, Session, check_image_input, prepare_crops
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 

@@ -12,9 +12,9 @@ from torch import Tensor
 from perfcap.detect.candidates import join_candidates
 from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.detections import Detections
-from perfcap.detect.fusion import Landmarks, exchanged, fuse
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
 from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
+from perfcap.detect.pose_fusion import Landmarks, exchanged, fuse
 from perfcap.detect.search import SAME, centre, overlap, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
 from perfcap.detect.viewing_ray import toward

@@ -20,8 +20,7 @@ from perfcap.detect.manifest import (
     read_input,
     read_model_file,
 )
-from perfcap.detect.network_input import check_image_input, prepare_crops
-from perfcap.detect.session import Execution, Session
+from perfcap.detect.session import Execution, Session, check_image_input, prepare_crops
 from perfcap.detect.toml_table import TomlTable
 from perfcap.errors import InputError
 

@@ -6,15 +6,12 @@ from perfcap.energy.floor_penetration import FloorPenetration
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
 from perfcap.energy.joint_trajectory import JointTrajectory
-from perfcap.energy.pose_mixture import PoseMixture
-from perfcap.energy.prior import BoneLengthPrior, PosePrior
+from perfcap.energy.prior import BoneLengthPrior, PoseMixture, PosePrior, SharedPrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
-from perfcap.energy.shared_prior import SharedPrior
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.tether import Tether
-from perfcap.energy.trajectory import Trajectory
-from perfcap.energy.trajectory_change import TrajectoryChange
+from perfcap.energy.trajectory import Trajectory, TrajectoryChange
 from perfcap.energy.uncertain_views import UncertainViews
 
 __all__ = [

@@ -1,11 +1,12 @@
-"""Weak preferences for poses and bone lengths, where images say nothing."""
+"""Weak preferences for poses, bone lengths and shared unknowns, where images say nothing."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from perfcap.actor.motion import BONES, Motion
+from perfcap.actor.motion import BODY, BONES, Motion
+from perfcap.actor.pose_statistics import Mixture
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
@@ -133,3 +134,101 @@ class BoneLengthPrior(Energy[Motion]):
 
     def second_order(self, motion: Motion, pull: Tensor) -> None:
         """None: the residual is linear."""
+
+
+# --- A Gaussian on unknowns that all frames share: shapes, clocks, cameras ------------------------
+
+
+class SharedPrior(Energy[Motion]):
+    """Gaussian on a shared block: sum (value / deviation)^2, however many the frames.
+
+    Args:
+        components: S of the block.
+        frames: F.
+        deviation: of every value, a number or (S,).
+        weight: of the energy.
+        block: name of the block.
+    """
+
+    coupling = Coupling.FRAME
+    scale: Tensor
+
+    def __init__(
+        self,
+        components: int,
+        frames: int = 1,
+        deviation: float | Tensor = 1.0,
+        weight: float | Tensor = 1.0,
+        block: str = BODY,
+    ) -> None:
+        super().__init__(weight)
+        self.sees, self.block, self.components = (block,), block, components
+        spread = torch.as_tensor(deviation, dtype=torch.float64).expand(components)
+        self.register_buffer("scale", 1 / (spread * frames**0.5))
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, S, 1), equal in all frames."""
+        if self.block not in motion.shared:
+            raise ValueError(f"SharedPrior needs a motion that shares {self.block}; it does not")
+        own = motion.shared[self.block]
+        value = (self.scale.to(own) * own)[..., None, :, None]
+        lead = motion.angles.shape[:-1]
+        return Residual(value.expand(*lead, self.components, 1))
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """A constant diagonal in the shared block."""
+        residual = self.residual(motion)
+        lead = motion.angles.shape[:-1]
+        frame = residual.value.new_zeros(1).expand(*lead, self.components, 1, motion.frame_dim)
+        shared = self.scale.to(residual.value).diag()[:, None]
+        return Linearization(residual, frame, shared.expand(*lead, *shared.shape))
+
+
+# --- Poses that people take: a mixture of Gaussians over the joint angles (MuVS Eq. 2) ------------
+
+
+class PoseMixture(Energy[Motion]):
+    """Twice the negative log density of the likeliest component (Bogo et al. 2016, Eq. 7).
+
+    ``min_k |L_k' (angles - mean_k)|^2 + c_k``: one group of A + 1 entries a frame, of the
+    component that is least; the last entry is the root of c_k >= 0.
+
+    Args:
+        mixture: over the angles of the motion, in their order.
+        weight: of the energy.
+    """
+
+    coupling = Coupling.FRAME
+    mean: Tensor
+    factor: Tensor
+    constant: Tensor
+
+    def __init__(self, mixture: Mixture, weight: float | Tensor = 1.0) -> None:
+        super().__init__(weight)
+        self.register_buffer("mean", mixture.mean)
+        self.register_buffer("factor", mixture.precision)
+        self.register_buffer("constant", mixture.surprise.clamp(min=0).sqrt())
+
+    def residual(self, motion: Motion) -> Residual:
+        """(*b, F, 1, A + 1)."""
+        return self._chosen(motion)[0]
+
+    def linearize(self, motion: Motion) -> Linearization:
+        """The transposed factor of the chosen component."""
+        residual, index = self._chosen(motion)
+        rows = self.factor.to(motion.angles).mT[index]  # *b F A A
+        rows = torch.nn.functional.pad(rows, (6, 0, 0, 1))
+        return Linearization(residual, rows.unsqueeze(-3))
+
+    def second_order(self, motion: Motion, pull: Tensor) -> None:
+        """None: the residual is linear within a component."""
+
+    def _chosen(self, motion: Motion) -> tuple[Residual, Tensor]:
+        """Rows, and which component they are of, (*b, F)."""
+        angles = motion.angles
+        mean, factor, constant = (x.to(angles) for x in (self.mean, self.factor, self.constant))
+        white = torch.einsum("kba,...kb->...ka", factor, angles.unsqueeze(-2) - mean)
+        index = (white.square().sum(-1) + constant.square()).argmin(-1)
+        picked = index[..., None, None].expand(*index.shape, 1, white.shape[-1])
+        row = torch.cat((white.gather(-2, picked), constant[index][..., None, None]), -1)
+        return Residual(row), index

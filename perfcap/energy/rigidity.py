@@ -14,8 +14,7 @@ from perfcap.energy import _rigidity_torch
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import skew
-from perfcap.solve.aggregation import aggregate
-from perfcap.solve.coarse_space import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace, aggregate
 from perfcap.solve.energy import Coupling, Energy, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.sparse import BlockLinearization, Curvature

@@ -15,14 +15,15 @@ from perfcap.geometry.rotation import (
     compose_rotvec,
     matrix_to_quaternion,
     matrix_to_rotvec,
+    nearest_turn,
     quaternion_multiply,
     quaternion_to_matrix,
     quaternion_to_rotvec,
     rotvec_to_matrix,
     rotvec_to_quaternion,
     skew,
+    unwrapped,
 )
-from perfcap.geometry.rotation_mean import nearest_turn, unwrapped
 from perfcap.geometry.triangulation import triangulate
 
 __all__ = [

@@ -20,8 +20,7 @@ from perfcap.io.actor_folder import (
     load_actor_folder,
     read_manifest,
 )
-from perfcap.io.actor_import import import_actor, mapping_rows, require_sound
-from perfcap.io.actor_mapping import read_mapping
+from perfcap.io.actor_import import import_actor, mapping_rows, read_mapping, require_sound
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import require_readable_kind
 from perfcap.io.robot import is_robot, load_robot

@@ -1,25 +1,66 @@
-"""A rigged character of any program as an actor, with all there is to say about it."""
+"""A rigged character of any program as an actor, by names or by a mapping file."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.anatomy import PARENTS
+from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bone_correction import Correction, find_correction, unit_name
-from perfcap.actor.bone_ends import end_landmarks
-from perfcap.actor.bone_map import BoneMap, map_bones
+from perfcap.actor.bone_map import SURE, BoneMap, end_landmarks, facing, map_bones
+from perfcap.actor.bone_names import ENDS
 from perfcap.actor.bone_owners import bone_owners
-from perfcap.actor.bone_sides import SURE, facing
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
-from perfcap.io.actor_mapping import ActorMapping
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import Character, read_character
+
+# --- Mapping files: which of a rig's bones are which joints, where perfcap cannot tell ------------
+
+_UNIT = "metres_per_unit"
+
+
+@dataclass(frozen=True)
+class ActorMapping:
+    """What a user says about a rig.
+
+    Attributes:
+        joints: names of bones by joint or landmark.
+        metres_per_unit: length of the file's unit, None to guess it from the height.
+    """
+
+    joints: Mapping[str, str] = field(default_factory=dict)
+    metres_per_unit: float | None = None
+
+
+def read_mapping(path: Path) -> ActorMapping:
+    """Read lines such as ``pelvis = "Bip01 Pelvis"`` and ``metres_per_unit = 0.01``.
+
+    Raises:
+        InputError: the file is not TOML, or says something else.
+    """
+    values = read_toml(path, "a mapping file", MEBIBYTE)
+    unit = values.pop(_UNIT, None)
+    if unit is not None and not (
+        isinstance(unit, float | int) and math.isfinite(unit) and 1e-6 < unit < 1e6
+    ):
+        raise InputError(f"{path}: {_UNIT} is {unit!r:.40}; expected metres, such as 0.01")
+    for joint, bone in values.items():
+        if joint not in (*JOINTS, *ENDS):
+            known = ", ".join((*JOINTS, *ENDS, _UNIT))
+            raise InputError(f"{path}: {joint!r:.40} is no joint; expected some of {known}")
+        if not isinstance(bone, str):
+            raise InputError(f"{path}: {joint} is {bone!r:.40}; expected the name of a bone")
+    return ActorMapping(values, unit)
+
+
+# --- A rigged character of any program as an actor, with all there is to say about it -------------
 
 
 @dataclass(frozen=True, eq=False)

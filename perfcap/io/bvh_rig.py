@@ -11,7 +11,7 @@ import numpy as np
 
 from perfcap.actor.bone_names import match_names
 from perfcap.actor.template import Template
-from perfcap.io.bvh_motion import BvhMotion, Floats
+from perfcap.io.bvh_read import BvhMotion, Floats
 
 _THICK = 0.03  # of a stick, in its own lengths
 _SHORTEST = 1e-6  # of the figure's size: bones below it get no stick

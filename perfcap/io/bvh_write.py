@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.bvh_motion import BvhMotion, Floats, Integers
+from perfcap.io.bvh_read import BvhMotion, Floats, Integers
 
 _AXES = "XYZ"
 _ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")

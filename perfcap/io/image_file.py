@@ -1,16 +1,20 @@
-"""Images that somebody else made: their size is known before they are decoded."""
+"""Images that somebody else made, single ones and folders: of known size before decoding."""
 
 from __future__ import annotations
 
+import re
 import struct
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, require_file
+from perfcap.io.files import MEBIBYTE, natural_key, require_file
 
 IMAGE_LIMIT = 256 * MEBIBYTE
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -76,3 +80,102 @@ def image_size(data: bytes) -> tuple[int, int] | None:
             return None
         position += 2 + length
     return None
+
+
+# --- A folder of images as a clip's frames --------------------------------------------------------
+
+Frames = NDArray[np.uint8]
+
+_NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
+
+
+class ImageFolder:
+    """Images in the natural order of their names (``2.png`` before ``10.png``), one size.
+
+    Files of other kinds and hidden files are passed over. Images have no times: ``fps`` is None.
+    """
+
+    fps: None = None
+    timestamps: None = None
+    lost: int = 0
+
+    def __init__(self, path: Path, stop: int | None = None) -> None:
+        """List the first ``stop`` images, or all.
+
+        Raises:
+            InputError: no images, or a first image that cannot be read.
+        """
+        files = [
+            entry
+            for entry in path.iterdir()
+            if entry.suffix.lower() in SUFFIXES and not entry.name.startswith(".")
+        ]
+        if not files:
+            raise InputError(
+                f"{path}: holds no images; expected a video, or a folder of PNG or JPEG frames"
+            )
+        self.path = path
+        self.name = path.name
+        self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
+        self.total: int | None = len(files)
+        self.warnings: tuple[str, ...] = tuple(_odd_numbers(path, self.files))
+        first = read_image(self.files[0])
+        self.size: tuple[int, int] = (first.shape[0], first.shape[1])
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def read(self, start: int, stop: int) -> Frames:
+        """Images ``start`` to ``stop`` as RGB, (stop - start, H, W, 3)."""
+        if not 0 <= start <= stop <= len(self):
+            raise IndexError(f"{self.path}: frames {start}:{stop} of {len(self)}")
+        frames = np.empty((stop - start, *self.size, 3), np.uint8)
+        for i, file in enumerate(self.files[start:stop]):
+            image = read_image(file)
+            if image.shape[:2] != self.size:
+                raise InputError(
+                    f"{file}: is {image.shape[1]}x{image.shape[0]}, the first image is "
+                    f"{self.size[1]}x{self.size[0]}; expected one size"
+                )
+            frames[i] = image
+        return frames
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def _odd_numbers(path: Path, files: Sequence[Path]) -> Iterator[str]:
+    """What the numbers at the ends of names tell: series run together, images that are missing."""
+    found = [_NUMBER.fullmatch(file.stem) for file in files]
+    known = [match for match in found if match is not None]
+    if len(known) < len(files):
+        return
+    series = list(dict.fromkeys(match[1] for match in known))
+    if len(series) > 1:
+        names = ", ".join(repr(name)[:40] for name in series[:4])
+        yield (
+            f"{path}: holds {len(series)} series of images, whose names begin with {names}; they "
+            "are taken for one video, one after the other: give each a folder of its own"
+        )
+        return
+    numbers = [int(match[2]) for match in known]
+    steps = [b - a for a, b in pairwise(numbers)]
+    usual = median(steps) if steps else 1
+    gaps = [(a, b) for a, b in pairwise(numbers) if b - a > usual]
+    if gaps:
+        where = ", ".join(f"{a} and {b}" for a, b in gaps[:3]) + (", ..." if len(gaps) > 3 else "")
+        yield (
+            f"{path}: images are missing between {where}; the others are taken one after the "
+            "other, so that all behind a gap comes too early: fill it, or cut the clip there"
+        )
+
+
+def read_image(path: Path) -> Frames:
+    """An image as 8-bit RGB (H, W, 3), turned as its EXIF orientation says.
+
+    Raises:
+        InputError: a file that is empty, too large or no image.
+    """
+    image = decode_image(path, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(image[..., ::-1])

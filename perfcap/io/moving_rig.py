@@ -14,10 +14,8 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_map import map_bones
 from perfcap.errors import InputError
-from perfcap.io.actor_import import ImportedActor, require_sound, rig_character
-from perfcap.io.actor_mapping import ActorMapping
-from perfcap.io.bvh_motion import BvhMotion, joint_positions
-from perfcap.io.bvh_read import load_bvh
+from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, rig_character
+from perfcap.io.bvh_read import BvhMotion, joint_positions, load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
 from perfcap.io.doctor.finding import Severity, ranges
 from perfcap.io.gltf_clip import sample_clip

@@ -15,7 +15,7 @@ from perfcap.actor.pose_statistics import Mixture
 from perfcap.detect.detections import Detections
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.joint_target import JointTarget
-from perfcap.energy.pose_mixture import PoseMixture
+from perfcap.energy.prior import PoseMixture
 from perfcap.energy.trajectory import Trajectory
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera

@@ -11,13 +11,37 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.resection import translation_from_plane
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
+from perfcap.geometry.triangulation import translation_from_plane
 from perfcap.pipeline.checkpoint import NOTHING, Kept, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.objective import neutral_angles
-from perfcap.pipeline.single_frames import solve_frames
+from perfcap.pipeline.objective import angle_bounds, neutral_angles, pose_objective
+from perfcap.solve import LevenbergMarquardt, solve
+
+# --- Frames solved on their own: windows of one frame, all at once --------------------------------
+
+
+def solve_frames(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    config: PoseConfig,
+    pixel_unit: Tensor,
+    start: Motion,
+) -> tuple[Motion, Tensor]:
+    """Solve frames as a batch of one-frame windows; returns the motion (F,) and energies (F,)."""
+    single = detections.map(lambda each: each[:, None])
+    objective = pose_objective(actor, cameras.apart(), single, config, pixel_unit, trajectory=None)
+    initial = start.map(lambda each: each[:, None])
+    method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
+    solution = solve(objective, initial, method, angle_bounds(actor))
+    state: Motion = solution.state
+    return state.map(lambda each: each[:, 0]), solution.energy
+
+
+# --------------------------------------------------------------------------------------------------
+# Poses of frames of which only one view's 2D joints are known: headings all around are tried.
 
 _YAWS = 8
 _REACH = 5  # frames from a known one: so near, other headings are sooner left and right exchanged

@@ -26,7 +26,7 @@ class FrameReader(Protocol):
 
 
 class KnownMasks(Protocol):
-    """Masks of the person that somebody has; ``perfcap.io.given_masks.MaskFolders`` is one."""
+    """Masks of the person that somebody has; ``perfcap.io.mask_files.MaskFolders`` is one."""
 
     def knows(self, view: int, frame: int) -> bool:
         """Whether there is one of a frame."""

@@ -18,10 +18,9 @@ from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps, require_somebody
-from perfcap.pipeline.headings import search_headings
+from perfcap.pipeline.headings import search_headings, solve_frames
 from perfcap.pipeline.objective import neutral_angles
 from perfcap.pipeline.prepare import Prepared
-from perfcap.pipeline.single_frames import solve_frames
 
 _TRUNK = [LANDMARKS.index(n) for n in ("neck", "r_shoulder", "l_shoulder", "r_hip", "l_hip")]
 _MIN_VIEWS = 2

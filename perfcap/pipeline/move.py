@@ -20,12 +20,10 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.clock import Clock, Progress
-from perfcap.pipeline.doubts import doubts
 from perfcap.pipeline.gaps import ranges
-from perfcap.pipeline.image_checks import examine_images
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.input_checks import require_matching
+from perfcap.pipeline.input_checks import examine_images, require_matching
 from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
 from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.joint_paths import known_poses
@@ -37,7 +35,7 @@ from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.result_doubts import result_doubts
+from perfcap.pipeline.result_doubts import doubts, result_doubts
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice

@@ -1,4 +1,4 @@
-"""The result of a capture, and its files."""
+"""The result of a capture, its files, and its motion as a table."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from typing import Any, Self
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.result_folder import finish, locked, replacing
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.floor import Floor
-from perfcap.pipeline.frame_table import LEVELS, frame_table, state
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement
@@ -33,6 +34,65 @@ from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.trust import Trust
 from perfcap.rates import frame_rate
 from perfcap.solve import Status
+
+# --- A captured motion as columns of numbers, one row a frame -------------------------------------
+
+Column = tuple[str, str, str]
+LEVELS = ("quantity", "name", "axis")
+"""What the three words of a column say."""
+
+_AXES = "xyz"
+
+
+def frame_table(performance: Performance) -> dict[Column, NDArray[np.float64]]:
+    """Columns of F numbers by quantity, name and axis or unit.
+
+    Time in seconds from the first frame; joints, metres in the world; the root's place and rotation
+    vector; angles, degrees; the feet's probability of standing; trust, and the expected error in
+    millimetres, where the capture knows them.
+    """
+    motion = performance.motion
+    columns: dict[Column, Tensor | NDArray[np.float64]] = {
+        ("time", "", "s"): np.arange(performance.frames) / performance.rate
+    }
+    points = performance.joints()
+    for joint, name in enumerate(LANDMARKS):
+        columns |= {("joint", name, axis): points[:, joint, k] for k, axis in enumerate(_AXES)}
+    for name, values in (("translation", motion.translation), ("rotation", motion.rotation)):
+        columns |= {("root", name, axis): values[:, k] for k, axis in enumerate(_AXES)}
+    for k, name in enumerate(performance.actor.skeleton.angle_names):
+        columns["angle", name, "deg"] = motion.angles[:, k].rad2deg()
+    if performance.contact is not None:
+        columns |= {("stands", side, ""): performance.contact[:, k] for k, side in enumerate("lr")}
+    if performance.trust is not None:
+        columns["trust", "", ""] = performance.trust.value
+        columns["expected_error", "", "mm"] = performance.trust.error
+    return {name: _numbers(values) for name, values in columns.items()}
+
+
+def state(performance: Performance) -> Mapping[str, Tensor]:
+    """Tensors under plain names, as ``torch.save`` and safetensors take them."""
+    motion, found = performance.motion, {}
+    for name in ("translation", "rotation", "angles"):
+        found[f"motion.{name}"] = getattr(motion, name)
+    found |= {f"motion.shared.{name}": block for name, block in motion.shared.items()}
+    found["joints"] = performance.joints()
+    found["rate"] = motion.angles.new_tensor(performance.rate)
+    if performance.bone_scales is not None:
+        found["bone_scales"] = performance.bone_scales
+    if performance.contact is not None:
+        found["contact"] = performance.contact
+    if performance.trust is not None:
+        found |= {"trust": performance.trust.value, "expected_error": performance.trust.error}
+    return {name: values.detach().contiguous() for name, values in found.items()}
+
+
+def _numbers(values: Tensor | NDArray[np.float64]) -> NDArray[np.float64]:
+    array = values.numpy(force=True) if isinstance(values, Tensor) else values
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+# --- The result of a capture, and its files -------------------------------------------------------
 
 _LAST_FRAME = 1 << 53  # files hold numbers that far
 _FRAME_BATCH = 256  # frames posed at once while writing: bounds memory

@@ -14,7 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import bone_vectors, retarget
 from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.resection import translation_from_plane
+from perfcap.geometry.triangulation import translation_from_plane
 
 _HEAD = LANDMARKS.index("head_top")
 _STRETCH = 500  # frames

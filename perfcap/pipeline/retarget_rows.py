@@ -10,10 +10,9 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
-from perfcap.actor.joint_axes import AXES, axes_skeleton, origin_row
+from perfcap.actor.joint_angles import AXES, axes_skeleton, origin_row
 from perfcap.actor.motion import Motion
-from perfcap.actor.point_differences import PointDifferences
-from perfcap.actor.points import Landmarks
+from perfcap.actor.points import Landmarks, PointDifferences
 from perfcap.actor.skeleton import Skeleton
 from perfcap.energy.joint_target import JointTarget
 from perfcap.pipeline.config import RetargetConfig

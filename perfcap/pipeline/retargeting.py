@@ -20,7 +20,7 @@ from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.joint_angles import joint_angles
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
-from perfcap.energy.trajectory_change import TrajectoryChange
+from perfcap.energy.trajectory import TrajectoryChange
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.pipeline.clearance import above_floor, grounded

@@ -13,8 +13,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import BONES, Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.resample import at_clock
-from perfcap.energy.prior import BoneLengthPrior, PosePrior
-from perfcap.energy.shared_prior import SharedPrior
+from perfcap.energy.prior import BoneLengthPrior, PosePrior, SharedPrior
 from perfcap.energy.uncertain_views import CAMERAS, CLOCK, UncertainViews
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera

@@ -18,7 +18,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
-from perfcap.render.density_visibility import visibilities
+from perfcap.render.density import visibilities
 from perfcap.render.texture import to_linear
 
 _IMAGES = 24  # that are looked at, spread over the clip

@@ -3,8 +3,7 @@
 from perfcap.render.density import Splats, background
 from perfcap.render.label_map import Cull, LabelMap, rasterize
 from perfcap.render.lighting import DAYLIGHT, FLAT, Lighting
-from perfcap.render.mesh_edges import MeshEdges
-from perfcap.render.occluding_contour import ModelContour
+from perfcap.render.occluding_contour import MeshEdges, ModelContour
 from perfcap.render.overlay import OverlayStyle, draw_caption, draw_overlay
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.shading import Rendering, render, shade

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,16 +17,15 @@ from perfcap.actor.shaped_points import OFFSETS, ShapedPoints
 from perfcap.actor.template import Template
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.energy.prior import PosePrior
+from perfcap.energy.prior import PosePrior, SharedPrior
 from perfcap.energy.reprojection import Reprojection
-from perfcap.energy.shared_prior import SharedPrior
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
+from perfcap.rigging.build_body import LENGTHS, Scales
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.rigging.uncertainty import deviations
 from perfcap.solve import (
     Bounds,
     Coupling,
@@ -37,6 +38,33 @@ from perfcap.solve import (
 )
 from perfcap.solve.covariance import shared_covariance
 from perfcap.solve.kernels import GemanMcClure
+
+# --- How well measurements are known --------------------------------------------------------------
+
+# by how much a body's measurements change when its surface moves out by one
+_GROWTH = {"height": 2.0, "inseam": 1.0, **dict.fromkeys(("chest", "waist", "hip"), 2 * math.pi)}
+
+
+def deviations(
+    model: BodyModel, shape: Tensor, covariance: Tensor, edge: float = 0.0
+) -> Measurements:
+    """Standard deviations of a body's measurements, metres.
+
+    Args:
+        model: the body.
+        shape: its coefficients, (S,).
+        covariance: of them, (S, S).
+        edge: deviation of where silhouettes end from where the skin does, everywhere alike: a
+            girth changes by 2 pi times as much, the height at both ends, the inseam at one.
+    """
+    slopes = Scales(model).linearized(shape.double().numpy(force=True))[1]
+    known = covariance.double().numpy(force=True)
+    variance = np.einsum("ns,st,nt->n", slopes, known, slopes)
+    grown = np.array([_GROWTH[name] for name in LENGTHS]) * edge
+    return Measurements(*np.sqrt(variance + grown**2).tolist())
+
+
+# --- Shape of a person from calibrated views: joints and silhouettes of several frames ------------
 
 # How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
 # 5 cm at hips and knees, 1 to 1.5 cm at ankles; the neck is as vague as a hip, the rest between.

@@ -17,8 +17,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.energy.prior import PosePrior
-from perfcap.energy.shared_prior import SharedPrior
+from perfcap.energy.prior import PosePrior, SharedPrior
 from perfcap.rigging.surface_match import Matches, SurfaceMatch
 from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
 from perfcap.rigging.view_landmarks import SeenLandmarks

@@ -20,9 +20,8 @@ from perfcap.solve.energy import (
 from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
 from perfcap.solve.majorized import Expansion, Majorized
-from perfcap.solve.method import Method
 from perfcap.solve.minimize import solve
-from perfcap.solve.solution import Sensitivity, Solution, Status
+from perfcap.solve.solution import Method, Sensitivity, Solution, Status
 from perfcap.solve.sparse import BlockLinearization
 from perfcap.solve.truncated_newton import TruncatedNewton
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.bounds import Bounds, step_box
-from perfcap.solve.damping import added_damping, damping_scale
+from perfcap.solve.damped_model import added_damping, damping_scale
 from perfcap.solve.energy import State
 from perfcap.solve.factorization import Factorization, factorize
 from perfcap.solve.layout import Layout

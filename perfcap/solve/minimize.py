@@ -15,8 +15,7 @@ from perfcap.solve.dense import Function, Sides, pose
 from perfcap.solve.energy import Energy, Objective, StateType, Step
 from perfcap.solve.layout import Layout
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
-from perfcap.solve.method import Method
-from perfcap.solve.solution import Solution
+from perfcap.solve.solution import Method, Solution
 
 
 @overload

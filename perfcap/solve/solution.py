@@ -1,15 +1,16 @@
-"""What a solve returns."""
+"""What the entry to all minimisers asks of one, and what a solve returns."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, Protocol
 
 import torch
 from torch import Tensor
 
-from perfcap.solve.energy import StateType, total
+from perfcap.solve.bounds import Bounds
+from perfcap.solve.energy import Objective, StateType, total
 
 
 class Status(enum.IntEnum):
@@ -91,3 +92,15 @@ class Solution(Generic[StateType]):
             f"element {index}: {Status(code).sentence} ({count} steps, energy {value:.6g})"
             for index, (code, count, value) in enumerate(rows)
         ]
+
+
+# --- What the entry to all minimisers asks of one -------------------------------------------------
+
+
+class Method(Protocol):
+    """A minimiser: a value that holds settings and nothing else."""
+
+    def minimize(
+        self, objective: Objective, initial: StateType, bounds: Bounds | None
+    ) -> Solution[StateType]:
+        """Minimise from an initial state that is within the bounds and carries no gradient."""

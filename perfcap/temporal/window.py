@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.rotation_mean import rotation_mean
+from perfcap.geometry.rotation import rotation_mean
 
 # Weighted mean over covering windows: values (F, M, ...) and weights (F, M) to (F, ...). The
 # window of largest weight comes first.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.detect.viewing_ray import toward
 from perfcap.train.body_parts import mirrored_parts, part_map_size
-from perfcap.train.detector_config import Augmentation
+from perfcap.train.config import Augmentation
 from perfcap.train.scenes import Shot
 
 Picture = NDArray[np.uint8]

@@ -88,3 +88,94 @@ class TrainLifterConfig:
     lifter: LifterConfig = field(default_factory=LifterConfig)
     data: LiftingData = field(default_factory=LiftingData)
     loss: LiftingLoss = field(default_factory=LiftingLoss)
+
+
+# --------------------------------------------------------------------------------------------------
+# Settings of detectors' training. Nothing heavy is imported here: the command line reads them.
+
+
+@dataclass(frozen=True)
+class DetectorConfig:
+    """Size of a detector."""
+
+    size: int = 224  # pixels along each side of the crop it sees
+    widths: tuple[int, ...] = (24, 48, 96, 160)  # channels at a 4th, 8th, 16th, 32nd of them
+    blocks: tuple[int, ...] = (1, 3, 5)  # residual blocks of the last three
+
+
+@dataclass(frozen=True)
+class SceneData:
+    """Rendered people."""
+
+    size: int = 288  # pixels of a stored crop
+    margin: float = 1.7  # size of it, in boxes around the joints
+    group: int = 8  # pictures of a person in one outfit
+    places: int = 3  # backgrounds that these are taken before
+    texture: int = 384  # pixels along a texture
+    recombined: float = 0.3  # share of poses with arms and legs of different frames
+    loosened: float = 9.0  # degrees, deviation that joints are turned by at random
+    swung: float = 2.5  # factor of it for arms
+    facing: float = 0.4  # share made to face the camera's side; others face anywhere
+    tilted: float = 0.04  # share of poses turned over in any direction
+    skirts: float = 0.3  # share of outfits with a skirt or coat
+    actors: float = 0.2  # share of people who are actors with clothes of their own
+    distance: tuple[float, float] = (2.0, 9.0)  # m, evenly in the logarithm
+    elevation: tuple[float, float] = (8.0, 14.0)  # degrees above the person, mean and deviation
+    roll: float = 4.0  # degrees, deviation
+    shadowed: float = 0.3  # share with shadows on the body
+    occluded: float = 0.15  # share with something in front of the person
+    empty: float = 0.03  # share without a person
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """What is done to a stored crop each time it is shown."""
+
+    moved: float = 0.75  # share of people before another background, if there are pictures of some
+    camouflaged: float = 0.45  # of these, before the colours of a part of them
+    zoom: tuple[float, float] = (0.85, 1.2)  # of the size a person is followed at
+    small: float = 0.04  # share that is shown much smaller, as in a search of the image
+    smallest: float = 0.4  # of the usual size
+    turn: float = 9.0  # degrees, deviation
+    shift: float = 0.08  # of the crop, deviation
+    blur: float = 0.2  # shares of crops
+    noise: float = 0.2
+    jpeg: float = 0.15
+    cut: float = 0.15  # crops that lose rectangles or discs
+    grey: float = 0.04
+
+
+@dataclass(frozen=True)
+class DetectorLoss:
+    """Weights of the parts."""
+
+    deviation: float = 1.0  # of the target about a joint, in pixels of the heat map
+    places: float = 3.0  # of location maps (m) against the cross entropy of heat maps (nats)
+    pose: float = 6.0  # of the pose guessed from the whole crop (m)
+    parts: float = 1.0  # of the parts of the body (nats a pixel of the person)
+    nowhere: float = 0.2  # of joints outside of the crop, whose heat map is to be even
+
+
+@dataclass(frozen=True)
+class TrainDetectorConfig:
+    """Everything that a detector depends on, but for motion and pictures."""
+
+    held_out: tuple[str, ...] = ("05", "06")  # people whose motion is not shown
+    validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
+    crops: int = 30000  # stored before training; each is shown again and again, never alike
+    validation_crops: int = 512  # to score
+    sizes: tuple[tuple[float, int], ...] = ((0.0, 128), (0.45, 160), (0.75, 192), (0.92, 224))
+    """Pixels of the crops shown, each from a share of the steps on: small ones are cheaper."""
+    loop: LoopConfig = field(
+        default_factory=lambda: LoopConfig(
+            steps=52000,
+            batch=32,
+            average=0.998,
+            evaluate_every=1000,
+            save_every=500,
+        )
+    )
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    scene: SceneData = field(default_factory=SceneData)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    loss: DetectorLoss = field(default_factory=DetectorLoss)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.train.body_parts import PARTS
-from perfcap.train.detector_config import DetectorConfig
+from perfcap.train.config import DetectorConfig
 
 JOINTS = len(LANDMARKS)
 _MAPS = 4 * JOINTS  # heat, X, Y and Z of each joint

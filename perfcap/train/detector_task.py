@@ -14,9 +14,9 @@ from perfcap.detect.heatmap import decode_dark, map_to_input
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.body_parts import UNKNOWN
+from perfcap.train.config import DetectorLoss, TrainDetectorConfig
 from perfcap.train.crop_batches import Ahead, CropBatch, CropBatches, Shots, plain_batch
 from perfcap.train.detector import Detector
-from perfcap.train.detector_config import DetectorLoss, TrainDetectorConfig
 
 TORSO = LANDMARKS.index("l_shoulder"), LANDMARKS.index("r_hip")
 PCK = 0.2  # of the torso's length

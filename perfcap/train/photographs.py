@@ -1,4 +1,4 @@
-"""Photographs with annotated joints: a second source for fine-tuning."""
+"""Photographs with annotated joints: a second source for fine-tuning, mixed with the first."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
 from perfcap.errors import InputError
 from perfcap.train.body_parts import UNKNOWN, part_map_size
+from perfcap.train.crop_batches import Shots
 from perfcap.train.scenes import Shot
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
@@ -167,3 +168,27 @@ def _read(path: Path) -> NDArray[np.uint8]:
     if image is None or image.shape[0] * image.shape[1] > _MOST_PIXELS:
         raise InputError(f"{path}: cannot be read as a photograph; remove it from {ANNOTATIONS}")
     return np.asarray(image, np.uint8)
+
+
+# --- Two sources of shots as one ------------------------------------------------------------------
+
+
+class Mixture:
+    """Shots of two sources in turn; the smaller one comes round again as often as need be.
+
+    Args:
+        first: a source.
+        second: another one.
+    """
+
+    def __init__(self, first: Shots, second: Shots) -> None:
+        self._sources = (first, second)
+
+    def __len__(self) -> int:
+        return 2 * max(len(source) for source in self._sources)
+
+    def __getitem__(self, number: int) -> Shot:
+        """An even number is of the first source, an odd one of the second."""
+        row, which = divmod(number, 2)
+        source = self._sources[which]
+        return source[row % len(source)]

@@ -20,7 +20,7 @@ from perfcap.render.lighting import Color
 from perfcap.train.backgrounds import Backgrounds, Picture, add_shape, surface
 from perfcap.train.body_parts import part_map_size
 from perfcap.train.cast import Cast, Posed
-from perfcap.train.detector_config import SceneData
+from perfcap.train.config import SceneData
 from perfcap.train.loop import mixed_seed
 
 _LOWEST = 0.25  # sine of the sun's least elevation, for shadows on the ground

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_geometry import match_places
-from perfcap.actor.bone_map import map_bones
-from perfcap.actor.bone_sides import exchanged, facing
+from perfcap.actor.bone_map import exchanged, facing, map_bones
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 

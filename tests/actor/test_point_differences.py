@@ -5,10 +5,9 @@ import torch
 from checks import check_energy
 from synthetic import actor, random_motion
 
-from perfcap.actor.joint_axes import axes_skeleton, origin_row
+from perfcap.actor.joint_angles import axes_skeleton, origin_row
 from perfcap.actor.motion import Motion
-from perfcap.actor.point_differences import PointDifferences
-from perfcap.actor.points import Landmarks
+from perfcap.actor.points import Landmarks, PointDifferences
 from perfcap.energy.joint_target import JointTarget
 from perfcap.errors import InputError
 from perfcap.solve.energy import Energy

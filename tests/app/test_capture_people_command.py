@@ -18,8 +18,8 @@ from perfcap.cli import main
 from perfcap.detect.detections import Detections
 from perfcap.io.detections import read_candidates
 from perfcap.io.gltf_document import open_document
-from perfcap.io.people_folder import people_of
 from perfcap.io.result import read_result
+from perfcap.io.result_folder import people_of
 
 ONE = {"motion.npz", "motion.bvh", "capture.glb", "config.yaml", "run.json", "detections.npz"}
 SHARED = {"people.json", "scene.glb", "run.json", "config.yaml"}

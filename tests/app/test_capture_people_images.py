@@ -12,8 +12,8 @@ from painted_crowd import PaintedCrowd
 from runs import Command
 
 from perfcap.cli import main
-from perfcap.io.people_folder import people_of
 from perfcap.io.result import read_result
+from perfcap.io.result_folder import people_of
 
 CROWD = make_crowd(3, frames=6, views=3, size=SIZE, noise=6.0)
 PAINTED = PaintedCrowd(CROWD)

@@ -189,7 +189,7 @@ def test_a_pipe_as_buffer_is_not_waited_for(
 @pytest.mark.parametrize("number", [2**63, 2**70, -(2**70)])
 def test_faces_of_an_off_mesh_beyond_all_numbers(tmp_path: Path, number: int) -> None:
     from perfcap.errors import InputError
-    from perfcap.io.datasets.off import read_off
+    from perfcap.io.datasets.monoperfcap import read_off
 
     path = tmp_path / "a.off"
     path.write_text(f"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 {number}\n")

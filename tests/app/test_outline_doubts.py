@@ -9,7 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from perfcap.app.outline_doubts import outline_doubts, outline_edges
+from perfcap.app.body_doubts import outline_doubts, outline_edges
 from perfcap.detect.detections import Detections
 
 FRAMES, HEIGHT, WIDTH = 4, 260, 200

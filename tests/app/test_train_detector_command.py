@@ -9,8 +9,8 @@ from runs import Command
 
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.train.checkpoint import Checkpoint, save_checkpoint, start_from
+from perfcap.train.config import DetectorConfig
 from perfcap.train.detector import Detector
-from perfcap.train.detector_config import DetectorConfig
 
 VALUES = {"step": "1", "best": "1.0", "config": "{}"}
 PEOPLE = ("--held-out", "03", "--validation", "02")

@@ -10,9 +10,9 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.detect.decode import Estimate
-from perfcap.detect.fusion import TRUST
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
 from perfcap.detect.person import Start, follow_person
+from perfcap.detect.pose_fusion import TRUST
 from perfcap.errors import InputError
 
 SIDE = 96

@@ -2,8 +2,8 @@
 
 import torch
 
-from perfcap.detect.fusion import TRUST, Landmarks, exchanged, fuse
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.detect.pose_fusion import TRUST, Landmarks, exchanged, fuse
 
 SIZE = torch.tensor([100.0, 100.0, 100.0])
 ORDER = list(LANDMARKS16.mirrored())

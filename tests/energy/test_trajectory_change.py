@@ -10,7 +10,7 @@ from synthetic import random_motion, rest_positions
 from perfcap.actor.anatomy import human_rig
 from perfcap.actor.motion import Motion
 from perfcap.actor.skeleton import Skeleton
-from perfcap.energy.trajectory_change import TrajectoryChange
+from perfcap.energy.trajectory import TrajectoryChange
 from perfcap.geometry.rotation import compose_rotvec
 from perfcap.solve.energy import Energy
 from perfcap.temporal.subspace import dct_basis

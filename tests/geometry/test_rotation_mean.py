@@ -1,8 +1,13 @@
 import pytest
 import torch
 
-from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
-from perfcap.geometry.rotation_mean import nearest_turn, rotation_mean, unwrapped
+from perfcap.geometry.rotation import (
+    matrix_to_rotvec,
+    nearest_turn,
+    rotation_mean,
+    rotvec_to_matrix,
+    unwrapped,
+)
 
 PI = torch.pi
 

@@ -13,10 +13,9 @@ from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
-from perfcap.io.actor_import import ImportedActor, import_actor, require_sound
-from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.actor_import import ActorMapping, ImportedActor, import_actor, require_sound
 from perfcap.io.bvh import load_bvh, save_bvh
-from perfcap.io.bvh_motion import bvh_motion, joint_positions
+from perfcap.io.bvh_read import bvh_motion, joint_positions
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_animation import read_bone_transforms

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.actor_mapping import ActorMapping, read_mapping
+from perfcap.io.actor_import import ActorMapping, read_mapping
 
 
 def test_lines_name_bones(tmp_path: Path) -> None:

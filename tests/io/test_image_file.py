@@ -10,8 +10,7 @@ import pytest
 
 from perfcap.errors import InputError
 from perfcap.io.datasets.silhouettes import read_silhouette
-from perfcap.io.image_file import decode_image, is_whole_png
-from perfcap.io.image_folder import read_image
+from perfcap.io.image_file import decode_image, is_whole_png, read_image
 
 
 def encoded(suffix: str = ".png") -> bytes:

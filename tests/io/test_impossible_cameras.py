@@ -7,9 +7,8 @@ import torch
 from takes import make_take
 
 from perfcap.io.calibration import CameraRig
-from perfcap.io.doctor.cameras import examine_cameras
+from perfcap.io.doctor.cameras import examine_cameras, impossible_cameras
 from perfcap.io.doctor.finding import Severity
-from perfcap.io.doctor.impossible import impossible_cameras
 
 
 def rig(views: int = 3, lens: tuple[float, ...] = (-0.1, 0.05, 0.0, 0.0, 0.0)) -> CameraRig:

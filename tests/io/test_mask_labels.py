@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.mask_labels import fill, read_labels
+from perfcap.io.mask_files import fill, read_labels
 
 SIZE = (40, 30)
 SQUARE = [[5.0, 5], [15, 5], [15, 25], [5, 25]]

@@ -17,8 +17,7 @@ from takes import sway
 from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
-from perfcap.io.actor_import import import_actor
-from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.actor_import import ActorMapping, import_actor
 from perfcap.io.bvh import bvh_motion, save_bvh
 from perfcap.io.gltf import save_animation
 from perfcap.io.moving_rig import read_moving_rig

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.people_folder import is_several, people_of, write_people
-from perfcap.io.result_folder import finish, locked, replacing
+from perfcap.io.result_folder import finish, is_several, locked, people_of, replacing, write_people
 
 REPORT = "run.json"
 

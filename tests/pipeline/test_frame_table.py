@@ -13,9 +13,8 @@ from takes import make_take
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.pipeline import Stage, capture
-from perfcap.pipeline.frame_table import frame_table
 from perfcap.pipeline.notebook import notebook_progress
-from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.performance import Performance, frame_table
 
 
 @pytest.fixture(scope="module")

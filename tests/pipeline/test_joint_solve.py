@@ -8,8 +8,8 @@ from joint_problem import F64, JointProblem
 from torch import Tensor, nn
 
 from perfcap.solve import Adam, Compound, Implicit, LevenbergMarquardt, Objective, Step, solve
+from perfcap.solve.adjoint import ProductInverse, tangent_gradient
 from perfcap.solve.assembly import assemble
-from perfcap.solve.exact_inverse import ProductInverse, tangent_gradient
 from perfcap.solve.implicit_step import invert
 from perfcap.solve.layout import Layout
 

@@ -10,9 +10,9 @@ from takes import Take, make_take
 from perfcap.actor.motion import Motion
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.mend import _misfits, mended
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.track_motion import WindowReport, track_motion
+from perfcap.pipeline.track_twice import _misfits, mended
 from perfcap.solve import Status
 from perfcap.temporal.window import Window
 

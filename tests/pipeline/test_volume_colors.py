@@ -9,7 +9,7 @@ from test_refine_contours import Film
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.volume_colors import color_volume, trimmed_means
-from perfcap.render.density_visibility import visibilities
+from perfcap.render.density import visibilities
 from perfcap.render.texture import to_linear, to_srgb
 
 F64 = torch.float64

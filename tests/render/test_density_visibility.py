@@ -3,8 +3,7 @@
 import torch
 from synthetic import cameras as circle
 
-from perfcap.render.density import Splats, background
-from perfcap.render.density_visibility import visibilities
+from perfcap.render.density import Splats, background, visibilities
 
 F64 = torch.float64
 SIZE = 120

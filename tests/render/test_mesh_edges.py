@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from perfcap.errors import InputError
-from perfcap.render.mesh_edges import MeshEdges
+from perfcap.render.occluding_contour import MeshEdges
 
 
 def test_closed_mesh_has_two_triangles_at_every_edge() -> None:

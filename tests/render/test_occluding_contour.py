@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.render.label_map import LabelMap, rasterize
-from perfcap.render.mesh_edges import MeshEdges
-from perfcap.render.occluding_contour import ModelContour, occluding_contour
+from perfcap.render.occluding_contour import MeshEdges, ModelContour, occluding_contour
 
 SIZE = (160, 200)
 FOCAL = 200.0

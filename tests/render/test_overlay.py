@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.render._marks import border_distance, stroke
-from perfcap.render.overlay import OverlayStyle, draw_caption, draw_overlay
+from perfcap.render.overlay import OverlayStyle, border_distance, draw_caption, draw_overlay, stroke
 
 RNG = np.random.default_rng(0)
 FRAME = RNG.integers(0, 256, (90, 120, 3), dtype=np.uint8)

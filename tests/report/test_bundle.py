@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from perfcap.report.bundle import bundle
+from perfcap.report.page import bundle
 
 MODULES = {
     "main.js": 'import { add, Counter } from "./sums.js";\nimport { two } from "./twos.js";\n'

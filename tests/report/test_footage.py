@@ -8,7 +8,7 @@ import pytest
 from takes import write_video
 
 from perfcap.io.clip import Clip
-from perfcap.report.footage import encode_view, shown_size
+from perfcap.report.views import encode_view, shown_size
 
 
 @pytest.mark.parametrize(("frames", "rate"), [(1, 30.0), (2, 240.0), (5, 1000.0)])

@@ -21,8 +21,8 @@ from perfcap.io.result import read_result
 from perfcap.io.result_folder import PAGE
 from perfcap.pipeline.performance import Performance
 from perfcap.report import Places, Wanted, make_report
-from perfcap.report.packing import Pack, unpack
-from perfcap.report.quantize import restore
+from perfcap.report.content import Pack, unpack
+from perfcap.report.model import restore
 
 
 def read(page: Path) -> tuple[str, dict[str, Any], dict[str, str]]:

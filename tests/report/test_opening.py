@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from perfcap.report.content import opening_frame
 from perfcap.report.marks import Mark
-from perfcap.report.opening import opening_frame
 
 VIEW = {"height": 100, "width": 200}
 RNG = np.random.default_rng(0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from perfcap.report.packing import pack, unpack
+from perfcap.report.content import pack, unpack
 
 
 def test_arrays_come_back() -> None:

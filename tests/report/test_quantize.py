@@ -5,7 +5,7 @@ import zlib
 import numpy as np
 import pytest
 
-from perfcap.report.quantize import STEP, Box, difference, restore
+from perfcap.report.model import STEP, Box, difference, restore
 
 
 def walk(frames: int = 20, vertices: int = 50, reach: float = 1.0) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import perfcap.report
-from perfcap.report.bundle import bundle
+from perfcap.report.page import bundle
 
 NODE = shutil.which("node")
 ASSETS = Path(perfcap.report.__file__).with_name("assets")

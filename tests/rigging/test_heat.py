@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from perfcap.rigging.heat import conduct, laplacian, smooth
+from perfcap.rigging.bone_heat import conduct, laplacian, smooth
 
 
 def sphere(subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,9 @@ import pytest
 import torch
 from toy import toy
 
-from perfcap.solve.assembly import assemble
+from perfcap.solve.assembly import add_rows, assemble
 from perfcap.solve.factorization import factorize
 from perfcap.solve.frame_factors import factorize_frames
-from perfcap.solve.rows import add_rows
 
 SIZES = [(1, 1), (4, 4), (9, 10), (17, 3), (24, 33), (33, 34)]
 ROUNDING = {torch.float32: 1e-4, torch.float64: 1e-13}

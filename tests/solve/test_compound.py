@@ -13,8 +13,8 @@ from perfcap.detect.detections import Detections
 from perfcap.energy import JointTarget, PosePrior, Reprojection, Rigidity, Tether, Trajectory
 from perfcap.errors import InputError
 from perfcap.solve import Compound, Energy, Huber, Objective, Step, of_part
+from perfcap.solve.adjoint import tangent_gradient
 from perfcap.solve.assembly import assemble
-from perfcap.solve.exact_inverse import tangent_gradient
 from perfcap.solve.layout import Layout
 from perfcap.solve.stationarity import gradient
 

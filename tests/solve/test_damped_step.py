@@ -12,9 +12,8 @@ from perfcap.geometry.plain import torch_only
 from perfcap.solve import Bounds, LevenbergMarquardt, Step, solve
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import StepBox
-from perfcap.solve.damped_model import DampedModel
-from perfcap.solve.damped_step import damped_step, room_for_steps
-from perfcap.solve.damping import damping_scale
+from perfcap.solve.damped_model import DampedModel, damping_scale
+from perfcap.solve.levenberg_marquardt import damped_step, room_for_steps
 
 KINDS = {
     "no window": {"windows": 0},

@@ -9,8 +9,8 @@ from toy import Frames, Smoothness, cosine_basis, dense_derivatives, toy
 from perfcap.errors import InputError
 from perfcap.solve import Coupling, Energy, GemanMcClure, Objective, Residual, WindowEnergy
 from perfcap.solve.assembly import assemble
+from perfcap.solve.box_step import InverseColumns
 from perfcap.solve.factorization import factorize
-from perfcap.solve.inverse_columns import InverseColumns
 
 KINDS = {
     "frames only": {"windows": 0},

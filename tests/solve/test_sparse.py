@@ -15,9 +15,8 @@ from perfcap.geometry import torch_only
 from perfcap.solve import Bounds, GemanMcClure, Objective, TruncatedNewton, solve
 from perfcap.solve import _blocks_torch as plain
 from perfcap.solve._blocks_numba import BlockCurvature
-from perfcap.solve.aggregation import aggregate
 from perfcap.solve.coarse import coarse_correction
-from perfcap.solve.coarse_space import CoarseSpace
+from perfcap.solve.coarse_space import CoarseSpace, aggregate
 from perfcap.solve.conjugate_gradient import conjugate_gradients
 from perfcap.solve.sparse_problem import SparseProblem
 

@@ -12,7 +12,7 @@ from perfcap.train.augment import Framing, cut
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.body_parts import PARTS, UNKNOWN, face_parts, mirrored_parts
 from perfcap.train.cast import Cast
-from perfcap.train.detector_config import SceneData
+from perfcap.train.config import SceneData
 from perfcap.train.figure import Figure, actor_figure
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.scenes import Scenes, Shot

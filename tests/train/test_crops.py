@@ -15,11 +15,11 @@ from perfcap.io.body_model import load_body_model
 from perfcap.train.augment import Framing, cut, random_framing, spoil
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.cast import Cast
+from perfcap.train.config import Augmentation, SceneData
 from perfcap.train.crop_batches import Ahead, CropBatches
 from perfcap.train.crop_store import CropStore, render_crops
-from perfcap.train.detector_config import Augmentation, SceneData
-from perfcap.train.mixture import Mixture
 from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.photographs import Mixture
 from perfcap.train.scenes import Scenes, Shot
 
 DATA = SceneData(size=64, group=1, places=1, texture=32, shadowed=0.0)

@@ -12,15 +12,15 @@ from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.train import export_detector as exporting
 from perfcap.train.body_parts import PARTS, UNKNOWN
-from perfcap.train.config import LoopConfig
-from perfcap.train.crop_batches import CropBatch
-from perfcap.train.detector import Detector
-from perfcap.train.detector_config import (
+from perfcap.train.config import (
     DetectorConfig,
     DetectorLoss,
+    LoopConfig,
     SceneData,
     TrainDetectorConfig,
 )
+from perfcap.train.crop_batches import CropBatch
+from perfcap.train.detector import Detector
 from perfcap.train.detector_task import (
     DetectorTask,
     detection_loss,

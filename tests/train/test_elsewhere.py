@@ -9,8 +9,8 @@ import pytest
 
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.body_parts import PARTS, UNKNOWN
-from perfcap.train.detector_config import Augmentation
-from perfcap.train.elsewhere import elsewhere
+from perfcap.train.config import Augmentation
+from perfcap.train.crop_batches import elsewhere
 from perfcap.train.scenes import Shot
 
 ALWAYS = Augmentation(moved=1.0, camouflaged=0.0)

@@ -9,7 +9,7 @@ from torch import Generator, Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.train.config import LiftingData
-from perfcap.train.restyle import Track, restyled
+from perfcap.train.lifting_data import Track, restyled
 
 TRACKS, FRAMES = 400, 3
 LEGS = [i for i, name in enumerate(LANDMARKS) if name[2:] in {"hip", "knee", "ankle", "toe"}]

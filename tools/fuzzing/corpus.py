@@ -27,11 +27,10 @@ from tiny_networks import write_tiny
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.actor import load_actor
 from perfcap.io.body_model import load_body_model
-from perfcap.io.bvh_motion import BvhMotion
-from perfcap.io.bvh_read import load_bvh
+from perfcap.io.bvh_read import BvhMotion, load_bvh
 from perfcap.io.calibration import read_cameras, read_pixel_map
 from perfcap.io.clip_list import read_clip_list
-from perfcap.io.datasets.off import read_off
+from perfcap.io.datasets.monoperfcap import read_off
 from perfcap.io.datasets.safe_pickle import read_pickle
 from perfcap.io.datasets.silhouettes import read_silhouette
 from perfcap.io.datasets.trc import read_trc

@@ -21,7 +21,7 @@ from test_own_recordings import write_pose2sim, write_rendered
 
 from perfcap.io.datasets import find_dataset
 from perfcap.io.datasets.joint_sets import H36M32, HUMANEVA15, MPI28
-from perfcap.io.datasets.off import read_off
+from perfcap.io.datasets.monoperfcap import read_off
 
 _MOST = 3  # sequences read of a folder
 

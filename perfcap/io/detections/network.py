@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.detect.detections import unit_of
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
-from perfcap.detect.unit_guess import unit_of
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track

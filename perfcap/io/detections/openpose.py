@@ -21,9 +21,8 @@ from perfcap.detect.joint_set import (
     JointSet,
 )
 from perfcap.errors import InputError
-from perfcap.io.detections.instance import parse_instance
 from perfcap.io.detections.listing import Listing
-from perfcap.io.detections.track import MAX_FRAMES, Array
+from perfcap.io.detections.track import MAX_FRAMES, Array, parse_instance
 from perfcap.io.files import MEBIBYTE, read_json
 
 FRAME_LIMIT = 16 * MEBIBYTE

@@ -19,9 +19,8 @@ from perfcap.io.doctor.evidence import (
     person_height,
 )
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses
+from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.sides import examine_sides
-from perfcap.io.doctor.timing import late_view
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
 # 0.01 to 0.02.

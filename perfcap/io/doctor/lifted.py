@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from perfcap.geometry.resection import translation_from_plane
+from perfcap.geometry.triangulation import translation_from_plane
 from perfcap.io.doctor.finding import Finding, Severity
 
 # Shares of the person's height in the image. Good detectors and lifters leave 0.036 to 0.047.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from perfcap.io.bvh_motion import bvh_motion
+from perfcap.io.bvh_read import bvh_motion
 from perfcap.io.bvh_write import save_bvh
 from perfcap.io.export.names import unique_names, word
 from perfcap.io.export.options import Options

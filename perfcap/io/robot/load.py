@@ -17,7 +17,7 @@ from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.actor_mapping import ActorMapping
+from perfcap.io.actor_import import ActorMapping
 from perfcap.io.robot.description import Floats, Robot, RobotHinge
 from perfcap.io.robot.elements import read_xml
 from perfcap.io.robot.mjcf import read_mjcf_robot

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from perfcap.io.datasets.mat_file import HEADER, read_variables
+from perfcap.io.datasets.matlab import HEADER, read_variables
 
 
 def written(compressed: bool, **values: Any) -> bytes:

@@ -11,8 +11,7 @@ from scenes import cameras
 
 from perfcap.errors import InputError
 from perfcap.io.datasets import find_dataset
-from perfcap.io.datasets.monoperfcap import read_surface
-from perfcap.io.datasets.off import read_off
+from perfcap.io.datasets.monoperfcap import read_off, read_surface
 
 DATASET = find_dataset("monoperfcap")
 SQUARE = "OFF\n# a square\n4 1 0\n0 0 0\n1000 0 0\n1000 1000 0\n0 1000 0\n4 0 1 2 3\n"
