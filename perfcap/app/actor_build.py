@@ -20,7 +20,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
-from perfcap.io.actor_folder import MANIFEST, MESH, UNKNOWN, save_actor
+from perfcap.io.actor_folder import MANIFEST, MESH, UNKNOWN, save_actor, spare_actor
 from perfcap.io.actor_import import import_actor, read_mapping, require_sound
 from perfcap.io.body_model import load_body_model
 from perfcap.io.doctor import Severity
@@ -161,6 +161,7 @@ def run_build(request: ActorBuild) -> int:
     actor, licence, provenance, measurements = _made(request, _person(request))
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)
+    spare_actor(request.out, actor.template.name)
     Appearance.of(actor.template)  # whether the texture can be decoded, before anything is written
     save_actor(actor, request.out, licence=request.licence or licence, provenance=provenance)
     if measurements is not None:

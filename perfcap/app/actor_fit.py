@@ -15,7 +15,7 @@ from perfcap.app.measures import print_measures
 from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
-from perfcap.io.actor_folder import MANIFEST, save_actor
+from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor
 from perfcap.rigging import Person
 
 _LOG = logging.getLogger(__name__)
@@ -42,6 +42,7 @@ def run_fit(request: ActorFit) -> int:
     )
     template = replace(body.template, name=request.name or request.out.name).rounded()
     licence = body.model.rig.licence
+    spare_actor(request.out, template.name)
     save_actor(Actor(template), request.out, licence=licence, provenance=body.source)
     body.save(request.out, FIT_SHEET)
     code = run_inspect(str(request.out), None, request.out)

@@ -57,7 +57,7 @@ def run_train_lifter(request: TrainLifter) -> int:
             task,
             config.loop,
             out,
-            asdict(config),
+            asdict(config) | {"motion": library.digest},
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(out) if first else None,

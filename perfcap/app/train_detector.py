@@ -58,7 +58,7 @@ def run_train_detector(request: TrainDetector) -> int:
             task,
             config.loop,
             request.out,
-            asdict(config),
+            asdict(config) | {"motion": library.digest},
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(request.out) if first else None,
@@ -98,7 +98,10 @@ def _crops(
         }
         for name, (people, count, seed) in parts.items():
             scenes = _scenes(request, people, seed)
-            described: dict[str, object] = {"scene": asdict(config.scene), "seed": seed}
+            described: dict[str, object] = {
+                **{"scene": asdict(config.scene), "seed": seed, "motion": people.digest},
+                **{"actors": request.actors, "body_model": request.body_model},
+            }
             render_crops(folder / name, scenes, count, described, tell)
     if distributed.is_initialized():
         distributed.barrier()  # the crops are there

@@ -67,6 +67,20 @@ class Manifest:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+def spare_actor(folder: Path, name: str) -> None:
+    """Refuse to replace somebody else; an actor of this name may be made again.
+
+    Raises:
+        InputError: the folder holds an actor of another name.
+    """
+    there = read_manifest(folder / MANIFEST)
+    if there.name not in (None, name):
+        raise InputError(
+            f"--out {folder}: holds the actor {there.name!r:.60} ({there.provenance:.80}), not "
+            f"{name!r:.60}; choose another folder, or delete it"
+        )
+
+
 def save_actor(
     actor: Actor,
     folder: str | Path,

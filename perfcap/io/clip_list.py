@@ -71,7 +71,12 @@ def read_clip_list(
                 f"{path}: line {number} has {len(row)} cells under {len(header)} columns; put "
                 "quotes around cells that hold commas"
             )
-        given = dict(zip(header, row, strict=False))
+        if len(row) < len(header):
+            raise InputError(
+                f"{path}: line {number} has {len(row)} cells under {len(header)} columns; what is "
+                "not given is an empty cell"
+            )
+        given = dict(zip(header, row, strict=True))
         values = {
             key: _parts(path, number, key, cell)
             for key, cell in given.items()

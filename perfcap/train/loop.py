@@ -60,7 +60,8 @@ def train(
         task: what to learn; its model is trained in place.
         config: of the loop.
         folder: for ``last`` and ``best`` checkpoints and ``metrics.jsonl``.
-        described: the whole configuration, kept in checkpoints; a resumed one must be the same.
+        described: the whole configuration and what the data are, kept in checkpoints; those of a
+            resumed run must be the same.
         resume: go on from the last checkpoint, if there is one.
         progress: told what is done and what there is to do.
         watch: given all numbers that are logged, such as a TensorBoard writer.
@@ -158,8 +159,8 @@ class _State(Generic[Model]):
         """
         if saved.values["config"] != self.described:
             raise InputError(
-                f"{saved.path}: was made with another configuration; expected the same to resume; "
-                "give another --out, or leave --resume"
+                f"{saved.path}: was made with another configuration, or of other motion; "
+                "expected the same to resume; give another --out, or leave --resume"
             )
         self.task.model.load_state_dict(saved.part("model"))
         self.averaged.load_state_dict(saved.part("average"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,16 @@ class MotionLibrary:
     """Clips of several people."""
 
     recordings: tuple[Recording, ...]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of names, people and poses, in hexadecimal: another one is other data."""
+        total = hashlib.sha256()
+        for recording in self.recordings:
+            total.update(f"{recording.name}\0{recording.subject}\0".encode())
+            for poses in (recording.landmarks, recording.turns):
+                total.update(poses.contiguous().numpy().tobytes())
+        return total.hexdigest()
 
     @classmethod
     def read(cls, folder: Path) -> Self:

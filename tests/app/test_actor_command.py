@@ -111,6 +111,16 @@ def test_options_that_do_nothing_are_refused(perfcap: Command, tmp_path: Path) -
     assert not (tmp_path / "me").exists()
 
 
+def test_another_actor_is_not_replaced(perfcap: Command, tmp_path: Path) -> None:
+    folder = tmp_path / "me"
+    call = ["actor", "build", write(tmp_path / "a.glb"), "--out", folder, "--name"]
+    for name in ("eve", "eve"):  # who is made again may be
+        assert perfcap([*call, name]).code == 0
+    before = (folder / "manifest.toml").read_bytes()
+    assert "holds the actor 'eve'" in perfcap([*call, "bob"]).refused()
+    assert (folder / "manifest.toml").read_bytes() == before
+
+
 def write(path: Path, **changes: object) -> Path:
     write_actor(path, replace(Rig(MIXAMO).template(), **changes))  # type: ignore[arg-type]
     return path

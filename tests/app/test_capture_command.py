@@ -24,6 +24,8 @@ from takes import (
 )
 from written_files import FILES, motion, report
 
+from perfcap.app.capture_request import settings_of
+from perfcap.commands.capture import Capture
 from perfcap.io.bvh import joint_positions, load_bvh
 from perfcap.io.gltf import load_template
 
@@ -144,9 +146,10 @@ def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command)
 
 
 def test_the_preset_of_contours(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
-    assert perfcap(take.command(tmp_path, "--preset", "rhodin2016", "--no-overlay")).code == 0
-    settings = yaml.safe_load((tmp_path / "config.yaml").read_text())
-    assert settings["contours"]["enabled"] is True and settings["segment"] is False
+    call = take.command(tmp_path, "--preset", "rhodin2016", "--until", "track_motion")
+    assert "--until track_motion looks at none" in perfcap(call).refused()
+    settings = settings_of(Capture(videos=(take.video,), preset="rhodin2016"))
+    assert settings.contours.enabled and not settings.segment
 
 
 def test_resume_does_nothing_only_where_all_is_done(

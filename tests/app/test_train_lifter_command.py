@@ -21,6 +21,14 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_library(tmp_path_factory.mktemp("motion"), frames=20)
 
 
+def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path: Path) -> None:
+    call = ["train", "lifter", *TINY, "--out", tmp_path / "a", "--motion"]
+    assert perfcap([*call, library]).code == 0
+    assert perfcap([*call, library, "--resume"]).code == 0
+    other = write_library(tmp_path / "other", frames=21)
+    assert "or of other motion" in perfcap([*call, other, "--resume"]).refused()
+
+
 def test_trains_exports_and_starts_from_what_it_wrote(
     perfcap: Command, library: Path, tmp_path: Path
 ) -> None:

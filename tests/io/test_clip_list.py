@@ -33,6 +33,11 @@ def test_cells_are_values(tmp_path: Path) -> None:
     }
 
 
+def test_a_line_that_ends_early_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="line 2 has 1 cells under 2 columns"):
+        read(tmp_path, "videos,height\na.mp4\n")
+
+
 def test_names_are_those_of_videos_and_all_unlike(tmp_path: Path) -> None:
     text = (
         "videos,name\nday 1/dance.mp4,\nday 2/Dance.mp4,\nx?.mp4,\n.mp4,\nindex.html,\nv.mp4,dance"
