@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment import _random_field_numba
 from perfcap.segment.min_cut import solve_min_cut
-from perfcap.segment.trimap import FOREGROUND, Trimap
+from perfcap.segment.trimap import FOREGROUND, PROBABLE_BACKGROUND, Trimap, bounds
 
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -59,9 +59,12 @@ def solve_field(
     Returns:
         Foreground inside the trimap's box, (h, w).
     """
-    labels = np.ascontiguousarray(trimap.labels)
-    image = np.ascontiguousarray(image, np.float32)
-    band = trimap.band
+    foreground: Mask = trimap.labels == FOREGROUND
+    part = bounds(trimap.band, 1)  # open pixels and their neighbours: others have no say
+    labels = np.ascontiguousarray(trimap.labels[part])
+    image = np.ascontiguousarray(image[part], np.float32)
+    motion = None if motion is None else motion[part]
+    band: Mask = labels >= PROBABLE_BACKGROUND
     count = int(band.sum())
     node = np.full(labels.shape, -1, np.int32)
     node[band] = np.arange(count, dtype=np.int32)
@@ -74,7 +77,7 @@ def solve_field(
         labels,
         image,
         np.zeros((0, 0), np.float32) if motion is None else np.exp(-motion * motion),
-        np.clip(evidence, -_MOST, _MOST).astype(np.float32),
+        np.clip(evidence[part], -_MOST, _MOST).astype(np.float32),
         (smoothness.contrast, temporal, 1 / (2 * max(spread, 1e-6))),
         _UNIT,
         node,
@@ -82,6 +85,5 @@ def solve_field(
         capacity,
         excess,
     )
-    foreground: Mask = labels == FOREGROUND
-    foreground[band], _ = solve_min_cut(neighbor, capacity, excess)
+    foreground[part][band], _ = solve_min_cut(neighbor, capacity, excess)
     return foreground
