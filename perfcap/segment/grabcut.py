@@ -30,7 +30,7 @@ from perfcap.segment.evidence import (
 )
 from perfcap.segment.mixed_pixels import settle_mixed
 from perfcap.segment.motion_cue import MotionCue, temporal_gradient
-from perfcap.segment.random_field import solve_field
+from perfcap.segment.random_field import BandField
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, signed_distance
 
@@ -195,15 +195,22 @@ def _iterate(view: _View, warm: ColorModels | None, settings: GrabCutSettings) -
     found = _Labels(inside, np.zeros(inside.shape, np.float32), warm)
     if not view.trimap.band.any():
         return found
+    field = _field(view, settings)
     # colours of the previous frame are as good as a round
     for _ in range(settings.rounds if warm is None else max(1, settings.rounds - 1)):
         models = learn_colors(view.image, person, found.inside, found.models, settings.color)
-        found = _label(view, models, settings)
+        found = _label(view, models, settings, field)
         person = found.inside
     return found
 
 
-def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -> _Labels:
+def _field(view: _View, settings: GrabCutSettings) -> BandField:
+    return BandField(view.trimap, view.image, settings.smoothness, view.motion)
+
+
+def _label(
+    view: _View, models: ColorModels | None, settings: GrabCutSettings, field: BandField
+) -> _Labels:
     """The labelling of least energy, given colours."""
     band = view.trimap.band
     evidence = np.zeros(band.shape, np.float32)
@@ -215,8 +222,7 @@ def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -
     believed = evidence + prior * depth
     if view.network is not None:
         believed += view.network
-    inside = solve_field(view.trimap, view.image, believed, settings.smoothness, view.motion)
-    return _Labels(inside, evidence, models)
+    return _Labels(field.solve(believed), evidence, models)
 
 
 def _narrow(
@@ -243,7 +249,7 @@ def _narrow(
 
 def _follow_boundary(view: _View, coarse: _Labels, settings: GrabCutSettings) -> _Labels:
     """Decide again where the view is open; evidence elsewhere is the coarse one's."""
-    fine = _label(view, coarse.models, settings)
+    fine = _label(view, coarse.models, settings, _field(view, settings))
     around = _enlarge(coarse.evidence, view.trimap.labels.shape)
     return replace(fine, evidence=np.where(view.trimap.band, fine.evidence, around))
 
