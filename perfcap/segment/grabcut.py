@@ -37,6 +37,9 @@ from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, signed_
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
+_PLAIN = 8.0  # grey levels between the darkest and the brightest hundredth
+_SPARSE = 4  # px between those that are looked at
+
 
 @dataclass(frozen=True)
 class FrameReport:
@@ -53,6 +56,7 @@ class FrameReport:
         agreement: intersection over union of the mask and a network's, around the person; NaN
             where none was asked.
         given: whether the mask was known, and nothing was looked at.
+        blank: whether the image is of one color around the person: nothing is seen, the mask empty.
     """
 
     person: bool
@@ -64,6 +68,7 @@ class FrameReport:
     cropped: bool = False
     agreement: float = float("nan")
     given: bool = False
+    blank: bool = False
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,10 @@ def segment(
     if not trimap.size:
         nothing = np.zeros(trimap.labels.shape, np.float32)
         return Segmentation(mask, trimap, nothing, image, warm, FrameReport(False))
+    if _is_blank(image):
+        nothing = np.zeros(trimap.labels.shape, np.float32)
+        report = FrameReport(True, cropped=trimap.cropped, blank=True)
+        return Segmentation(mask, trimap, nothing, image, warm, report)
     scale = 1.0 if settings.coarse is None else min(1.0, settings.coarse / trimap.size)
     plate = plate if settings.use_plate else None
     view, report = _look(image, trimap, adjacent, plate, settings, scale)
@@ -152,6 +161,13 @@ def segment(
     if view.backdrop is not None:
         mask[trimap.box] = settle_mixed(found.inside, image, view.backdrop, trimap.band)
     return Segmentation(mask, trimap, found.evidence, image, found.models, report)
+
+
+def _is_blank(image: Image) -> bool:
+    """Whether all but the extremes of an image (h, w, 3) is of one color: black, covered, glare."""
+    sample = image[::_SPARSE, ::_SPARSE].reshape(-1, 3)
+    low, high = np.quantile(sample, (0.01, 0.99), axis=0)
+    return bool((high - low).max() < _PLAIN)
 
 
 def _look(
