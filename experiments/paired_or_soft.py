@@ -96,7 +96,9 @@ class _Trial:
         self.weld = self.actor.template.weld()[0]
         self.sight = Sight(self.cameras, faces, self.weld)
         drawn = self._look(self.truth)
-        self.masks = torch.stack([torch.stack([v.labels.mask for v in row]) for row in drawn])
+        self.masks = torch.stack(
+            [torch.stack([torch.from_numpy(v.mask) for v in row]) for row in drawn]
+        )
         self.contours = [[extract_contour(v.mask) for v in row] for row in drawn]
         self.heights = [float(_FOCAL / _DISTANCE * 1.75)] * 2
 

@@ -152,7 +152,8 @@ class PeopleSource(SilhouetteSource):
         unsure = _SHARE * person.deviations[frame].double().numpy(force=True)
         pixels = np.hypot(unsure, _OUTLINE) * focal / far
         doubt = float(np.hypot(unsure.mean(), 2 * _OUTLINE))
-        return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt)
+        where = drawn.labels.corner, drawn.size
+        return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt, *where)
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
         images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]

@@ -8,7 +8,6 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.metrics import mask_overlap
 from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.sight import Sight, View
@@ -36,8 +35,12 @@ def frame_overlaps(
 def _overlaps(drawn: Sequence[View], evidence: Evidence, frame: int) -> Iterator[float]:
     unknown = evidence.unknown(frame)
     for number, (view, mask) in enumerate(zip(drawn, evidence.masks(frame), strict=True)):
-        seen = view.mask if unknown is None else view.mask & ~unknown[number]
-        yield mask_overlap(seen, mask).iou
+        seen, part = view.seen, view.part
+        if unknown is not None:
+            seen = seen & ~unknown[number][part]
+        both = np.count_nonzero(seen & mask[part])
+        either = np.count_nonzero(seen) + np.count_nonzero(mask) - both
+        yield both / either if either else 1.0
 
 
 def clip_overlaps(

@@ -10,6 +10,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
+from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.look import Looked
 
 FASTEST = 12.5
@@ -91,7 +92,20 @@ def doubts(looked: Looked) -> Iterator[str]:
         )
     if refinement is None:
         return
-    report = refinement.evidence.report()
+    yield from _of_frames(refinement.evidence)
+    yield from _of_masks(refinement.evidence)
+    parts = (("motion", refinement.pose), ("surface", refinement.surface))
+    for name, part in parts:
+        if part is not None and not part.kept.all():
+            yield (
+                f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
+                "is kept, or filled in from frames around them"
+            )
+
+
+def _of_frames(evidence: Evidence) -> Iterator[str]:
+    """What the images themselves do not show."""
+    report = evidence.report()
     if report["scene_cuts"]:
         yield f"the scene changes at frames {report['scene_cuts']}; nothing is carried across"
     if report["nobody_in_view"]:
@@ -109,15 +123,24 @@ def doubts(looked: Looked) -> Iterator[str]:
             f"in {len(report['no_contour'])} frames the masks are empty or fill the image; nothing "
             "refines them"
         )
-    if report["doubtful_masks"]:
+    if report["blank_images"]:
         yield (
-            f"in {len(report['doubtful_masks'])} frames masks may be wrong: a network contradicts "
+            f"in {len(report['blank_images'])} frames an image is of one color around the person; "
+            "it shows nothing, and its mask is empty (blank_images in run.json)"
+        )
+
+
+def _of_masks(evidence: Evidence) -> Iterator[str]:
+    """What a network says against the masks."""
+    usual, doubtful = evidence.disagreement, evidence.doubtful
+    if usual is not None:
+        yield (
+            f"the network of the segmenter overlaps the masks by {usual:.0%} only, and counts for "
+            "little; does output.person of its manifest name the class of a person, and do its "
+            "size and colors fit?"
+        )
+    if len(doubtful):
+        yield (
+            f"in {len(doubtful)} frames masks may be wrong: a network contradicts "
             "them; run.json names them (doubtful_masks)"
         )
-    parts = (("motion", refinement.pose), ("surface", refinement.surface))
-    for name, part in parts:
-        if part is not None and not part.kept.all():
-            yield (
-                f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
-                "is kept, or filled in from frames around them"
-            )

@@ -13,6 +13,7 @@ from torch import Tensor
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.render import LabelMap, MeshEdges, rasterize
+from perfcap.render.label_map import Box, surrounding
 from perfcap.render.occluding_contour import occluding_contour
 from perfcap.render.part_depth import part_depth
 from perfcap.segment import Contour, Matches
@@ -20,20 +21,44 @@ from perfcap.segment.matching import match
 
 Mask = NDArray[np.bool_]
 
+_MARGIN = 3  # px around a surface: contours look as far beyond it
+
 
 @dataclass(frozen=True)
 class View:
-    """A surface in one frame and view: vertices in pixels (V, 2) and depth (V,) m, and its map."""
+    """A surface in one frame and view.
+
+    Attributes:
+        pixels: of the vertices, (V, 2) px.
+        depth: of the vertices, (V,) m.
+        labels: what is seen, (h, w), of the part of the image that holds the surface.
+        size: of the image, (H, W).
+    """
 
     pixels: NDArray[np.float64]
     depth: NDArray[np.float64]
     labels: LabelMap
+    size: tuple[int, int]
+
+    @property
+    def part(self) -> Box:
+        """Rows and columns of the image that hold the surface."""
+        sides = zip(self.labels.corner, self.labels.triangle.shape, strict=True)
+        rows, columns = (slice(first, first + side) for first, side in sides)
+        return rows, columns
+
+    @property
+    def seen(self) -> Mask:
+        """Where the surface is in its part of the image, (h, w) bool."""
+        seen: Mask = self.labels.mask.numpy()
+        return seen
 
     @property
     def mask(self) -> Mask:
-        """(H, W) bool."""
-        seen: Mask = self.labels.mask.numpy()
-        return seen
+        """Where it is in the image, (H, W) bool."""
+        mask = np.zeros(self.size, np.bool_)
+        mask[self.part] = self.seen
+        return mask
 
 
 class Sight:
@@ -72,16 +97,15 @@ class Sight:
         local = cameras.to_camera(vertices)
         pixels, depth = cameras.project_camera(local).cpu(), local[..., 2].cpu()
         return [
-            [
-                View(
-                    pixels[f, c].double().numpy(),
-                    depth[f, c].double().numpy(),
-                    rasterize(pixels[f, c], depth[f, c], self.faces, cameras.size[c]),
-                )
-                for c in range(cameras.views)
-            ]
+            [self._drawn(pixels[f, c], depth[f, c], cameras.size[c]) for c in range(cameras.views)]
             for f in range(len(vertices))
         ]
+
+    def _drawn(self, pixels: Tensor, depth: Tensor, size: tuple[int, int]) -> View:
+        """One frame and view of vertices at pixels (V, 2) px and depth (V,) m."""
+        part = surrounding(pixels, depth, size, _MARGIN)
+        labels = rasterize(pixels, depth, self.faces, size, part=part)
+        return View(pixels.double().numpy(), depth.double().numpy(), labels, size)
 
     def correspond(
         self,
@@ -107,7 +131,7 @@ class Sight:
         room = None
         if self.parts is not None:
             parts = view.labels.label(self.parts, -1).numpy()
-            room = part_depth(model.points, model.normals, parts, 0.2 * height)
+            room = part_depth(model.points, model.normals, parts, 0.2 * height, view.labels.corner)
         return match(model, _beyond(contour, config.chance), config.matching, height, room)
 
 

@@ -21,6 +21,8 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.render import _zbuffer_numba, _zbuffer_reference
 
+Box = tuple[slice, slice]
+
 NEAR = 0.05  # m
 BITS = 12  # fractional bits of the pixel grid
 REACH = 1 << 17  # px; with BITS and LARGEST it keeps every edge value below 2^62
@@ -42,10 +44,12 @@ class LabelMap:
     Attributes:
         depth: (*b, H, W) metres, inf where nothing is seen.
         triangle: (*b, H, W) int32 face index, -1 where nothing is seen.
+        corner: row and column in the image of the first pixel, of a part of an image.
     """
 
     depth: Tensor
     triangle: Tensor
+    corner: tuple[int, int] = (0, 0)
 
     @property
     def mask(self) -> Tensor:
@@ -66,18 +70,26 @@ class LabelMap:
 
         Args are those of ``rasterize``. Differentiable in pixels and depth.
         """
+        shift = torch.tensor(self.corner[::-1], device=self.triangle.device)
         *frame, row, column = torch.nonzero(self.mask, as_tuple=True)
         face = faces.long()[self.triangle[(*frame, row, column)].long()]
         where = tuple(axis[:, None] for axis in frame)
         weights = barycentric_at(
-            torch.stack([column, row], -1).to(pixels), pixels[(*where, face)], depth[(*where, face)]
+            (torch.stack([column, row], -1) + shift).to(pixels),
+            pixels[(*where, face)],
+            depth[(*where, face)],
         )
         out = weights.new_zeros(*self.mask.shape, 3)
         return out.index_put((*frame, row, column), weights)
 
 
 def rasterize(
-    pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int], cull: Cull = Cull.NONE
+    pixels: Tensor,
+    depth: Tensor,
+    faces: Tensor,
+    size: tuple[int, int],
+    cull: Cull = Cull.NONE,
+    part: Box | None = None,
 ) -> LabelMap:
     """Draw a mesh, or one mesh in many frames, into label maps.
 
@@ -88,6 +100,8 @@ def rasterize(
         size: image height and width, px.
         cull: ``BACK`` leaves out faces seen from behind, ``FRONT`` those seen from outside
             (what remains is the far side of a closed surface).
+        part: rows and columns of the image to draw, which then are H and W: pixels are as in the
+            whole image, at less time and memory. ``surrounding`` finds those that a mesh needs.
 
     Returns:
         Label maps (*b, H, W); ``depth`` has the dtype of ``depth``. On the CPU a compiled kernel
@@ -97,11 +111,17 @@ def rasterize(
         InputError: shapes that do not fit, face indices out of range, an image too large.
     """
     _check(pixels, depth, faces, size)
+    rows, columns = _within(part, size)
+    corner, shape = (
+        (rows.start, columns.start),
+        (rows.stop - rows.start, columns.stop - columns.start),
+    )
     batch, vertices = depth.shape[:-1], depth.shape[-1]
     count = batch.numel()
     grid, inverse, usable = snap(pixels.detach(), depth.detach())
-    nearest = torch.full((count, *size), torch.inf, dtype=torch.float64, device=depth.device)
-    triangle = torch.full((count, *size), -1, dtype=torch.int32, device=depth.device)
+    grid = grid - (torch.tensor(corner[::-1], device=grid.device) << BITS)
+    nearest = torch.full((count, *shape), torch.inf, dtype=torch.float64, device=depth.device)
+    triangle = torch.full((count, *shape), -1, dtype=torch.int32, device=depth.device)
     faces = faces.detach().to(torch.int64).contiguous()
     frames = zip(
         grid.reshape(count, vertices, 2),
@@ -113,7 +133,29 @@ def rasterize(
     )
     for points, reciprocal, kept, surface, index in frames:
         draw(points, reciprocal, kept, faces, cull, surface, index)
-    return LabelMap(nearest.to(depth.dtype).view(*batch, *size), triangle.view(*batch, *size))
+    drawn = nearest.to(depth.dtype).view(*batch, *shape), triangle.view(*batch, *shape)
+    return LabelMap(*drawn, corner)
+
+
+def surrounding(pixels: Tensor, depth: Tensor, size: tuple[int, int], margin: int) -> Box:
+    """Rows and columns of an image that vertices lie in, with a margin; one pixel at the least.
+
+    Args:
+        pixels: projected vertices, (V, 2) px; those that no triangle is drawn with do not count.
+        depth: along the optical axis, (V,) m.
+        size: image height and width, px.
+        margin: px that are added on every side, as far as the image goes.
+    """
+    pixels = pixels.detach()[usable_vertices(pixels.detach(), depth.detach())]
+    if not len(pixels):
+        return slice(0, 1), slice(0, 1)
+    low, high = (
+        (pixels.amin(0).floor() - margin).tolist(),
+        (pixels.amax(0).ceil() + margin).tolist(),
+    )
+    first = [min(max(int(low[axis]), 0), size[1 - axis] - 1) for axis in range(2)]
+    last = [min(max(int(high[axis]), first[axis]), size[1 - axis] - 1) for axis in range(2)]
+    return slice(first[1], last[1] + 1), slice(first[0], last[0] + 1)
 
 
 def draw(
@@ -137,9 +179,14 @@ def draw(
 def snap(pixels: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Vertices on the integer grid (*b, V, 2), inverse depth (*b, V) 1/m, and usable (*b, V)."""
     pixels, depth = pixels.double(), depth.double()
-    usable = (pixels.abs() <= REACH).all(-1) & (depth >= NEAR) & torch.isfinite(depth)
+    usable = usable_vertices(pixels, depth)
     grid = torch.where(usable[..., None], pixels, 0.0).mul(1 << BITS).round().long()
     return grid, torch.where(usable, depth, 1.0).reciprocal(), usable
+
+
+def usable_vertices(pixels: Tensor, depth: Tensor) -> Tensor:
+    """Vertices (*b, V) whose triangles can be drawn."""
+    return (pixels.abs() <= REACH).all(-1) & (depth >= NEAR) & torch.isfinite(depth)
 
 
 def barycentric_at(points: Tensor, corners: Tensor, depth: Tensor) -> Tensor:
@@ -161,6 +208,18 @@ def barycentric_at(points: Tensor, corners: Tensor, depth: Tensor) -> Tensor:
     linear = torch.where(flat, 1 / 3, areas / torch.where(flat, 1.0, total)).clamp_min(0)
     perspective = linear / depth
     return perspective / perspective.sum(-1, keepdim=True)
+
+
+def _within(part: Box | None, size: tuple[int, int]) -> Box:
+    """A part of an image as it is; the whole image if None."""
+    if part is None:
+        return slice(0, size[0]), slice(0, size[1])
+    for rows, side in zip(part, size, strict=True):
+        if not 0 <= rows.start < rows.stop <= side:
+            raise InputError(
+                f"part is {part}; expected rows and columns within an image of {size} pixels"
+            )
+    return part
 
 
 def _check(pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int]) -> None:

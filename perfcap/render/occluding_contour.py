@@ -159,7 +159,8 @@ def occluding_contour(
         pixels: projected vertices, (V, 2) px, pixel centres at integers.
         depth: their depth along the optical axis, (V,) m.
         mesh: its edges.
-        label_map: (H, W), the same mesh drawn with no culling, possibly among others.
+        label_map: (H, W), the same mesh drawn with no culling, possibly among others; of a part of
+            the image, as far as it holds the mesh and 2 px around it.
         spacing: mean distance between points along the contour, px.
         gap: how much further away surface beyond a contour must be, m.
 
@@ -174,8 +175,7 @@ def occluding_contour(
     edges, normals = _contour_edges(pixels, depth, mesh)
     normals = _smooth(normals, mesh.weld[mesh.vertices[edges]], pixels[mesh.vertices[edges]])
     contour, distance = _sample(pixels, depth, mesh.vertices[edges], normals, spacing)
-    surface = label_map.depth.numpy(force=True)
-    visible, outer = _visible(contour.points, contour.normals, distance, surface, gap)
+    visible, outer = _visible(contour, distance, label_map, gap)
     contour = contour[visible]
     return ModelContour(
         contour.points, contour.normals, contour.vertices, contour.weights, outer[visible]
@@ -250,15 +250,16 @@ def _sample(
 
 
 def _visible(
-    points: Floats, normals: Floats, depth: Floats, surface: NDArray[np.floating], gap: float
+    contour: ModelContour, depth: Floats, label_map: LabelMap, gap: float
 ) -> tuple[Flags, Flags]:
     """Whether nothing hides a point, and whether background is beyond it."""
+    points, normals, surface = contour.points, contour.normals, label_map.depth.numpy(force=True)
     undecided = np.any(normals != 0, axis=1)
     visible, outer = np.zeros(len(points), bool), np.zeros(len(points), bool)
     height, width = surface.shape
     for look in _LOOKS:
         place = np.rint(points + look * normals).astype(np.int64)
-        column, row = place[:, 0], place[:, 1]
+        row, column = (place[:, 1 - k] - label_map.corner[k] for k in range(2))
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         undecided &= inside
         beyond = surface[np.where(inside, row, 0), np.where(inside, column, 0)]

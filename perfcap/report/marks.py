@@ -15,6 +15,7 @@ _FRAMES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("refinement", "scene_cuts"), "note", "scene cut"),
     (("refinement", "nobody_in_view"), "bad", "nobody in view"),
     (("refinement", "no_contour"), "odd", "no outline"),
+    (("refinement", "blank_images"), "odd", "image of one color"),
     (("refinement", "doubtful_masks"), "odd", "doubtful mask"),
     (("refinement", "cropped"), "note", "cut off by the border of an image"),
 )

@@ -34,7 +34,6 @@ def connect(
     labels: NDArray[np.uint8],
     image: NDArray[np.float32],
     calm: NDArray[np.float32],
-    unary: NDArray[np.float32],
     weights: tuple[float, float, float],
     unit: float,
     node: NDArray[np.int32],
@@ -42,13 +41,12 @@ def connect(
     capacity: NDArray[np.int32],
     excess: NDArray[np.int32],
 ) -> None:
-    """Fill neighbours, capacities and excess of the band's nodes.
+    """Fill neighbours and capacities of the band's nodes, and what decided neighbours say.
 
     Args:
         labels: (H, W), 0 background, 1 foreground, above: uncertain.
         image: (H, W, 3) colours.
         calm: (H, W) exp(-m^2) of the temporal gradient m over its scale, or of no rows.
-        unary: (H, W) nats in favour of foreground.
         weights: nats of the contrast term and of the temporal term, and 1 / (2 mean contrast).
         unit: capacity of a nat.
         node: (H, W), number of each uncertain pixel.
@@ -59,8 +57,6 @@ def connect(
     height, width = labels.shape
     for row in range(height):
         for column in range(width):
-            if labels[row, column] >= 2:
-                excess[node[row, column]] += np.int32(round(unary[row, column] * unit))
             for k in range(4):
                 r, c = row + _ROWS[k], column + _COLUMNS[k]
                 if r >= height or c < 0 or c >= width:

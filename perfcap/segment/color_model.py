@@ -86,14 +86,24 @@ def fit_color_model(
     """
     if not len(pixels):
         return None
-    step = -(-len(pixels) // settings.samples)
-    chosen = np.ascontiguousarray(pixels[::step], np.float32)
+    chosen = np.ascontiguousarray(pixels[:: _step(len(pixels), settings)], np.float32)
     model, rounds = start, 1
     if model is None:
         model, rounds = _split(chosen, settings), settings.rounds
     for _ in range(rounds):
         model = model.refit(chosen, settings)
     return model
+
+
+def thinned(image: Colors, region: NDArray[np.bool_], settings: ColorSettings) -> Colors:
+    """Colours (n, 3) of an image (h, w, 3) in a region (h, w), no more than are looked at."""
+    places = np.flatnonzero(region)
+    chosen: Colors = image.reshape(-1, 3)[places[:: _step(len(places), settings)]]
+    return chosen
+
+
+def _step(count: int, settings: ColorSettings) -> int:
+    return max(1, -(-count // settings.samples))
 
 
 def _split(pixels: Colors, settings: ColorSettings) -> ColorModel:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment.background import Lighting, Plate, background_density
-from perfcap.segment.color_model import ColorModel, ColorSettings, fit_color_model
+from perfcap.segment.color_model import ColorModel, ColorSettings, fit_color_model, thinned
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import Mask
 
@@ -49,7 +49,7 @@ def learn_colors(
     chosen = person if int(person.sum()) >= _FEW else inside
     before = (None, None) if warm is None else (warm.foreground, warm.background)
     foreground, background = (
-        fit_color_model(image[region], settings, start) or start
+        fit_color_model(thinned(image, region, settings), settings, start) or start
         for region, start in zip((chosen, ~inside), before, strict=True)
     )
     if foreground is None or background is None:

@@ -30,12 +30,15 @@ from perfcap.segment.evidence import (
 )
 from perfcap.segment.mixed_pixels import settle_mixed
 from perfcap.segment.motion_cue import MotionCue, temporal_gradient
-from perfcap.segment.random_field import solve_field
+from perfcap.segment.random_field import BandField
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, signed_distance
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
+
+_PLAIN = 8.0  # grey levels between the darkest and the brightest hundredth
+_SPARSE = 4  # px between those that are looked at
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class FrameReport:
         agreement: intersection over union of the mask and a network's, around the person; NaN
             where none was asked.
         given: whether the mask was known, and nothing was looked at.
+        blank: whether the image is of one color around the person: nothing is seen, the mask empty.
     """
 
     person: bool
@@ -64,6 +68,7 @@ class FrameReport:
     cropped: bool = False
     agreement: float = float("nan")
     given: bool = False
+    blank: bool = False
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,10 @@ def segment(
     if not trimap.size:
         nothing = np.zeros(trimap.labels.shape, np.float32)
         return Segmentation(mask, trimap, nothing, image, warm, FrameReport(False))
+    if _is_blank(image):
+        nothing = np.zeros(trimap.labels.shape, np.float32)
+        report = FrameReport(True, cropped=trimap.cropped, blank=True)
+        return Segmentation(mask, trimap, nothing, image, warm, report)
     scale = 1.0 if settings.coarse is None else min(1.0, settings.coarse / trimap.size)
     plate = plate if settings.use_plate else None
     view, report = _look(image, trimap, adjacent, plate, settings, scale)
@@ -152,6 +161,13 @@ def segment(
     if view.backdrop is not None:
         mask[trimap.box] = settle_mixed(found.inside, image, view.backdrop, trimap.band)
     return Segmentation(mask, trimap, found.evidence, image, found.models, report)
+
+
+def _is_blank(image: Image) -> bool:
+    """Whether all but the extremes of an image (h, w, 3) is of one color: black, covered, glare."""
+    sample = image[::_SPARSE, ::_SPARSE].reshape(-1, 3)
+    low, high = np.quantile(sample, (0.01, 0.99), axis=0)
+    return bool((high - low).max() < _PLAIN)
 
 
 def _look(
@@ -195,15 +211,22 @@ def _iterate(view: _View, warm: ColorModels | None, settings: GrabCutSettings) -
     found = _Labels(inside, np.zeros(inside.shape, np.float32), warm)
     if not view.trimap.band.any():
         return found
+    field = _field(view, settings)
     # colours of the previous frame are as good as a round
     for _ in range(settings.rounds if warm is None else max(1, settings.rounds - 1)):
         models = learn_colors(view.image, person, found.inside, found.models, settings.color)
-        found = _label(view, models, settings)
+        found = _label(view, models, settings, field)
         person = found.inside
     return found
 
 
-def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -> _Labels:
+def _field(view: _View, settings: GrabCutSettings) -> BandField:
+    return BandField(view.trimap, view.image, settings.smoothness, view.motion)
+
+
+def _label(
+    view: _View, models: ColorModels | None, settings: GrabCutSettings, field: BandField
+) -> _Labels:
     """The labelling of least energy, given colours."""
     band = view.trimap.band
     evidence = np.zeros(band.shape, np.float32)
@@ -215,8 +238,7 @@ def _label(view: _View, models: ColorModels | None, settings: GrabCutSettings) -
     believed = evidence + prior * depth
     if view.network is not None:
         believed += view.network
-    inside = solve_field(view.trimap, view.image, believed, settings.smoothness, view.motion)
-    return _Labels(inside, evidence, models)
+    return _Labels(field.solve(believed), evidence, models)
 
 
 def _narrow(
@@ -243,7 +265,7 @@ def _narrow(
 
 def _follow_boundary(view: _View, coarse: _Labels, settings: GrabCutSettings) -> _Labels:
     """Decide again where the view is open; evidence elsewhere is the coarse one's."""
-    fine = _label(view, coarse.models, settings)
+    fine = _label(view, coarse.models, settings, _field(view, settings))
     around = _enlarge(coarse.evidence, view.trimap.labels.shape)
     return replace(fine, evidence=np.where(view.trimap.band, fine.evidence, around))
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment import _mixed_numba
 from perfcap.segment.evidence import Backdrop
-from perfcap.segment.trimap import Mask, signed_distance
+from perfcap.segment.trimap import Mask, bounds, signed_distance
 
 _REACH = 3  # px within which pure colours are looked for
 _PURE = 1.1  # px from the boundary
@@ -30,16 +30,20 @@ def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, ope
         backdrop: the plate, and how it is lit.
         open_: pixels that may change, (h, w).
     """
-    distance = signed_distance(inside)
-    pixels = np.argwhere((np.abs(distance) <= _PURE) & open_)
     settled = inside.copy()
+    part = bounds(open_, 2 * _REACH)  # whether a pixel is pure depends on the nearest ones alone
+    image, plate, open_ = image[part], backdrop.plate[part], open_[part]
+    distance = signed_distance(inside[part])
+    pixels = np.argwhere((np.abs(distance) <= _PURE) & open_)
+    changed = inside[part].copy()
     _mixed_numba.settle(
         pixels,
         np.ascontiguousarray(image),
-        backdrop.plate.color * backdrop.lighting.gain,
-        np.ascontiguousarray(backdrop.plate.known),
+        plate.color * backdrop.lighting.gain,
+        np.ascontiguousarray(plate.known),
         distance,
         (_REACH, _PURE, _APART**2, _SLACK, _BEYOND),
-        settled,
+        changed,
     )
+    settled[part] = changed
     return settled

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.segment.trimap import Box, Mask, signed_distance
+from perfcap.segment.trimap import Box, Mask, bounds, signed_distance
 
 Plane = NDArray[np.float32]
 Parts = NDArray[np.int16]
@@ -38,18 +38,33 @@ class PersonLayer:
 
     @classmethod
     def of(
-        cls, depth: Plane, part: NDArray[np.integer], spread: Plane, doubt: float
+        cls,
+        depth: Plane,
+        part: NDArray[np.integer],
+        spread: Plane,
+        doubt: float,
+        corner: tuple[int, int] = (0, 0),
+        shape: tuple[int, int] | None = None,
     ) -> PersonLayer:
-        """Of whole images (H, W); what is around the model is left out."""
-        shape = (depth.shape[0], depth.shape[1])
+        """Of a part of an image (h, w) that holds the model; what is around it is left out.
+
+        Args:
+            depth: m, infinite where the model is not, (h, w).
+            part: body part seen, (h, w).
+            spread: of each part's outline, (P,) px.
+            doubt: deviation of its depth, m.
+            corner: row and column of the image at which these begin.
+            shape: (H, W) of the image; that of ``depth`` if None.
+        """
+        shape = shape or (depth.shape[0], depth.shape[1])
         inside = np.isfinite(depth)
-        rows, columns = np.nonzero(inside.any(1))[0], np.nonzero(inside.any(0))[0]
-        box = slice(0, 0), slice(0, 0)
-        if len(rows):
-            box = (slice(int(rows[0]), int(rows[-1]) + 1),
-                   slice(int(columns[0]), int(columns[-1]) + 1))  # fmt: skip
+        box = bounds(inside, 0)
         kept = depth[box].astype(np.float32), part[box].astype(np.int16)
-        return cls(*kept, box, shape, np.asarray(spread, np.float32), doubt)
+        rows, columns = (
+            slice(side.start + first, side.stop + first)
+            for side, first in zip(box, corner, strict=True)
+        )
+        return cls(*kept, (rows, columns), shape, np.asarray(spread, np.float32), doubt)
 
     @property
     def mask(self) -> Mask:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment import _random_field_numba
-from perfcap.segment.min_cut import solve_min_cut
-from perfcap.segment.trimap import FOREGROUND, Trimap
+from perfcap.segment.min_cut import MinCut
+from perfcap.segment.trimap import FOREGROUND, PROBABLE_BACKGROUND, Trimap, bounds
 
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -59,29 +59,46 @@ def solve_field(
     Returns:
         Foreground inside the trimap's box, (h, w).
     """
-    labels = np.ascontiguousarray(trimap.labels)
-    image = np.ascontiguousarray(image, np.float32)
-    band = trimap.band
-    count = int(band.sum())
-    node = np.full(labels.shape, -1, np.int32)
-    node[band] = np.arange(count, dtype=np.int32)
-    neighbor = np.full((count, 8), -1, np.int32)
-    capacity = np.zeros((count, 8), np.int32)
-    excess = np.zeros(count, np.int32)
-    spread = _random_field_numba.mean_contrast(labels, image)
-    temporal = smoothness.temporal if motion is not None else 0.0
-    _random_field_numba.connect(
-        labels,
-        image,
-        np.zeros((0, 0), np.float32) if motion is None else np.exp(-motion * motion),
-        np.clip(evidence, -_MOST, _MOST).astype(np.float32),
-        (smoothness.contrast, temporal, 1 / (2 * max(spread, 1e-6))),
-        _UNIT,
-        node,
-        neighbor,
-        capacity,
-        excess,
-    )
-    foreground: Mask = labels == FOREGROUND
-    foreground[band], _ = solve_min_cut(neighbor, capacity, excess)
-    return foreground
+    return BandField(trimap, image, smoothness, motion).solve(evidence)
+
+
+class BandField:
+    """The field of one image, for evidence that changes; see ``solve_field``.
+
+    What neighbours say to each other is computed once, and only around the open band.
+    """
+
+    def __init__(
+        self, trimap: Trimap, image: Plane, smoothness: Smoothness, motion: Plane | None = None
+    ) -> None:
+        self.decided: Mask = trimap.labels == FOREGROUND
+        self.part = bounds(trimap.band, 1)  # open pixels and their neighbours: others have no say
+        labels = np.ascontiguousarray(trimap.labels[self.part])
+        image = np.ascontiguousarray(image[self.part], np.float32)
+        self.band: Mask = labels >= PROBABLE_BACKGROUND
+        count = int(self.band.sum())
+        node = np.full(labels.shape, -1, np.int32)
+        node[self.band] = np.arange(count, dtype=np.int32)
+        neighbor = np.full((count, 8), -1, np.int32)
+        capacity = np.zeros((count, 8), np.int32)
+        self.pull = np.zeros(count, np.int32)  # of decided neighbours
+        calm = np.zeros((0, 0), np.float32)
+        if motion is not None:
+            motion = motion[self.part]
+            calm = np.exp(-motion * motion)
+        spread = _random_field_numba.mean_contrast(labels, image)
+        temporal = 0.0 if motion is None else smoothness.temporal
+        weights = (smoothness.contrast, temporal, 1 / (2 * max(spread, 1e-6)))
+        _random_field_numba.connect(
+            labels, image, calm, weights, _UNIT, node, neighbor, capacity, self.pull
+        )
+        self.cut = MinCut(neighbor, capacity)
+
+    def solve(self, evidence: Plane) -> Mask:
+        """Foreground (h, w) of least energy under nats in its favour (h, w)."""
+        nats = np.clip(evidence[self.part][self.band], -_MOST, _MOST).astype(np.float64)
+        foreground = self.decided.copy()
+        foreground[self.part][self.band] = self.cut.solve(
+            self.pull + np.rint(nats * _UNIT).astype(np.int32)
+        )
+        return foreground

@@ -20,7 +20,7 @@ from perfcap.segment.registration import (
     resample,
     shrink,
 )
-from perfcap.segment.trimap import Box, Mask, signed_distance
+from perfcap.segment.trimap import Box, Mask, bounds, signed_distance
 from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
@@ -91,7 +91,8 @@ def hide(model: Mask, clearance: float) -> Mask:
     if not len(rows):
         return np.zeros_like(model)
     reach = clearance * (max(np.ptp(rows), np.ptp(columns)) + 1)
-    near: Mask = signed_distance(model) > -reach
+    near, part = np.zeros_like(model), bounds(model, int(np.ceil(reach)) + 1)
+    near[part] = signed_distance(model[part]) > -reach
     return near
 
 

@@ -120,7 +120,8 @@ def segment_block(
             warm=warm,
         )
         warm = found.models if settings.carry else None
-        report = replace(found.report, cut=index in cuts, agreement=_agreement(found, odds))
+        agreement = float("nan") if found.report.blank else _agreement(found, odds)
+        report = replace(found.report, cut=index in cuts, agreement=agreement)
         yield replace(found, report=report)
 
 

@@ -195,6 +195,17 @@ def extent(model: Mask, settings: TrimapSettings) -> tuple[float, Box]:
     )
 
 
+def bounds(chosen: Mask, margin: int) -> Box:
+    """The part of a mask (H, W) that holds all of it and some pixels more; empty if it is."""
+    rows, columns = np.flatnonzero(chosen.any(1)), np.flatnonzero(chosen.any(0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
+    )
+
+
 def _empty(box: Box, shape: tuple[int, int]) -> Trimap:
     """Background alone."""
     part = box[0].stop - box[0].start, box[1].stop - box[1].start

@@ -41,6 +41,12 @@ def test_a_network_that_is_always_wrong_names_nothing() -> None:
     assert not len(evidence([0.61, 0.6, 0.62, 0.59, 0.63]).doubtful)
 
 
+def test_a_network_of_another_class_is_named() -> None:
+    assert evidence([0.1, 0.2, NAN, 0.15, 0.93]).disagreement == 0.175
+    assert evidence([0.61, 0.6, 0.62, 0.1, 0.63]).disagreement is None
+    assert evidence([NAN, NAN]).disagreement is None
+
+
 def test_without_a_network_nothing_is_said() -> None:
     found = evidence([NAN, NAN])
     assert not len(found.doubtful)

@@ -11,13 +11,17 @@ from painted_crowd import PaintedCrowd
 
 import perfcap
 from perfcap.detect.association import associate
+from perfcap.metrics import mask_overlap
 from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.overlap import frame_overlaps
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.sight import View
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
+from perfcap.render import LabelMap
+from perfcap.segment.trimap import bounds
 
 CROWD = make_crowd(3, frames=10, views=3, size=200, noise=9.0)
 PAINTED = PaintedCrowd(CROWD)
@@ -113,17 +117,27 @@ def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> No
     hidden = np.array([PAINTED.labels[v, f] == 2 for f in range(10) for v in range(3)])
     assert hidden.any((1, 2)).all()
 
-    class Drawn:
-        def __init__(self, mask: np.ndarray) -> None:
-            self.mask = mask
+    def drawn_as(mask: np.ndarray) -> View:
+        part = bounds(mask, 2)
+        triangle = torch.from_numpy(mask[part].astype(np.int32) - 1)
+        depth = torch.where(triangle < 0, torch.inf, 1.0)
+        corner = part[0].start, part[1].start
+        view = View(np.zeros((0, 2)), np.zeros(0), LabelMap(depth, triangle, corner), mask.shape)
+        np.testing.assert_array_equal(view.mask, mask)
+        return view
 
     frame = 5
-    known = [Drawn(m) for m in evidence.masks(frame)]
+    known = [drawn_as(m) for m in evidence.masks(frame)]
     unknown = evidence.unknown(frame)
     assert unknown is not None
-    through = [Drawn(d.mask | u) for d, u in zip(known, unknown, strict=True)]
+    through = [drawn_as(d.mask | u) for d, u in zip(known, unknown, strict=True)]
     for drawn in (known, through):
-        assert frame_overlaps([drawn], evidence, range(frame, frame + 1)) == [1.0]  # type: ignore[list-item]
+        assert frame_overlaps([drawn], evidence, range(frame, frame + 1)) == [1.0]
+    masks = evidence.masks(frame)
+    half = [drawn_as(m & (np.arange(m.shape[1]) < np.nonzero(m)[1].mean())) for m in masks]
+    expected = np.mean([mask_overlap(h.mask, m).iou for h, m in zip(half, masks, strict=True)])
+    assert 0.2 < expected < 0.8
+    assert frame_overlaps([half], evidence, range(frame, frame + 1)) == [expected]
 
 
 def test_what_was_done_is_not_done_again(folder: Path, found: tuple[Performance, ...]) -> None:

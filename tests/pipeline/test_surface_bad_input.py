@@ -25,6 +25,7 @@ from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
 from perfcap.pipeline.sight import Mask, Sight
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 from perfcap.segment import FrameReport, extract_contour
+from perfcap.segment.network_cue import PersonNetwork
 from perfcap.segment.silhouettes import encode_labels
 
 FRAMES, SIDE = 6, 240
@@ -80,9 +81,15 @@ def film(take: Take, aside: tuple[float, ...] = (0.0,), cut: int = FRAMES) -> Fr
     return frames
 
 
-def run(take: Take, frames: Frames | None = None, cameras: Camera | None = None) -> Performance:
+def run(
+    take: Take,
+    frames: Frames | None = None,
+    cameras: Camera | None = None,
+    segmenter: PersonNetwork | None = None,
+) -> Performance:
     """Capture; the images may be seen through other cameras than the detections."""
-    images = Images(Shown(film(take) if frames is None else frames), cameras or take.cameras)
+    reader = Shown(film(take) if frames is None else frames)
+    images = Images(reader, cameras or take.cameras, segmenter)
     parts = (take.actor, take.cameras, take.detections, take.rate, CONFIG)
     found = capture(*parts, images=images, workers=1)
     assert found.surface is not None and found.refinement is not None
@@ -153,6 +160,36 @@ def test_a_cut_is_told(take: Take) -> None:
     found = run(take, film(take, cut=3))
     assert any("scene changes at frames [3]" in line for line in found.warnings)
     assert error_mm(take, found) < error_mm(take, run(take)) + 5
+
+
+def test_black_frames_are_told_and_show_nothing(take: Take) -> None:
+    """Two of six: what a lens cap, a flash or a gap in a recording leaves."""
+    frames = film(take)
+    frames[2:4] = np.random.default_rng(1).integers(0, 3, frames[2:4].shape)
+    whole, part = run(take), run(take, frames)
+    assert part.refinement is not None and whole.refinement is not None
+    evidence = part.refinement.evidence
+    assert evidence.report()["blank_images"] == [2, 3]
+    assert any("in 2 frames an image is of one color" in line for line in part.warnings)
+    assert not any("is of one color" in line for line in whole.warnings)
+    for frame in range(FRAMES):
+        (mask,) = evidence.masks(frame)
+        assert mask.any() == (frame not in (2, 3))
+    assert error_mm(take, part) < error_mm(take, whole) + 10
+
+
+def test_a_network_that_finds_something_else_is_told(take: Take) -> None:
+    def lies(image: Frames, model: Mask, spine: object, part: object) -> NDArray[np.float32]:
+        return np.where(model, -4, 4).astype(np.float32)
+
+    def agrees(image: Frames, model: Mask, spine: object, part: object) -> NDArray[np.float32]:
+        return np.where(model, 4, -4).astype(np.float32)
+
+    sound, wrong = (run(take, segmenter=network) for network in (agrees, lies))
+    told = [[line for line in each.warnings if "output.person" in line] for each in (sound, wrong)]
+    assert not told[0] and len(told[1]) == 1
+    assert "counts for little" in told[1][0]
+    assert error_mm(take, wrong) < error_mm(take, run(take)) + 5
 
 
 # --- masks ----------------------------------------------------------------------------------------

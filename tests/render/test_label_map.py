@@ -11,7 +11,15 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.render import _zbuffer_reference as reference
-from perfcap.render.label_map import BITS, Cull, LabelMap, barycentric_at, rasterize, snap
+from perfcap.render.label_map import (
+    BITS,
+    Cull,
+    LabelMap,
+    barycentric_at,
+    rasterize,
+    snap,
+    surrounding,
+)
 
 SIZE = (48, 64)
 
@@ -260,3 +268,48 @@ def test_bad_input_is_named(
 ) -> None:
     with pytest.raises(InputError, match=word):
         rasterize(pixels, torch.ones(3), faces, size)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_part_of_an_image_has_the_same_bits(seed: int, dtype: torch.dtype) -> None:
+    mesh, part = soup(seed, dtype=dtype), (slice(7, 40), slice(11, 60))
+    whole, found = rasterize(*mesh, SIZE), rasterize(*mesh, SIZE, part=part)
+    assert found.mask.sum() > 100
+    assert found.corner == (7, 11)
+    assert torch.equal(found.triangle, whole.triangle[part])
+    assert torch.equal(found.depth, whole.depth[part])
+    weights = found.barycentric(*mesh), whole.barycentric(*mesh)[part]
+    assert torch.equal(*weights)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_surrounds_a_mesh_holds_all_of_it(seed: int) -> None:
+    pixels, depth, faces = soup(seed, triangles=1 + seed // 2)
+    pixels = 0.3 * pixels + torch.tensor([30.0 * (seed - 2), 10.0])  # some are outside
+    rows, columns = surrounding(pixels, depth, SIZE, 2)
+    whole = rasterize(pixels, depth, faces, SIZE).mask
+    inside = torch.zeros_like(whole)
+    inside[rows, columns] = True
+    assert not (whole & ~inside).any()
+    if whole.any() and not inside.all():
+        drawn = torch.nonzero(whole)
+        room = torch.stack((drawn.amin(0), drawn.amax(0)))
+        tight = torch.tensor([[rows.start, columns.start], [rows.stop - 1, columns.stop - 1]])
+        border = torch.tensor([[0, 0], [SIZE[0] - 1, SIZE[1] - 1]])
+        assert (((room - tight).abs() >= 2) | (tight == border)).all()
+
+
+def test_a_mesh_outside_the_image_is_surrounded_by_a_pixel() -> None:
+    far, depth = torch.tensor([[-90.0, 200.0], [-80.0, 210.0], [-95.0, 220.0]]), torch.ones(3)
+    none = torch.full_like(far, torch.nan)
+    for pixels in (far, none, -far):
+        part = surrounding(pixels, depth, SIZE, 2)
+        drawn = rasterize(pixels, depth, torch.tensor([[0, 1, 2]]), SIZE, part=part)
+        assert drawn.mask.shape == (1, 1) and not drawn.mask.any()
+
+
+def test_a_part_beyond_the_image_is_refused() -> None:
+    for rows in (slice(0, SIZE[0] + 1), slice(5, 5), slice(-1, 4)):
+        with pytest.raises(InputError, match="expected rows and columns within an image"):
+            rasterize(*soup(0), SIZE, part=(rows, slice(0, 4)))

@@ -9,7 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
-from perfcap.render.label_map import LabelMap, rasterize
+from perfcap.render.label_map import LabelMap, rasterize, surrounding
 from perfcap.render.occluding_contour import MeshEdges, ModelContour, occluding_contour
 
 SIZE = (160, 200)
@@ -197,3 +197,18 @@ def test_bad_input() -> None:
     batched = LabelMap(labels.depth[None], labels.triangle[None])
     with pytest.raises(InputError, match="expected one frame"):
         occluding_contour(pixels, depth, mesh, batched)
+
+
+@pytest.mark.parametrize("place", [(0.2, -0.1, 4.0), (1.9, 0.3, 4.0), (0.0, 1.5, 3.0)])
+def test_a_map_of_the_part_that_holds_the_mesh_is_as_good(place: tuple[float, ...]) -> None:
+    vertices, faces = sphere(*place)
+    whole, _ = look(vertices, faces, spacing=1.0)
+    pixels, depth = FOCAL * vertices[:, :2] / vertices[:, 2:] + CENTRE, vertices[:, 2].copy()
+    drawn = torch.from_numpy(pixels), torch.from_numpy(depth)
+    part = surrounding(*drawn, SIZE, 3)
+    assert part != (slice(0, SIZE[0]), slice(0, SIZE[1]))
+    labels = rasterize(*drawn, torch.as_tensor(faces.copy()), SIZE, part=part)
+    found = occluding_contour(pixels, depth, MeshEdges.build(faces), labels, 1.0)
+    assert len(whole) > 50
+    for name in ("points", "normals", "vertices", "weights", "outer"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))

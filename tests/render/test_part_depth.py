@@ -34,3 +34,12 @@ def test_points_that_see_nothing_inward() -> None:
     normals = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]])
     assert np.isinf(part_depth(outside, normals, PARTS, 30)).all()
     assert part_depth(np.zeros((0, 2)), np.zeros((0, 2)), PARTS, 30).shape == (0,)
+
+
+def test_parts_of_a_piece_of_the_image() -> None:
+    points = np.array([[9.5, 20.0], [12.0, 4.0], [49.5, 20.0]])
+    normals = np.concatenate([LEFT, LEFT, RIGHT])
+    whole = part_depth(points, normals, PARTS, 45)
+    piece = part_depth(points, normals, PARTS[1:38, 8:55], 45, (1, 8))
+    assert np.isfinite(whole).any()
+    np.testing.assert_array_equal(piece, whole)

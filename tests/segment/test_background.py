@@ -16,6 +16,7 @@ from perfcap.segment.background import (
     find_lighting,
 )
 from perfcap.segment.scene import SceneSettings, hide, sample_frames, shift_of, survey
+from perfcap.segment.trimap import signed_distance
 
 SETTINGS = PlateSettings()
 
@@ -225,6 +226,18 @@ def test_hidden_region_surrounds_the_model():
     assert (hidden & model).sum() == model.sum()
     assert not (hidden & ~disc((75, 75), 38)).any()
     assert not hide(np.zeros((9, 9), bool), 0.1).any()
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (20, 30), (38, 52)])
+def test_hiding_looks_no_further_than_it_reaches(corner: tuple[int, int]) -> None:
+    rng = np.random.default_rng(3)
+    model = np.zeros((60, 80), bool)
+    model[corner[0] : corner[0] + 22, corner[1] : corner[1] + 28] = rng.random((22, 28)) > 0.7
+    rows, columns = (np.flatnonzero(model.any(axis)) for axis in (1, 0))
+    size = max(np.ptp(rows), np.ptp(columns)) + 1
+    for clearance in (0.0, 0.1, 0.37, 3.0):
+        near = signed_distance(model) > -clearance * size
+        np.testing.assert_array_equal(hide(model, clearance), near)
 
 
 def _part(clip):

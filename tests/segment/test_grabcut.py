@@ -195,3 +195,15 @@ def test_box_baseline_uses_nothing_but_the_box(clip):
     one, other = (box_grabcut(clip.images[MIDDLE], m) for m in (square, clip.models[MIDDLE]))
     np.testing.assert_array_equal(one, other)
     assert overlap(one, clip.truth[MIDDLE]) > 0.8
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_an_image_of_one_color_has_no_mask(clip, level):
+    rng = np.random.default_rng(0)
+    trimap = build_trimap(clip.models[MIDDLE], clip.bones[MIDDLE], ALONE.trimap)
+    noise = level + rng.integers(-2, 3, clip.images[MIDDLE].shape)
+    blank = np.clip(noise, 0, 255).astype(np.uint8)
+    blank[trimap.box][0, 0] = 255 - level  # a hot pixel is nothing either
+    found = segment(blank, trimap, ALONE)
+    assert found.report.blank and found.report.person and not found.mask.any()
+    assert not segment(clip.images[MIDDLE], trimap, ALONE).report.blank

@@ -9,8 +9,8 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from perfcap.segment.min_cut import DIRECTIONS, solve_min_cut
-from perfcap.segment.random_field import Smoothness, solve_field
+from perfcap.segment.min_cut import DIRECTIONS, MinCut, solve_min_cut
+from perfcap.segment.random_field import BandField, Smoothness, solve_field
 from perfcap.segment.trimap import FOREGROUND, PROBABLE_BACKGROUND, Trimap
 
 
@@ -126,3 +126,50 @@ def test_field_has_least_energy_of_all_labellings():
         assert energy == pytest.approx(best, abs=0.1)  # capacities are 1/256 nat
         assert (found[labels == FOREGROUND]).all()
         assert not (found[labels == 0]).any()
+
+
+@pytest.mark.parametrize("largest", [1, 10, 1000])
+def test_a_cut_asked_again_is_that_of_the_last_question(largest):
+    rng = np.random.default_rng(largest)
+    for _ in range(10):
+        neighbor, capacity = grid(rng, *rng.integers(1, 9, 2), largest)
+        cut = MinCut(neighbor, capacity)
+        for _ in range(4):
+            excess = rng.integers(-3 * largest, 3 * largest + 1, len(neighbor)).astype(np.int32)
+            excess[rng.random(len(excess)) < 0.3] = 0
+            np.testing.assert_array_equal(cut.solve(excess), oracle(neighbor, capacity, excess)[0])
+
+
+def test_a_field_asked_again_and_a_band_in_a_corner():
+    rng = np.random.default_rng(5)
+    labels = np.zeros((40, 50), np.uint8)
+    labels[25:, 30:] = PROBABLE_BACKGROUND
+    labels[32:, 38:] = FOREGROUND
+    whole = slice(0, 40), slice(0, 50)
+    trimap = Trimap(labels, np.zeros((40, 50), np.float32), whole, (40, 50), 20.0, 4.0, 4.0)
+    image = rng.uniform(0, 60, (40, 50, 3)).astype(np.float32)
+    motion = rng.uniform(0, 2, (40, 50)).astype(np.float32)
+    field = BandField(trimap, image, Smoothness(), motion)
+    for _ in range(3):
+        evidence = rng.normal(scale=9, size=(40, 50)).astype(np.float32)
+        found = field.solve(evidence)
+        assert found[25:, 30:].mean() not in (0, 1)
+        assert not found[:25].any() and found[labels == FOREGROUND].all()
+        once = solve_field(trimap, image, evidence, Smoothness(), motion)
+        np.testing.assert_array_equal(found, once)
+        # what is not open, and has no open neighbour, has no say
+        other = image.copy()
+        other[:23] = 7
+        np.testing.assert_array_equal(
+            solve_field(trimap, other, evidence, Smoothness(), motion), once
+        )
+
+
+def test_a_field_without_anything_open():
+    labels = np.zeros((6, 7), np.uint8)
+    labels[2:4] = FOREGROUND
+    whole = slice(0, 6), slice(0, 7)
+    trimap = Trimap(labels, np.zeros((6, 7), np.float32), whole, (6, 7), 2.0, 1.0, 1.0)
+    nothing = np.zeros((6, 7), np.float32)
+    found = solve_field(trimap, np.zeros((6, 7, 3), np.float32), nothing, Smoothness(), nothing)
+    np.testing.assert_array_equal(found, labels == FOREGROUND)

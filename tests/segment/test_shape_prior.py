@@ -96,6 +96,21 @@ def test_a_layer_is_continued_by_what_is_nearest() -> None:
         assert found.distance[row, column] == pytest.approx(0.5 - apart.min(), abs=1.0)
 
 
+def test_a_layer_of_a_piece_of_the_image() -> None:
+    rng = np.random.default_rng(1)
+    mask = disc((40, 45), 12, (80, 80))
+    depth = np.where(mask, rng.uniform(1, 3, mask.shape), np.inf).astype(np.float32)
+    part = np.where(mask, rng.integers(0, 3, mask.shape), -1)
+    whole = PersonLayer.of(depth, part, np.float32([1, 2, 4]), 0.1)
+    piece = slice(20, 70), slice(15, 80)
+    found = PersonLayer.of(
+        depth[piece], part[piece], np.float32([1, 2, 4]), 0.1, (20, 15), (80, 80)
+    )
+    assert found.box == whole.box and found.shape == whole.shape
+    np.testing.assert_array_equal(found.mask, mask)
+    np.testing.assert_array_equal(found.depth, whole.depth)
+
+
 def test_a_part_of_the_image_without_the_person() -> None:
     drawn = layer(disc((40, 40), 10), 2.0)
     found = drawn.seen_from((slice(100, 120), slice(90, 130)))

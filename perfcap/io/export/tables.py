@@ -70,6 +70,7 @@ def write_npz(folder: Path, recording: Recording, options: Options) -> None:
     template = recording.template
     arrays: dict[str, NDArray[Any]] = {
         "fps": np.array(recording.rate),
+        "unit": np.array(options.unit),  # of all lengths here
         "frames": recording.numbers,
         "joints3d": recording.landmarks * options.per_metre,
         "joint_names": np.array(LANDMARKS),
