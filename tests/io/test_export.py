@@ -293,6 +293,7 @@ def test_npz_poses_the_rest_pose(up: str, recording: Recording, tmp_path: Path) 
     turned = replace(recording, upright=Rotation.random(rng=np.random.default_rng(1)).as_matrix())
     path = write("npz", tmp_path, turned.facing_up(up).part(1, 5), unit="cm") / f"{NAME}.npz"
     with np.load(path, allow_pickle=False) as data:
+        assert data["unit"].item() == "cm"
         close(data["vertices"] / 100, turned.facing_up(up).vertices(1, 5))
         pelvis = data["bone_transforms"][:, 0]
         found = Rotation.from_rotvec(data["root_rotation"]).as_matrix()
