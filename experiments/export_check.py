@@ -32,7 +32,7 @@ from report import DATA, Report, Table, main
 from perfcap.app.export import run_export
 from perfcap.commands.results import Export
 from perfcap.io.export import Recording, upright_from
-from perfcap.io.export.names import unique_names, word
+from perfcap.io.export.options import unique_names, word
 from perfcap.io.export.recording import Z_UP
 from perfcap.io.result import read_result
 from perfcap.pipeline.surroundings import upright

@@ -40,9 +40,16 @@ from perfcap.render import (
 )
 from perfcap.train.config import DetectorNoise
 from perfcap.train.detector_noise import corrupt
-from perfcap.train.figure import Figure, actor_figure, rest_turns
+from perfcap.train.figure import (
+    Figure,
+    Skirt,
+    actor_figure,
+    hang,
+    random_skirt,
+    rest_turns,
+    skirt_mesh,
+)
 from perfcap.train.motion_library import MotionLibrary, Recording
-from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_mesh
 from perfcap.train.wardrobe import Wardrobe, random_outfit
 
 Picture = NDArray[np.uint8]

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from perfcap.app.capture_folder import spare_result
+from perfcap.app.capture_folder import for_everybody, spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
-from perfcap.app.people_loop import for_everybody
 from perfcap.commands.results import Export
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from

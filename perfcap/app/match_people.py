@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.association import Association, bone_lengths, tracked_bones
-from perfcap.detect.association.bones import bone_difference
+from perfcap.detect.association.tracks import bone_difference
 
 _CLEAR = 0.01  # of lengths, by which the next best choice should be worse
 _FORBIDDEN = 1e6

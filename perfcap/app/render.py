@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import torch
 
-from perfcap.app.capture_folder import spare_result
+from perfcap.app.capture_folder import beside, for_everybody, spare_result
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
-from perfcap.app.people_loop import beside, for_everybody
 from perfcap.commands.results import Render
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.app.capture_folder import for_everybody
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
-from perfcap.app.people_loop import for_everybody
 from perfcap.app.scores import joint_doubts
 from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
 from perfcap.commands.results import Report

@@ -16,10 +16,9 @@ from torch import Tensor
 
 from perfcap import __version__
 from perfcap.actor.actor import Actor
-from perfcap.app.capture_folder import spare_inputs, spare_others
+from perfcap.app.capture_folder import named_people, spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
-from perfcap.app.people_loop import named_people
 from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS

@@ -24,7 +24,7 @@ from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
 from perfcap.train.detector import Detector
 from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector
-from perfcap.train.export_detector import expected_error, export_detector, fit_calibration
+from perfcap.train.export import expected_error, export_detector, fit_calibration
 from perfcap.train.loop import BEST, train
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.photographs import Mixture, Photographs

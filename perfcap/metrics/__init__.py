@@ -7,9 +7,14 @@ from perfcap.metrics.joints import (
     JointErrors,
     action_table,
     aligned_distances,
+    area_under_curve,
+    correct_share,
+    head_size,
+    image_correct_share,
     joint_errors,
     joint_table,
     reprojection_error,
+    torso_size,
 )
 from perfcap.metrics.markers import (
     MarkerError,
@@ -37,13 +42,6 @@ from perfcap.metrics.motion import (
     limit_violations,
 )
 from perfcap.metrics.surface import SurfaceError, surface_distance, surface_error, vertex_error
-from perfcap.metrics.thresholds import (
-    area_under_curve,
-    correct_share,
-    head_size,
-    image_correct_share,
-    torso_size,
-)
 
 __all__ = [
     "Alignment",

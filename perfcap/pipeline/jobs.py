@@ -12,11 +12,10 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import Term
-from perfcap.pipeline.clock import Progress, shared_stage
+from perfcap.pipeline.clock import Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.look import look, look_at_people
 from perfcap.pipeline.move import Moved, move
-from perfcap.pipeline.notebook import notebook_progress
 from perfcap.pipeline.people import Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig

@@ -21,9 +21,9 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_usable
-from perfcap.pipeline.mask_overlap import examined, warn_of_masks_elsewhere
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, person_height
+from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig

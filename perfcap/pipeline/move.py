@@ -19,7 +19,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
-from perfcap.pipeline.clock import Clock, Progress
+from perfcap.pipeline.clock import Clock, Progress, notebook_progress
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
@@ -30,7 +30,6 @@ from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.kinds import require_flags, require_kinds
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.look import Looked
-from perfcap.pipeline.notebook import notebook_progress
 from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare

@@ -1,17 +1,58 @@
-"""How well a surface overlaps the masks of a clip."""
+"""How well a surface overlaps the masks of a clip, and the guard that keeps what fits better."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor
 
 from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
+
+# --- Whether masks lie where a captured person is -------------------------------------------------
+
+_EXAMINED = 5  # frames
+_ELSEWHERE = 0.2  # intersection over union; captures have more than half
+
+
+def examined(frames: int) -> Tensor:
+    """A few frames, spread over a clip."""
+    return torch.linspace(0, frames - 1, min(frames, _EXAMINED)).long()
+
+
+def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
+    """Warn of views whose masks the drawn person hardly meets.
+
+    Args:
+        masks: (F, C, H, W), bool or from 0 to 1.
+        drawn: coverage of the ``examined`` frames, (F', C, H, W).
+    """
+    found = masks[examined(len(masks)).to(masks.device)] > 0.5
+    shown = found.flatten(2).any(-1)[..., None, None]  # a mask may be missing
+    model = (drawn > 0.5) & shown
+    both, either = ((each.sum((0, 2, 3))) for each in (found & model, found | model))
+    share = both / either.clamp(min=1)
+    elsewhere = ((share < _ELSEWHERE) & (either > 0)).nonzero().flatten().tolist()
+    if elsewhere:
+        worst = float(share[elsewhere].min())
+        warnings.warn(
+            f"masks of views {elsewhere} overlap the captured person by {worst:.0%} only; check "
+            "that they are of these frames, not inverted, mirrored or transposed, and that cameras "
+            "are in their pixels",
+            stacklevel=3,
+        )
+
+
+# --- How well a surface overlaps the masks of a clip ----------------------------------------------
 
 BLOCK = 8  # frames drawn at once
 
@@ -58,3 +99,48 @@ def clip_overlaps(
 
     parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))
+
+
+# --- A refinement never leaves a frame worse than it found it: measured, and taken back -----------
+
+Refined = TypeVar("Refined")
+
+_FADE = 2  # frames over which a rejected frame's neighbours return to their refinement
+_WORSE = 1e-3  # of overlap; rasterisation alone moves it by less
+
+
+def keep_better(
+    refined: Callable[[Tensor], Refined],
+    overlaps: Callable[[Refined], NDArray[np.float64]],
+    before: NDArray[np.float64],
+) -> tuple[Refined, NDArray[np.float64], NDArray[np.bool_]]:
+    """The refinement where it overlaps the masks at least as well as what was before.
+
+    Frames in which it does not are given back, and their neighbours fade towards them. Fading can
+    make a neighbour worse, which is then given back too: frames are only ever taken away, and what
+    was before is left in the end.
+
+    Args:
+        refined: what comes of a share (F,) of the refinement in every frame, 0 to 1.
+        overlaps: with the masks, (F,).
+        before: overlap without the refinement, (F,).
+
+    Returns:
+        What is left of the refinement, its overlap (F,), and the frames that kept theirs, (F,).
+    """
+    kept = np.ones(len(before), np.bool_)
+    while True:
+        result = refined(_shares(kept))
+        after = overlaps(result)
+        worse = kept & (after < before - _WORSE)
+        if not worse.any():
+            return result, after, kept
+        kept &= ~worse
+
+
+def _shares(kept: NDArray[np.bool_]) -> Tensor:
+    """0 in frames that are not kept, and ramps to 1 beside them, (F,) float64."""
+    if kept.all():
+        return torch.ones(len(kept), dtype=torch.float64)
+    distance = ndimage.distance_transform_cdt(kept, "chessboard") if kept.any() else kept * 0
+    return torch.from_numpy(np.minimum(distance / (_FADE + 1), 1.0))

@@ -20,10 +20,9 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
-from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, kernel
-from perfcap.pipeline.overlap import blocks, clip_overlaps
+from perfcap.pipeline.overlap import blocks, clip_overlaps, keep_better
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefinePoseConfig

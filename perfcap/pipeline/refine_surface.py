@@ -22,9 +22,8 @@ from perfcap.energy.tether import Tether
 from perfcap.geometry.folding import find_folds
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, Kept
 from perfcap.pipeline.evidence import Evidence
-from perfcap.pipeline.guard import keep_better
 from perfcap.pipeline.objective import kernel
-from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps
+from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps, keep_better
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 from perfcap.pipeline.track_motion import Progress

@@ -11,8 +11,7 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import BONES, Motion
-from perfcap.detect.detections import Detections
-from perfcap.detect.resample import at_clock
+from perfcap.detect.detections import Detections, at_clock
 from perfcap.energy.prior import BoneLengthPrior, PosePrior, SharedPrior
 from perfcap.energy.uncertain_views import CAMERAS, CLOCK, UncertainViews
 from perfcap.errors import InputError

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import html
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,6 +18,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import METRICS, PAGE, own_file
+from perfcap.pipeline.performance import Performance
 from perfcap.report import sections
 from perfcap.report.angles import read_angles
 from perfcap.report.content import content
@@ -161,3 +165,40 @@ def _metrics(folder: Path) -> dict[str, Any]:
     except InputError:
         return {}
     return value if isinstance(value, dict) else {}
+
+
+# --- A result inside a notebook -------------------------------------------------------------------
+
+
+def show(
+    result: Performance | str | Path,
+    videos: Sequence[str | Path] = (),
+    cameras: str | Path | None = None,
+    *,
+    height: int = 720,
+) -> Any:
+    """The page of ``perfcap report`` below a notebook's cell, to turn and to play.
+
+    Args:
+        result: of a capture, or the folder of one; nothing is written there.
+        videos: one a view, to be seen behind the motion; those that a folder names otherwise.
+        cameras: their calibration, likewise.
+        height: of the picture, px.
+
+    Raises:
+        InputError: this is no notebook, or the result cannot be read.
+    """
+    try:
+        display: Any = import_module("IPython.display")
+    except ImportError as error:
+        raise InputError("show is for notebooks; perfcap view opens a folder") from error
+    places = Places(
+        tuple(Path(each) for each in videos), None if cameras is None else Path(cameras)
+    )
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "capture" if isinstance(result, Performance) else Path(result)
+        if isinstance(result, Performance):
+            result.save(folder)
+        page = build_page(folder, Wanted(places=places))
+    style = f'allow="fullscreen" style="width: 100%; height: {int(height)}px; border: 0"'
+    return display.HTML(f'<iframe title="perfcap" {style} srcdoc="{html.escape(page)}"></iframe>')

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.segment import _mixed_numba
 from perfcap.segment.background import Plate, find_lighting
 from perfcap.segment.evidence import (
     Backdrop,
@@ -28,11 +29,53 @@ from perfcap.segment.evidence import (
     learn_colors,
     log_ratio,
 )
-from perfcap.segment.mixed_pixels import settle_mixed
 from perfcap.segment.motion_cue import MotionCue, temporal_gradient
 from perfcap.segment.random_field import BandField
 from perfcap.segment.settings import GrabCutSettings
-from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, signed_distance
+from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, bounds, signed_distance
+
+# --- Pixels on the boundary, where person and background mix --------------------------------------
+#
+# A colour that is half person is like neither side, so a mask tends to take it. Where the
+# background is known the share of each side can be told: the pixel's colour lies between the
+# person's a little further in and the plate's.
+
+_REACH = 3  # px within which pure colours are looked for
+_PURE = 1.1  # px from the boundary
+_APART = 30.0  # grey levels by which two sides must differ
+_SLACK = 0.1  # of a share around a half that decides nothing
+_BEYOND = 0.2  # by which a share may leave [0, 1]; further out the pixel is no mixture
+
+
+def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, open_: Mask) -> Mask:
+    """The mask (h, w) with every mixed pixel on the side it has more of.
+
+    Args:
+        inside: the mask.
+        image: (h, w, 3) RGB.
+        backdrop: the plate, and how it is lit.
+        open_: pixels that may change, (h, w).
+    """
+    settled = inside.copy()
+    part = bounds(open_, 2 * _REACH)  # whether a pixel is pure depends on the nearest ones alone
+    image, plate, open_ = image[part], backdrop.plate[part], open_[part]
+    distance = signed_distance(inside[part])
+    pixels = np.argwhere((np.abs(distance) <= _PURE) & open_)
+    changed = inside[part].copy()
+    _mixed_numba.settle(
+        pixels,
+        np.ascontiguousarray(image),
+        plate.color * backdrop.lighting.gain,
+        np.ascontiguousarray(plate.known),
+        distance,
+        (_REACH, _PURE, _APART**2, _SLACK, _BEYOND),
+        changed,
+    )
+    settled[part] = changed
+    return settled
+
+
+# --- The person in one frame, from the posed model (Xu 2018, Sec. 5.1) ----------------------------
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]

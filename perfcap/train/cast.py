@@ -18,9 +18,18 @@ from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.train.body_parts import face_parts, skirt_parts
 from perfcap.train.config import SceneData
-from perfcap.train.figure import Figure, actor_figure, pose_figure, rest_turns
+from perfcap.train.figure import (
+    Figure,
+    Skirt,
+    actor_figure,
+    hang,
+    pose_figure,
+    random_skirt,
+    rest_turns,
+    skirt_ahead,
+    skirt_mesh,
+)
 from perfcap.train.motion_library import MotionLibrary
-from perfcap.train.skirt import Skirt, hang, random_skirt, skirt_ahead, skirt_mesh
 from perfcap.train.wardrobe import Wardrobe, random_outfit
 
 _UPPER = [

@@ -18,8 +18,8 @@ from perfcap.errors import InputError
 from perfcap.io import gltf_morph
 from perfcap.io.bvh import joint_positions, load_bvh
 from perfcap.io.export import FORMATS, Options, Recording, upright_from
-from perfcap.io.export.names import unique_names, word
-from perfcap.io.export.normals import SeamlessNormals
+from perfcap.io.export.meshes import SeamlessNormals
+from perfcap.io.export.options import unique_names, word
 from perfcap.io.export.recording import Z_UP
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import open_document

@@ -9,7 +9,7 @@ import pytest
 
 from perfcap.errors import InputError
 from perfcap.io.export import publishing
-from perfcap.io.export.names import ascii_label, identifier, unique_names, word
+from perfcap.io.export.options import ascii_label, identifier, unique_names, word
 
 
 def test_names_become_what_formats_take_and_stay_different() -> None:

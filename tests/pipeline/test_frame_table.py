@@ -13,7 +13,7 @@ from takes import make_take
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.pipeline import Stage, capture
-from perfcap.pipeline.notebook import notebook_progress
+from perfcap.pipeline.clock import notebook_progress
 from perfcap.pipeline.performance import Performance, frame_table
 
 

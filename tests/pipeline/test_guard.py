@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from perfcap.pipeline.guard import keep_better
+from perfcap.pipeline.overlap import keep_better
 
 
 def test_what_helps_everywhere_is_kept_whole() -> None:

@@ -7,8 +7,7 @@ import torch
 from synthetic import actor
 from takes import Take, make_take
 
-from perfcap.detect.detections import Detections
-from perfcap.detect.resample import at_clock
+from perfcap.detect.detections import Detections, at_clock
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.view_errors import ViewErrors, solve_views

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from disc_scene import disc
 
+from perfcap.segment.label_people import in_front, shape_prior
 from perfcap.segment.person_layer import PersonLayer, Surroundings
-from perfcap.segment.shape_prior import in_front, shape_prior
 
 WHOLE = slice(0, 150), slice(0, 150)
 

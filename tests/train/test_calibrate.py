@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from perfcap.detect.manifest import Calibration
-from perfcap.train.export_detector import expected_error, fit_calibration
+from perfcap.train.export import expected_error, fit_calibration
 
 
 def test_a_known_curve_is_found() -> None:

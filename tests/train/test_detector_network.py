@@ -10,7 +10,7 @@ import torch
 from perfcap.detect.manifest import Calibration
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
-from perfcap.train import export_detector as exporting
+from perfcap.train import export as exporting
 from perfcap.train.body_parts import PARTS, UNKNOWN
 from perfcap.train.config import (
     DetectorConfig,
@@ -32,7 +32,7 @@ from perfcap.train.detector_task import (
     score_detector,
     side_at,
 )
-from perfcap.train.export_detector import export_detector
+from perfcap.train.export import export_detector
 from perfcap.train.loop import BEST, LAST, train
 from perfcap.train.scenes import Shot
 

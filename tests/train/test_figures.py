@@ -13,9 +13,16 @@ from perfcap.io import load_actor
 from perfcap.io.body_model import load_body_model
 from perfcap.train.cast import Cast
 from perfcap.train.config import SceneData
-from perfcap.train.figure import Figure, actor_figure, pose_figure, rest_turns
+from perfcap.train.figure import (
+    Figure,
+    Skirt,
+    actor_figure,
+    hang,
+    pose_figure,
+    rest_turns,
+    skirt_mesh,
+)
 from perfcap.train.motion_library import MotionLibrary, smallest_turn
-from perfcap.train.skirt import Skirt, hang, skirt_mesh
 from perfcap.train.wardrobe import SKIN, Wardrobe, random_outfit
 
 BONES = [

@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from perfcap.detect.association.config import AssociationConfig
 from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.limbs import own_limbs
 from perfcap.detect.association.settle import Settled, settle
-from perfcap.detect.association.sightings import Sightings
+from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError

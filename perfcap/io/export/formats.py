@@ -12,11 +12,10 @@ from perfcap.io.export.markers import write_c3d, write_trc
 from perfcap.io.export.meshes import write_obj, write_ply
 from perfcap.io.export.opensim import write_osim
 from perfcap.io.export.options import Options
-from perfcap.io.export.qpos import write_qpos
 from perfcap.io.export.recording import Recording
 from perfcap.io.export.scene import write_glb
 from perfcap.io.export.skeleton import write_bvh
-from perfcap.io.export.tables import write_csv, write_npz
+from perfcap.io.export.tables import write_csv, write_npz, write_qpos
 from perfcap.io.export.usd import write_usd, write_usdz
 
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.export.names import ascii_label, unique_names, word
-from perfcap.io.export.options import Options
+from perfcap.io.export.options import Options, ascii_label, unique_names, word
 from perfcap.io.export.recording import Recording
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from perfcap.io.bvh_read import bvh_motion
 from perfcap.io.bvh_write import save_bvh
-from perfcap.io.export.names import unique_names, word
-from perfcap.io.export.options import Options
+from perfcap.io.export.options import Options, unique_names, word
 from perfcap.io.export.recording import Recording
 
 

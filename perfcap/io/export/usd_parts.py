@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.actor.template import Template
 from perfcap.geometry.rotation import aligned
-from perfcap.io.export.names import identifier, unique_names
-from perfcap.io.export.normals import SeamlessNormals
-from perfcap.io.export.options import Options
+from perfcap.io.export.meshes import SeamlessNormals
+from perfcap.io.export.options import Options, identifier, unique_names
 from perfcap.io.export.recording import Recording
 
 Floats = NDArray[np.float64]
