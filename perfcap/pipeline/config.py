@@ -211,7 +211,7 @@ class RetargetConfig:
             and degrees, of the place, the root's rotation and the angles.
         edge: cosines of a change that are low frequencies.
         still: of the hinges of robots from the frame before, degrees.
-        speed: the largest of the hinges of robots, degrees a second; a person's knee kicks so.
+        speed: the largest of the hinges of robots, degrees a second; a fast elbow punches so.
         frames: solved at once.
         steps: of the solver.
     """
