@@ -1,8 +1,8 @@
 """Recorded motion on public humanoids, played back in MuJoCo.
 
 Expect no joint beyond its range, and a foot more than a centimetre through the floor in at most
-2 % of the frames. Needs ``pip install mujoco dm_control``, whose two humanoids are taken where no
-others are given; without them nothing is measured.
+2 % of the frames. Needs ``pip install mujoco``. Where no robots are given, two MJCF of dm_control
+and two URDF of example-robot-data are taken where installed; without any nothing is measured.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from report import DATA, Report, Table, data_folder, main
 from retarget import CMU, OTHERS, panel, shipped_clip
+from robot_models import playable, shipped
 
 from perfcap.app.export import run_export
 from perfcap.app.retarget import run_retarget
@@ -29,7 +30,6 @@ from perfcap.io.actor import load_actor
 from perfcap.io.export import Recording
 from perfcap.io.result import read_result
 
-SHIPPED = ("humanoid.xml", "humanoid_CMU.xml")  # of dm_control's suite, Apache-2.0
 DEEP = 0.01  # m
 
 
@@ -40,7 +40,7 @@ class Experiment:
     data: Path = DATA
     """Folder of the recordings."""
     robots: tuple[Path, ...] = ()
-    """MJCF files with a floor; dm_control's humanoids if none."""
+    """URDF files, or MJCF with a floor; those of installed packages if none."""
     frames: int = 240
     """At most, of each clip."""
     picture: Path | None = None
@@ -49,10 +49,9 @@ class Experiment:
 
 def run(config: Experiment) -> Report:
     """Put every clip on every robot and play it."""
-    missing = [name for name in ("mujoco", "dm_control") if find_spec(name) is None]
-    if missing:
-        return Report((), (f"skipped: {', '.join(missing)} is not installed (pip install)",))
-    robots = config.robots or tuple(_shipped())
+    robots = config.robots or tuple(shipped())
+    if find_spec("mujoco") is None or not robots:
+        return Report((), ("skipped: pip install mujoco dm_control example-robot-data",))
     if config.picture is not None:
         shown = [
             ("man", load_actor("sam")),
@@ -68,17 +67,13 @@ def run(config: Experiment) -> Report:
     columns = ("clip", "frames", "beyond limits", "feet > 1 cm deep, %", "deepest foot, mm",
                "bodies apart, mm", "limbs °", "95 %", "largest step °")  # fmt: skip
     every = np.array([row[1:] for row in rows])
-    share = every[:, 0] @ every[:, 2] / every[:, 0].sum()
+    seen = every[np.isfinite(every[:, 2])]
+    share = seen[:, 0] @ seen[:, 2] / seen[:, 0].sum() if len(seen) else np.nan
     note = (
-        f"{every[:, 0].sum():.0f} frames: {every[:, 1].sum():.0f} values beyond limits, a foot "
-        f"more than 1 cm through the floor in {share:.2f} % of frames"
+        f"{every[:, 0].sum():.0f} frames: {every[:, 1].sum():.0f} values beyond limits; a foot "
+        f"more than 1 cm through the floor in {share:.2f} % of {seen[:, 0].sum():.0f} frames"
     )
     return Report((Table("each clip on each robot", columns, tuple(rows), 2),), (note,))
-
-
-def _shipped() -> Iterator[Path]:
-    folder = Path(str(import_module("dm_control").__file__)).parent / "suite"
-    yield from (folder / name for name in SHIPPED)
 
 
 def _clips(config: Experiment) -> Iterator[tuple[str, Path, str]]:
@@ -98,7 +93,7 @@ def _played(robot: Path, clip: Path, frames: str, scratch: str) -> tuple[float, 
     with np.load(out / "export" / "played_qpos.npz", allow_pickle=False) as found:
         qpos, names = found["qpos"], found["joint_names"].tolist()
     mujoco: Any = import_module("mujoco")
-    model = mujoco.MjModel.from_xml_path(str(robot))
+    model = playable(robot)
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in names]
     places = [int(joint.qposadr[0]) for joint in joints]
@@ -109,13 +104,15 @@ def _played(robot: Path, clip: Path, frames: str, scratch: str) -> tuple[float, 
     bones = Recording(result, "played", 0, len(qpos)).facing_up("z").posed_bones
     feet = _feet(model, load_actor(robot, robots=True))
     depth, apart = np.zeros(len(qpos)), 0.0
+    if not any(int(body) in feet for body in model.geom_bodyid):
+        depth += np.nan  # without shapes nothing is known of the floor
     for frame, values in enumerate(qpos):
         data.qpos[:7] = values[:7]
         data.qpos[places] = values[7:]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
-        depth[frame] = _depth(mujoco, model, data, feet)
+        depth[frame] += _depth(mujoco, model, data, feet)
         apart = max(apart, _apart(model, data, result.template.bone_names, bones[frame]))
     kept = json.loads((out / "run.json").read_text())["retarget"]["limbs_degrees"]
     step = np.degrees(np.abs(np.diff(qpos[:, 7:], axis=0))).max()

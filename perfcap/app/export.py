@@ -124,9 +124,11 @@ def _recording(request: Export, name: str, result: Result) -> Recording:
         )
     if part.stop is not None and part.stop > numbers[-1] + 1:
         PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
-    stands = upright(torch.from_numpy(result.joints))
-    up = stands if request.world_up == "auto" else axis(request.world_up)
-    if float(up.to(stands) @ stands) < 0:
+    found = upright(torch.from_numpy(result.joints), result.level)
+    up = found if request.world_up == "auto" else axis(request.world_up).to(found)
+    if result.level and not torch.equal(up, found):
+        PlainConsole().print(f"--world-up {request.world_up}: a retargeted motion has y up")
+    elif float(up @ found) < 0:
         PlainConsole().print(
             f"--world-up {request.world_up}: the person is upside down then; auto takes the "
             "opposite axis"

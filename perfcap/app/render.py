@@ -45,8 +45,9 @@ def _render(request: Render) -> int:
     spare_result(request.folder, request.out)
     rows = _rows(request, result)
     joints = torch.from_numpy(result.joints)
-    up = None if request.up == "auto" else axis(request.up)
-    if up is not None and float(up.to(joints) @ upright(joints)) < 0:
+    found = upright(joints, result.level)
+    up = found if request.up == "auto" else axis(request.up).to(found)
+    if float(up @ found) < 0:
         PlainConsole().print(
             f"--up {request.up}: the person is upside down then; auto takes the opposite axis"
         )

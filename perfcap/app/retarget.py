@@ -55,7 +55,7 @@ _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
 _OFF_FLOOR = 0.5  # m
 _LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
-_JUMP = 60.0  # degrees a frame, of a robot's hinge
+_HASTE = 0.98  # of the speed that hinges of robots may have
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 
@@ -228,12 +228,13 @@ def _doubts(part: _Part) -> Iterator[str]:
             "the source's places, and whether it jumps"
         )
     yield from places_doubts(part.target.joints(part.found.motion))
-    change = part.found.motion.angles.diff(dim=0).abs().amax(1, keepdim=True).rad2deg()
-    jumps = (change > _JUMP).flatten().nonzero().flatten().tolist()
-    if part.target.skeleton.rig.roles and jumps:
+    speed = rate * part.found.motion.angles.diff(dim=0).abs().amax(1).rad2deg()
+    fast = (speed > _HASTE * RetargetConfig().speed).nonzero().flatten().tolist()
+    if part.target.skeleton.rig.roles and fast:
         yield (
-            f"hinges jump by up to {float(change.max()):.0f} degrees, first in frame "
-            f"{int(part.rig.frames[jumps[0] + 1])}: limits leave no way between two poses"
+            f"hinges turn at {float(speed.max()):.0f} degrees a second in {len(fast)} frames, "
+            f"first in frame {int(part.rig.frames[fast[0] + 1])}: limits leave no short way "
+            "between two poses, and limbs are off meanwhile"
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"

@@ -59,6 +59,11 @@ class Result:
         """F."""
         return len(self.frame_numbers)
 
+    @property
+    def level(self) -> bool:
+        """Whether y is up in the world by agreement, as of a retargeted motion, lying or not."""
+        return "retargeted_from" in self.report
+
     def vertices(self, span: slice) -> NDArray[np.float32]:
         """Vertices of a span of frames in the world, (f, V, 3) m: captured, or else skinned.
 

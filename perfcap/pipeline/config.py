@@ -211,6 +211,7 @@ class RetargetConfig:
             and degrees, of the place, the root's rotation and the angles.
         edge: cosines of a change that are low frequencies.
         still: of the hinges of robots from the frame before, degrees.
+        speed: the largest of the hinges of robots, degrees a second; a fast elbow punches so.
         frames: solved at once.
         steps: of the solver.
     """
@@ -227,5 +228,6 @@ class RetargetConfig:
     change: tuple[float, float, float] = (0.003, 0.5, 1.0)
     edge: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     still: float = 15.0
+    speed: float = 1500.0
     frames: int = 128
     steps: int = 40

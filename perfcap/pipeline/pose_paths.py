@@ -8,8 +8,9 @@ a second path is begun there, and the cheapest way through all paths is taken (V
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -19,36 +20,60 @@ from perfcap.energy.prior import PosePrior
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.solve.energy import Energy
 
-Solve = Callable[[dict[str, Energy[Motion]], Motion], Motion]
+Solve = Callable[[dict[str, Energy[Motion]], Motion, float], Motion]
 
 _SETTLED = 5  # solves of the first pose of a path
 _EXCESS = 25.0  # squared deviations above which another way is looked for
 _PATHS = 4
+_ROUNDING = 1e-4  # rad
+_NEVER = 1e12
 
 
-def in_turn(rows: Rows, begun: Motion, alone: Motion, still: float, solved: Solve) -> Motion:
+@dataclass(frozen=True)
+class Pace:
+    """How angles go from frame to frame, radians.
+
+    Attributes:
+        still: deviation of a change.
+        most: the largest change.
+    """
+
+    still: float
+    most: float
+
+
+def in_turn(rows: Rows, begun: Motion, alone: Motion, pace: Pace, solved: Solve) -> Motion:
     """Poses that follow one another, (F,).
 
     Args:
         rows: what every frame is asked for.
         begun: where the root starts in every frame, and the angles of the first, (F,).
         alone: every frame solved on its own, (F,).
-        still: deviation of an angle from the frame before, radians.
-        solved: the poses (N, W) of least energy near given ones.
+        pace: of the angles.
+        solved: the poses (N, W) of least energy, whose angles are within so many radians of given
+            ones.
     """
-    paths = [_path(rows, begun, begun.angles[0], 0, still, solved)]
+    paths = [_path(rows, begun, begun.angles[0], 0, pace, solved)]
     least = _energy(rows, alone)
     while len(paths) < _PATHS:
         excess = torch.stack([_energy(rows, path) for path in paths]).amin(0) - least
         worst = int(excess.argmax())
         if not excess[worst] > _EXCESS:
             break
-        paths.append(_path(rows, begun, alone.angles[worst], worst, still, solved))
-    return _cheapest(rows, paths, still)
+        paths.append(_path(rows, begun, alone.angles[worst], worst, pace, solved))
+    return _cheapest(rows, paths, pace)
+
+
+def paced(motion: Motion, most: float) -> Motion:
+    """The motion (F,) with angles that follow by at most so many radians a frame."""
+    angles = [motion.angles[0]]
+    for wanted in motion.angles[1:]:
+        angles.append(torch.clamp(wanted, angles[-1] - most, angles[-1] + most))
+    return replace(motion, angles=torch.stack(angles))
 
 
 def _path(
-    rows: Rows, begun: Motion, angles: Tensor, start: int, still: float, solved: Solve
+    rows: Rows, begun: Motion, angles: Tensor, start: int, pace: Pace, solved: Solve
 ) -> Motion:
     """Poses from one frame on, in both directions."""
     parts: dict[int, Motion] = {}
@@ -58,8 +83,9 @@ def _path(
         state = begun.map(lambda each, index=index: each[index])
         state = replace(state, angles=angles[None, None] if near is None else near.angles)
         for _ in range(_SETTLED if near is None else 1):
-            rest = PosePrior(state.angles[0, 0], still)
-            state = solved({"pose": rows.energy(index), "still": rest}, state)
+            still = PosePrior(state.angles[0, 0], pace.still)
+            reach = math.inf if near is None else pace.most
+            state = solved({"pose": rows.energy(index), "still": still}, state, reach)
         parts[frame] = state
     return Motion.cat([parts[n].map(lambda each: each[0]) for n in range(begun.frames)])
 
@@ -71,7 +97,7 @@ def _energy(rows: Rows, motion: Motion) -> Tensor:
     return energy
 
 
-def _cheapest(rows: Rows, paths: list[Motion], still: float) -> Motion:
+def _cheapest(rows: Rows, paths: list[Motion], pace: Pace) -> Motion:
     """The way through all paths that pays least for its poses and for changes of angles."""
     if len(paths) == 1:
         return paths[0]
@@ -79,8 +105,10 @@ def _cheapest(rows: Rows, paths: list[Motion], still: float) -> Motion:
     angles = torch.stack([path.angles for path in paths])  # P F A
     total, came = cost[:, 0], []
     for frame in range(1, cost.shape[1]):
-        step = (angles[:, None, frame] - angles[None, :, frame - 1]) / still
-        best, before = (total + step.square().sum(-1)).min(1)
+        step = (angles[:, None, frame] - angles[None, :, frame - 1]).abs()
+        change = (step / pace.still).square().sum(-1)
+        change = change + _NEVER * (step.amax(-1) > pace.most + _ROUNDING)
+        best, before = (total + change).min(1)
         total = best + cost[:, frame]
         came.append(before)
     way = [int(total.argmin())]

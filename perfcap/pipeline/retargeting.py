@@ -20,6 +20,7 @@ from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.joint_angles import joint_angles
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
+from perfcap.energy.prior import PosePrior
 from perfcap.energy.trajectory import TrajectoryChange
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import matrix_to_rotvec
@@ -37,16 +38,17 @@ from perfcap.pipeline.joint_motion import (
 )
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, soft_edge
-from perfcap.pipeline.pose_paths import in_turn
+from perfcap.pipeline.pose_paths import Pace, in_turn, paced
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.rates import frame_rate
-from perfcap.solve import LevenbergMarquardt, Objective, solve
+from perfcap.solve import Bounds, LevenbergMarquardt, Objective, solve
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import partition
 
 _UP = (0.0, 1.0, 0.0)
 _WINDOW, _OVERLAP, _AT_ONCE = 50, 10, 4  # frames, frames, windows
+_AT_REST = 2.0  # rad: a limb off rest by this is off its direction by less than 0.1 degrees
 
 
 @dataclass(frozen=True)
@@ -101,10 +103,12 @@ def retarget(
     first = _each(target, rows, begun, config)
     if target.skeleton.rig.roles:
 
-        def solved(energies: dict[str, Energy[Motion]], state: Motion) -> Motion:
-            return _solved(target, energies, state, config)
+        def solved(energies: dict[str, Energy[Motion]], state: Motion, reach: float) -> Motion:
+            near = Bounds.on_frames(*_within(target, state, reach))
+            return _solved(target, energies | _rest(target), state, config, near)
 
-        first = in_turn(rows, begun, first, math.radians(config.still), solved)
+        pace = Pace(math.radians(config.still), math.radians(config.speed) / rate)
+        first = in_turn(rows, begun, first, pace, solved)
     if floor is None or config.contact.support > floor.support or not config.contact.enabled:
         if target.skeleton.rig.roles and config.contact.enabled:
             first = grounded(target, first)
@@ -117,6 +121,7 @@ def retarget(
     last = _standing(target, rows, first, standing, rate, config)
     level = replace(last, translation=last.translation - ground.height * ground.normal)
     if target.skeleton.rig.roles:
+        level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
 
@@ -157,8 +162,20 @@ def _each(target: Actor, rows: Rows, begun: Motion, config: RetargetConfig) -> M
     for start in range(0, begun.frames, config.frames):
         index = torch.arange(start, min(start + config.frames, begun.frames))[:, None]  # N 1
         state = begun.map(lambda each, index=index: each[index])
-        parts.append(_solved(target, {"pose": rows.energy(index)}, state, config))
+        parts.append(_solved(target, {"pose": rows.energy(index)} | _rest(target), state, config))
     return Motion.cat([part.map(lambda each: each[:, 0]) for part in parts])
+
+
+def _rest(target: Actor) -> dict[str, Energy[Motion]]:
+    """What keeps hinges of a robot at rest that move nothing a person's limbs show.
+
+    Without it a solver that knows no units moves them by whole ranges for rounding errors.
+    """
+    skeleton = target.skeleton
+    if not skeleton.rig.roles:
+        return {}
+    rest = skeleton.rest_angles.clamp(skeleton.lower, skeleton.upper)
+    return {"rest": PosePrior(rest, _AT_REST)}
 
 
 def _standing(
@@ -185,7 +202,7 @@ def _standing(
             rotation=1 / math.radians(turn),
             angles=1 / math.radians(angle),
         )
-        energies = {"pose": rows.energy(index), "change": change}
+        energies = {"pose": rows.energy(index), "change": change} | _rest(target)
         tied = replace(config.contact, deviation=config.feet, depth=config.depth)
         energies |= standing.energies(index, tied)
         shift = standing.shift[index]
@@ -196,8 +213,22 @@ def _standing(
     return blender.finish(target.skeleton)
 
 
+def _within(target: Actor, given: Motion, reach: float) -> tuple[Tensor, Tensor]:
+    """Limits (*b, F, 6 + A) of angles that change by at most ``reach`` radians."""
+    lower, upper = target.skeleton.bounds
+    angles = given.angles.clamp(target.skeleton.lower, target.skeleton.upper)
+    near = torch.nn.functional.pad(angles, (6, 0)).to(lower)
+    far = torch.full_like(lower, reach)
+    far[:6] = math.inf  # the root is free
+    return torch.maximum(lower, near - far), torch.minimum(upper, near + far)
+
+
 def _solved(
-    target: Actor, energies: dict[str, Energy[Motion]], begun: Motion, config: RetargetConfig
+    target: Actor,
+    energies: dict[str, Energy[Motion]],
+    begun: Motion,
+    config: RetargetConfig,
+    bounds: Bounds | None = None,
 ) -> Motion:
     method = LevenbergMarquardt(config.steps, 1e-4, 1e-2)
-    return solve(Objective(energies), begun, method, angle_bounds(target)).state
+    return solve(Objective(energies), begun, method, bounds or angle_bounds(target)).state

@@ -66,18 +66,21 @@ class Surroundings:
         return daylight(self.up, self.ahead)
 
 
-def upright(joints: Tensor) -> Tensor:
+def upright(joints: Tensor, level: bool = False) -> Tensor:
     """The world axis, or its opposite, along which a person stands on average, (3,).
 
     Calibrations have y or z up, or y down as images do; files rarely say which.
 
     Args:
         joints: landmarks, (F, 16, 3).
+        level: whether y is known to be up, whatever the person does.
     """
+    if level:
+        return axis("y").to(joints)
     body = (joints[:, _HEAD] - joints[:, _ANKLES].mean(1)).mean(0)
-    axis = body.abs().argmax()
+    along = body.abs().argmax()
     up = torch.zeros_like(body)
-    up[axis] = torch.sign(body[axis]) if body[axis] != 0 else 1.0
+    up[along] = torch.sign(body[along]) if body[along] != 0 else 1.0
     return up
 
 

@@ -3,14 +3,18 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from runs import Command
 
+from perfcap.app.export import _recording
+from perfcap.commands.results import Export
 from perfcap.io import export
 from perfcap.io.bvh import load_bvh
+from perfcap.io.result import read_result
 
 PLAIN = ("glb", "bvh", "obj", "ply", "trc", "npz", "csv")  # nothing else is needed for them
 
@@ -245,3 +249,14 @@ def test_upside_down_is_named(folder: Path, perfcap: Command) -> None:
         for up in ("auto", "y", "-y", "x")
     }
     assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]
+
+
+def test_a_retargeted_motion_keeps_its_world(captured: Path, tmp_path: Path) -> None:
+    """Whose y is up also where the person lies; of a capture, the person's trunk decides."""
+    result = read_result(captured)
+    lying = replace(result, joints=result.joints[..., [1, 0, 2]] * np.array([1.0, -1.0, 1.0]))
+    request = Export(captured, ("trc",), out=tmp_path)
+    assert abs(_recording(request, "a", lying).upright[1, 0]) > 0.9
+    assert not lying.level
+    level = replace(lying, report={**lying.report, "retargeted_from": "a.bvh"})
+    assert np.array_equal(_recording(request, "a", level).upright, np.eye(3))

@@ -7,10 +7,13 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+import torch
 from runs import Command
 from takes import TakeFiles, camera_entry, write_json
 
+from perfcap.io.result import read_result
 from perfcap.io.surface_file import save_surface
+from perfcap.pipeline.surroundings import upright
 
 SMALL = ("--size", 64, 48)
 
@@ -33,6 +36,13 @@ def test_an_orbit_of_the_whole_capture(captured: Path, tmp_path: Path, perfcap: 
     drawn = frames(out)
     assert len(drawn) == 24 and drawn[0].shape == (48, 64, 3)
     assert [p.name for p in tmp_path.iterdir()] == ["an orbit.mp4"]
+
+
+def test_whoever_lies_in_a_retargeted_motion_lies(captured: Path) -> None:
+    """A capture's up is found in the person; that of a retargeted motion is y."""
+    joints = torch.from_numpy(read_result(captured).joints[..., [1, 0, 2]] * [1.0, -1.0, 1.0])
+    assert abs(float(upright(joints)[0])) == 1
+    assert upright(joints, level=True).tolist() == [0, 1, 0]
 
 
 def test_the_same_call_makes_the_same_file(

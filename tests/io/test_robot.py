@@ -16,6 +16,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.robot import load_robot
 from perfcap.io.robot.load import read_robot
+from perfcap.io.robot.urdf import mesh_file
 
 F64 = torch.float64
 
@@ -176,6 +177,17 @@ def test_what_a_file_says_and_nothing_here_does_is_noted(tmp_path: Path) -> None
         assert re.search(words, note)
     plain = robots.write(tmp_path)
     assert not any(read_robot(path).notes for path in plain.values())
+
+
+@pytest.mark.parametrize("name", ["package://bot/arm.obj", "package:///bot/arm.obj", "arm.obj"])
+def test_meshes_of_a_package(name: str, tmp_path: Path) -> None:
+    """Three slashes too, as some published robots (Talos) write them."""
+    folder = tmp_path / "bot"
+    folder.mkdir()
+    (folder / "arm.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert mesh_file(folder / "bot.urdf", name).resolve() == (folder / "arm.obj").resolve()
+    with pytest.raises(InputError, match="lies outside of"):
+        mesh_file(folder / "bot.urdf", "package:///../../arm.obj")
 
 
 HOSTILE = {

@@ -138,17 +138,17 @@ def _surface(path: Path, shape: Element, left_out: set[str]) -> shapes.Surface |
     if shape.tag != "mesh":
         return None
     scale = numbers(shape, "scale", 3, "1 1 1")
-    file = _mesh_file(path, shape.get("filename", ""))
+    file = mesh_file(path, shape.get("filename", ""))
     if file.suffix.lower() not in shapes.READ:
         left_out.add(file.suffix.lower() or "no format")
     return shapes.mesh(file, np.ones(3) if scale is None else scale)
 
 
-def _mesh_file(path: Path, name: str) -> Path:
+def mesh_file(path: Path, name: str) -> Path:
     """The file of a mesh, in the folder of the URDF or in that of the package it is part of."""
     name = name.removeprefix("file://")
     if not name.startswith(_PACKAGE):
         return inside(path.parent, name)
-    package, _, rest = name.removeprefix(_PACKAGE).partition("/")
-    folders = [folder for folder in path.resolve().parents if folder.name == package]
+    package, _, rest = name.removeprefix(_PACKAGE).lstrip("/").partition("/")
+    folders = [folder for folder in path.resolve().parents if folder.name == package != ""]
     return inside(folders[0] if folders else path.resolve().parent, rest)
