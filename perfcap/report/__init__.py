@@ -3,5 +3,9 @@
 from perfcap.report.compare import make_comparison
 from perfcap.report.make import Wanted, make_report, show
 from perfcap.report.sources import Places
+from perfcap.report.viewers import add_to_viser, log_to_rerun
 
-__all__ = ["Places", "Wanted", "make_comparison", "make_report", "show"]
+__all__ = [
+    *("Places", "Wanted", "add_to_viser", "log_to_rerun", "make_comparison", "make_report"),
+    "show",
+]
