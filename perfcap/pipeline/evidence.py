@@ -17,8 +17,8 @@ from perfcap.segment import Contour, FrameReport, Silhouettes, extract_contour
 Mask = NDArray[np.bool_]
 
 _FULL = 255  # a confidence of 1, as it is kept
-_ELSEWHERE = 0.5  # usual overlap with a network that finds somebody or something else
-_AGREES, _UNUSUAL = 0.86, 0.04  # overlap with a network: enough, and what is below its usual one
+AGREES = 0.86  # overlap with a network that is enough
+_UNUSUAL = 0.04  # what is below the usual overlap with a network
 
 
 @dataclass(frozen=True)
@@ -111,19 +111,13 @@ class Evidence:
         agreement = self.agreement
         if np.isnan(agreement).all():
             return np.zeros(0, np.int64)
-        usual = float(np.nanmedian(agreement))
-        return np.flatnonzero(agreement < min(_AGREES, usual - _UNUSUAL))
+        return np.flatnonzero(agreement < min(AGREES, self.usual_agreement - _UNUSUAL))
 
     @property
-    def disagreement(self) -> float | None:
-        """Usual overlap with a network that finds something else than the masks show; else None.
-
-        The shipped network has 0.96 on the demo clip. The limit was chosen by no clip: a network
-        that finds as much wrongly as rightly.
-        """
+    def usual_agreement(self) -> float:
+        """Median overlap of the frames' masks with those of a network; NaN where none was asked."""
         agreement = self.agreement
-        usual = float("nan") if np.isnan(agreement).all() else float(np.nanmedian(agreement))
-        return usual if usual < _ELSEWHERE else None
+        return float("nan") if np.isnan(agreement).all() else float(np.nanmedian(agreement))
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """What there is to say about the masks, as plain values."""

@@ -15,6 +15,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import NEAR, Camera
+from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
 from perfcap.pipeline.images import FrameReader, Frames, KnownMasks
@@ -76,7 +77,9 @@ def extract_silhouettes(
     def records(block: FrameBlock) -> list[MaskRecord]:
         given = {} if known is None else _known(known, block)
         found = iter(source.segment(block, given))
-        return [_given(given[f]) if f in given else _record(next(found)) for f in block.wanted]
+        made = [_given(given[f]) if f in given else _record(next(found)) for f in block.wanted]
+        give_back()
+        return made
 
     total = motion.frames * sight.views
     views: list[list[MaskRecord]] = []
@@ -141,6 +144,7 @@ class SilhouetteSource:
                 continue
             start, stop = span.start, span.stop
             scene = self.scene(view, range(start, stop))
+            give_back()  # what was the samples'
             for first in starts:
                 yield self.block(view, range(first, min(first + BLOCK, stop)), scene)
 

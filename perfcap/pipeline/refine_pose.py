@@ -17,6 +17,7 @@ from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_target import JointTarget
 from perfcap.geometry.camera import Camera
+from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
@@ -93,6 +94,7 @@ def refine_pose(
         if progress is not None:
             progress(window.stop, motion.frames)
     found = blender.finish(problem.actor.skeleton)
+    give_back()
 
     rounds = count()
 

@@ -20,6 +20,7 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.tether import Tether
 from perfcap.geometry.folding import find_folds
+from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.objective import kernel
@@ -142,6 +143,7 @@ def refine_surface(
         outcomes.append(outcome)
         _smooth(surface, layer, outcome.kept, width)
         surface = surface.deformed(layer)
+        give_back()
 
     rounds = count()
 

@@ -10,13 +10,14 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
-from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.evidence import AGREES, Evidence
 from perfcap.pipeline.look import Looked
 
 FASTEST = 12.5
 """m/s, of hips; no runner is faster."""
 
 _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
+_ELSEWHERE = 0.5  # usual overlap with a network that finds as much wrongly as rightly
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
 
@@ -93,7 +94,7 @@ def doubts(looked: Looked) -> Iterator[str]:
     if refinement is None:
         return
     yield from _of_frames(refinement.evidence)
-    yield from _of_masks(refinement.evidence)
+    yield from mask_doubts(refinement.evidence)
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:
         if part is not None and not part.kept.all():
@@ -130,14 +131,19 @@ def _of_frames(evidence: Evidence) -> Iterator[str]:
         )
 
 
-def _of_masks(evidence: Evidence) -> Iterator[str]:
+def mask_doubts(evidence: Evidence) -> Iterator[str]:
     """What a network says against the masks."""
-    usual, doubtful = evidence.disagreement, evidence.doubtful
-    if usual is not None:
+    usual, doubtful = evidence.usual_agreement, evidence.doubtful
+    if usual < _ELSEWHERE:
         yield (
             f"the network of the segmenter overlaps the masks by {usual:.0%} only, and counts for "
             "little; does output.person of its manifest name the class of a person, and do its "
             "size and colors fit?"
+        )
+    elif usual < AGREES:
+        yield (
+            f"a network and the masks overlap by {usual:.0%} in most frames, they may be wrong "
+            "throughout: people, a mirror or colors like the person's behind? Look at masks"
         )
     if len(doubtful):
         yield (

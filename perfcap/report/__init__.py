@@ -6,6 +6,11 @@ from perfcap.report.sources import Places
 from perfcap.report.viewers import add_to_viser, log_to_rerun
 
 __all__ = [
-    *("Places", "Wanted", "add_to_viser", "log_to_rerun", "make_comparison", "make_report"),
+    "Places",
+    "Wanted",
+    "add_to_viser",
+    "log_to_rerun",
+    "make_comparison",
+    "make_report",
     "show",
 ]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
+from perfcap.pipeline.doubts import mask_doubts as told_of
 
 from perfcap.pipeline.evidence import RECORDS, Evidence, MaskRecord
 from perfcap.segment import FrameReport
@@ -41,10 +43,23 @@ def test_a_network_that_is_always_wrong_names_nothing() -> None:
     assert not len(evidence([0.61, 0.6, 0.62, 0.59, 0.63]).doubtful)
 
 
-def test_a_network_of_another_class_is_named() -> None:
-    assert evidence([0.1, 0.2, NAN, 0.15, 0.93]).disagreement == 0.175
-    assert evidence([0.61, 0.6, 0.62, 0.1, 0.63]).disagreement is None
-    assert evidence([NAN, NAN]).disagreement is None
+def test_what_is_usual_leaves_out_frames_without_an_answer() -> None:
+    assert evidence([0.1, 0.2, NAN, 0.15, 0.93]).usual_agreement == 0.175
+    assert np.isnan(evidence([NAN, NAN]).usual_agreement)
+
+
+@pytest.mark.parametrize(
+    ("agreement", "told"),
+    [(0.1, "output.person"), (0.49, "output.person"), (0.6, "a mirror"), (0.85, "a mirror")],
+)
+def test_masks_that_a_network_contradicts_throughout_are_told(agreement: float, told: str) -> None:
+    (line,) = told_of(evidence([agreement] * 5))
+    assert told in line and f"{agreement:.0%}" in line
+
+
+def test_of_sound_masks_and_without_a_network_nothing_is_told() -> None:
+    assert not list(told_of(evidence([0.9, 0.95, 0.93])))
+    assert not list(told_of(evidence([NAN, NAN])))
 
 
 def test_without_a_network_nothing_is_said() -> None:
