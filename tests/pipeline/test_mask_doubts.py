@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from perfcap.pipeline.doubts import mask_doubts as told_of
 
 from perfcap.pipeline.evidence import RECORDS, Evidence, MaskRecord
+from perfcap.pipeline.result_doubts import mask_doubts as told_of
 from perfcap.segment import FrameReport
 from perfcap.segment.silhouettes import encode_labels
 
