@@ -37,6 +37,7 @@ _WHAT = "a frame of CMU Panoptic"
 _RATE = 29.97
 _CENTIMETRE = 1e-2
 _LIMIT = 16 * MEBIBYTE
+_NAME = re.compile(r"[\w-]{1,40}")
 _FRAME = re.compile(r"body3DScene_(\d{1,9})\.json")
 
 
@@ -121,8 +122,10 @@ def _cameras(path: Path) -> CameraRig:
 
 
 def _view(path: Path, camera: dict[str, Any]) -> View:
-    name = str(camera.get("name"))
-    where = f"{path}: camera {name:.20}"
+    name = camera.get("name")
+    where = f"{path}: camera {name!s:.20}"
+    if not isinstance(name, str) or not _NAME.fullmatch(name):  # of a file beside it
+        raise InputError(f"{where}: has no name of letters, digits and dashes, such as 00_12")
     size = camera.get("resolution")
     if not isinstance(size, list) or len(size) != 2:
         raise InputError(f"{where}: resolution is {size!r:.40}, expected [width, height]")

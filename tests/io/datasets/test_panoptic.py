@@ -110,3 +110,14 @@ def test_calibrations_that_cannot_be_used(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(InputError, match="no such file"):
         DATASET.read(tmp_path, NAME)
+
+
+@pytest.mark.parametrize("name", [3, None, ["a"], 300 * "a", "../b", ""])
+def test_names_of_cameras_are_those_of_files(tmp_path: Path, name: object) -> None:
+    file = write(tmp_path) / f"calibration_{NAME}.json"
+    values = json.loads(file.read_text())
+    for camera in values["cameras"]:
+        camera["name"] = name
+    file.write_text(json.dumps(values))
+    with pytest.raises(InputError, match="has no name of letters, digits and dashes"):
+        DATASET.read(tmp_path, NAME)
