@@ -98,7 +98,7 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     findings += examine_cameras(inputs.rig)
-    findings += examine_detections(inputs.rig, inputs.detections, coverage=False)
+    findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=detected)
     clip, pixel_map = (None, None) if detected else (inputs.clip, inputs.pixel_map)
     findings += examine_take(inputs.rig, inputs.detections, clip, pixel_map)
     return tuple(

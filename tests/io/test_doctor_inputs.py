@@ -97,6 +97,16 @@ def test_joints_and_image(factor: float, words: str) -> None:
     assert finding.subject == "cam1" and words in finding.what
 
 
+def test_joints_found_in_the_images_themselves_fit_them() -> None:
+    """A person who is filmed in one corner is no sign of half a size then."""
+
+    def scale(joints: Tensor) -> None:
+        joints[:, 0] *= 0.45
+
+    corner = with_joints(detections(), scale)
+    assert examine_detections(rig(), corner, detected=True) == []
+
+
 def test_some_joints_outside() -> None:
     def shift(joints: Tensor) -> None:
         joints[:, 0, :4] += 900

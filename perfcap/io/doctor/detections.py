@@ -30,7 +30,12 @@ _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 
 
 def examine_detections(
-    rig: CameraRig, detections: Detections, *, coverage: bool = True, faint: bool = True
+    rig: CameraRig,
+    detections: Detections,
+    *,
+    coverage: bool = True,
+    faint: bool = True,
+    detected: bool = False,
 ) -> list[Finding]:
     """Coverage, image size, and units, axes and frames of 3D poses.
 
@@ -39,6 +44,7 @@ def examine_detections(
         detections: (F, C).
         coverage: whether to list frames in which nobody is detected.
         faint: whether to tell that all confidences are next to nothing.
+        detected: whether they were found in the images of these cameras, so that sizes fit.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
@@ -59,7 +65,7 @@ def examine_detections(
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
-        findings += _image_size(name, pixels, rig.cameras.size[view])
+        findings += [] if detected else _image_size(name, pixels, rig.cameras.size[view])
         trusted = detections.trusted3d[:, view]
         if detections.joints3d is not None and trusted.any():
             pose = detections.joints3d[:, view][trusted]
