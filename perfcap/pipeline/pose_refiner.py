@@ -34,6 +34,8 @@ from perfcap.rates import frame_rate
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
+_EXAMINED = 16  # clips of the first batch
+
 
 @dataclass(frozen=True)
 class RefinedPose:
@@ -79,8 +81,8 @@ class PoseRefiner(nn.Module):
         learn_weights: make the weights of the energies parameters.
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
-    Of the first clip that it sees it says in warnings what ``perfcap doctor`` would:
-    exchanged axes and sides, units, views that disagree.
+    Of the first batch that it sees, 16 clips at most, it says in warnings what ``perfcap doctor``
+    would: exchanged axes and sides, units, views that disagree.
 
     Attributes:
         names: of the energies whose weights can be learned.
@@ -165,22 +167,27 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            self._examine(estimates[0])
+            self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
         return refined if batched else _single(refined)
 
-    def _examine(self, clip: ClipEstimate) -> None:
-        """Warn of mistakes that the first clip shows: once, as a training loop has no time."""
-        seen = clip.detections.map(lambda part: part.detach().cpu())
-        if self._examined or not is_plain(seen.joints2d):
+    def _examine(self, clips: Sequence[ClipEstimate]) -> None:
+        """Warn of mistakes that the first clips show: once, as a training loop has no time."""
+        if self._examined or not all(
+            is_plain(each.detections.joints2d.detach().cpu()) for each in clips
+        ):
             return
         self._examined = True
-        learned, missing = clip.detections.confidence2d.requires_grad, self.joint_set.missing()
-        for line in estimate_doubts(clip.cameras, seen, missing, learned):
-            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
+        missing = self.joint_set.missing()
+        for index, clip in enumerate(clips[:_EXAMINED]):
+            seen = clip.detections.map(lambda part: part.detach().cpu())
+            learned = clip.detections.confidence2d.requires_grad
+            which = "" if len(clips) == 1 else f"clip {index}: "
+            for line in estimate_doubts(clip.cameras, seen, missing, learned):
+                warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
     def _solve_twice(
         self, clips: list[ClipProblem], initial: list[Motion]

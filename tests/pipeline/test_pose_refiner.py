@@ -121,6 +121,11 @@ def test_pixels_and_poses_of_one_view() -> None:
     assert error(known.joints) < error(both.joints) < 0.3
 
 
+def test_mistakes_of_another_clip_of_the_batch_name_it() -> None:
+    with pytest.warns(UserWarning, match="PoseRefiner: clip 1: cameras: disagree"):
+        refiner().eval()(VIEWS, torch.stack((PIXELS, PIXELS.flip(-1))))
+
+
 def test_mistakes_that_the_first_clip_shows_are_told_once() -> None:
     layer = refiner().eval()
     flipped = torch.stack((PIXELS[..., 0], 400 - PIXELS[..., 1]), -1)
