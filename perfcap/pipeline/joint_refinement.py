@@ -135,7 +135,7 @@ def refine_jointly(
         detections: (F, C, 16), where gradients are to reach them; those of the capture if not
             given.
         config: weights, sizes and method.
-        trust: how much each pixel counts, of a shape that broadcasts to the masks.
+        trust: how much each pixel counts, 0 to 1, of a shape that broadcasts to the masks.
         adjoint: how the solves are differentiated: ``Implicit("products")`` where something
             requires gradients, not at all elsewhere, if not given.
 
@@ -150,6 +150,7 @@ def refine_jointly(
         raise InputError(f"masks are a {type(masks).__name__}, expected a tensor (F, C, H, W)")
     masks = masks.to(motion.angles) if masks.is_floating_point() else masks
     seen = _views(masks, start if cameras is None else cameras, problem)
+    _require_trust(trust, masks)
     faces = torch.as_tensor(actor.template.faces.copy())
     with torch.no_grad():
         graph = DeformationGraph.build(actor.vertices, faces, settings.nodes)
@@ -260,6 +261,8 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
             "person is; leave such views out of the capture"
         )
     if isinstance(given, Camera):
+        if given.views != views:
+            raise InputError(f"cameras have {given.views} views, the capture has {views}")
         if any(own != size for own in given.size):
             raise InputError(
                 f"cameras are of images of {given.size[0]} (height, width), masks are {size}; give "
@@ -268,6 +271,21 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
         require_usable("cameras", given, frames)
         return replace(given.to(problem.pixel_unit), size=(size,) * views)
     return resized(problem.cameras, size)
+
+
+def _require_trust(trust: Tensor | None, masks: Tensor) -> None:
+    if trust is None:
+        return
+    try:
+        trust.expand(masks.shape)
+    except RuntimeError:
+        raise InputError(
+            f"trust has shape {tuple(trust.shape)}; expected one that broadcasts to that of the "
+            f"masks, {tuple(masks.shape)}"
+        ) from None
+    most = float(trust.detach().max()) if trust.numel() else 0.0
+    if trust.is_floating_point() and most > 1:
+        raise InputError(f"trust is up to {most:.4g}; expected 0 to 1, the weight of a pixel")
 
 
 def resized(cameras: Camera, size: tuple[int, int]) -> Camera:

@@ -22,6 +22,8 @@ from perfcap.pipeline.surface import SurfaceFrames
 
 _EXAMINED = 5  # frames
 _ELSEWHERE = 0.2  # intersection over union; captures have more than half
+_WAYS = {"upside down": (-2,), "mirrored": (-1,), "turned by 180°": (-2, -1)}
+_BETTER = 0.2  # of the same: more than a pose that is solved already is off
 
 
 def examined(frames: int) -> Tensor:
@@ -39,9 +41,8 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
     found = masks[examined(len(masks)).to(masks.device)] > 0.5
     shown = found.flatten(2).any(-1)[..., None, None]  # a mask may be missing
     model = (drawn > 0.5) & shown
-    both, either = ((each.sum((0, 2, 3))) for each in (found & model, found | model))
-    share = both / either.clamp(min=1)
-    elsewhere = ((share < _ELSEWHERE) & (either > 0)).nonzero().flatten().tolist()
+    share, there = _overlap(found, model)
+    elsewhere = ((share < _ELSEWHERE) & there).nonzero().flatten().tolist()
     if elsewhere:
         worst = float(share[elsewhere].min())
         warnings.warn(
@@ -50,6 +51,26 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
             "are in their pixels",
             stacklevel=3,
         )
+        return
+    gains = {
+        how: torch.where(there, _overlap(found.flip(axes), model)[0] - share, 0)
+        for how, axes in _WAYS.items()
+    }
+    how = max(gains, key=lambda way: float(gains[way].max()))
+    better = (gains[how] > _BETTER).nonzero().flatten().tolist()
+    if better:
+        warnings.warn(
+            f"masks of views {better} would overlap the captured person by "
+            f"{float((share + gains[how])[better].min()):.0%} {how}, as given by "
+            f"{float(share[better].min()):.0%}; check which way up they are",
+            stacklevel=3,
+        )
+
+
+def _overlap(found: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
+    """Intersection over union (C,) of masks (F, C, H, W), and whether there is anything."""
+    both, either = ((each.sum((0, 2, 3))) for each in (found & model, found | model))
+    return both / either.clamp(min=1), either > 0
 
 
 # --- How well a surface overlaps the masks of a clip ----------------------------------------------

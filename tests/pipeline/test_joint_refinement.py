@@ -103,6 +103,12 @@ def test_masks_elsewhere_are_warned_of(start: Performance, masks: torch.Tensor, 
         refine_jointly(start, spoil(masks), config=QUICK)
 
 
+def test_masks_upside_down_are_warned_of(start: Performance, masks: torch.Tensor) -> None:
+    """Of a person in the middle of the image they overlap the right ones more than a little."""
+    with pytest.warns(UserWarning, match=r"masks of views \[0.*(upside down|captured person by)"):
+        refine_jointly(start, masks.flip(-2), config=QUICK)
+
+
 def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
     some = masks.clone()
     some[1:, 1] = 0
@@ -118,6 +124,13 @@ def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tenso
         refine_jointly(start, masks.numpy(), config=QUICK)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"trust is torch\.uint8 up to 255"):
         refine_jointly(start, masks, config=QUICK, trust=255 * torch.ones_like(masks).byte())
+    with pytest.raises(InputError, match=r"trust is up to 255; expected 0 to 1"):
+        refine_jointly(start, masks, config=QUICK, trust=255 * torch.ones_like(masks))
+    with pytest.raises(InputError, match=r"trust has shape \(5,\); expected one that broadcasts"):
+        refine_jointly(start, masks, config=QUICK, trust=torch.ones(5))
+    three = replace(VIEWS.map(lambda part: part[[0, 1, 1]]), size=((SIZE, SIZE),) * 3)
+    with pytest.raises(InputError, match="cameras have 3 views, the capture has 2"):
+        refine_jointly(start, masks, three, config=QUICK)
     with pytest.raises(InputError, match=r"moving cameras have 2 frames but the clip has 3"):
         refine_jointly(start, masks, VIEWS.every_frame(2), config=QUICK)
     for bands in ((), (-1.0,)):
