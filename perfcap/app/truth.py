@@ -171,6 +171,12 @@ def _of_file(true: FoundJoints) -> DatasetSequence:
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
     names = ("joints3d", "frames", "fps", "joint_names")
+    if path.suffix.lower() in (".trc", ".c3d", ".csv", ".bvh"):
+        raise InputError(
+            f"{path}: is a file of another program; expected an npz with joints3d "
+            "[F,16,3] in metres, or the folder of a data set: --dataset pose2sim reads a project "
+            "with its .trc"
+        )
     values = read_archive(path, names, "an npz with joints3d")
     joints = values.get("joints3d")
     if joints is None or joints.ndim != 3 or joints.shape[1:] != (16, 3) or not len(joints):

@@ -63,6 +63,10 @@ def find_actor(name: str | Path) -> ActorFile:
         require_readable_kind(path)
         return ActorFile(path, generic=False)
     folder = path if path.is_dir() else models_folder() / "actors" / path.name
+    if not (folder / MESH).is_file() and (folder / "capture.glb").is_file():
+        raise InputError(
+            f"--actor {name}: holds a capture; give its {path / 'capture.glb'} for the person in it"
+        )
     if not (folder / MESH).is_file():
         known = sorted(p.parent.name for p in (models_folder() / "actors").glob(f"*/{MESH}"))
         raise InputError(

@@ -27,6 +27,12 @@ def result(captured: Path, tmp_path: Path) -> Path:
     return folder
 
 
+def test_tables_of_markers_are_no_truth(result: Path, tmp_path: Path, perfcap: Command) -> None:
+    (tmp_path / "a.trc").write_text("PathFileType\t4")
+    line = perfcap(["evaluate", result, "--truth", tmp_path / "a.trc"]).refused()
+    assert "--dataset pose2sim reads a project" in line
+
+
 def test_the_numbers_are_those_of_the_metrics(
     take: TakeFiles, result: Path, perfcap: Command
 ) -> None:
