@@ -28,7 +28,7 @@ from perfcap.pipeline.objective import angle_bounds, person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import RHODIN
 from perfcap.pipeline.refine_contours import ContourSight
-from perfcap.pipeline.track_motion import track_twice
+from perfcap.pipeline.track_twice import track_twice
 from perfcap.segment.edge_field import EdgeField
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 from perfcap.temporal.window import Window

@@ -20,7 +20,8 @@ import torch
 from report import Report, Table, data_folder
 from torch import Tensor
 
-from perfcap.app.networks import DEFAULT_DETECTORS, DETECTORS, find_model
+from perfcap.app.networks import DETECTORS, find_model
+from perfcap.commands.views import DEFAULT_DETECTORS
 from perfcap.detect.crop import body_box
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS

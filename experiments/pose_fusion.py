@@ -20,14 +20,13 @@ from report import Report, Table, data_folder
 from torch import Tensor
 
 from perfcap.app.networks import (
-    DEFAULT_DETECTORS,
-    DEFAULT_LIFTER,
     DETECTORS,
     LIFTERS,
     Detecting,
     detect_clip,
     find_model,
 )
+from perfcap.commands.views import DEFAULT_DETECTORS, DEFAULT_LIFTER
 from perfcap.detect.detections import Detections
 from perfcap.detect.lifter import OnnxLifter
 from perfcap.detect.onnx import OnnxDetector
