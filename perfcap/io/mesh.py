@@ -203,8 +203,6 @@ def _beside(path: Path, name: str, what: str) -> Path:
     return target
 
 
-# --- Read meshes without bones: OBJ, PLY, STL, and glTF without a skin ----------------------------
-
 # --- Colours of vertices as a texture, without splitting a vertex ---------------------------------
 
 _SIDE = 256  # px of the texture

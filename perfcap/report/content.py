@@ -78,8 +78,6 @@ def _seen(
     return both.mean(-1), reach
 
 
-# --- What the viewer is given of a result: plain values, and arrays and files as text -------------
-
 # --- Arrays as text inside a page: concatenated, deflated, in base64 ------------------------------
 
 _TYPES = {"uint8", "uint16", "int16", "uint32", "float32"}  # what a browser has arrays of

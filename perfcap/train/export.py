@@ -181,8 +181,6 @@ def _quoted(text: str) -> str:
     return f'"{escaped}"'
 
 
-# --- A trained detector as an ONNX file with a manifest, checked against torch, calibrated --------
-
 # --- What the peak of a heat map is worth: the share of such joints that are found ----------------
 
 _KNOTS = 9

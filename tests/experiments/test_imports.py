@@ -2,6 +2,7 @@
 
 import ast
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,29 @@ ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted([*(ROOT / "experiments").glob("*.py"), *(ROOT / "tools").rglob("*.py")])
 
 
+def imported(script: Path) -> list[tuple[str, str]]:
+    """Modules of perfcap and names that a script takes from them."""
+    return [
+        (node.module, alias.name)
+        for node in ast.walk(ast.parse(script.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module is not None
+        if node.module.split(".")[0] == "perfcap"
+        for alias in node.names
+    ]
+
+
+def is_there(module: str, name: str) -> bool:
+    """Whether a module holds a name, or is a package with a module of that name."""
+    found = import_module(module)
+    below = hasattr(found, "__path__") and find_spec(f"{module}.{name}") is not None
+    return hasattr(found, name) or below
+
+
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_names_of_perfcap_are_there(script: Path) -> None:
-    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "perfcap":
-            module = import_module(str(node.module))
-            for name in (alias.name for alias in node.names):
-                if not hasattr(module, name):
-                    import_module(f"{node.module}.{name}")
+    assert [found for found in imported(script) if not is_there(*found)] == []
+
+
+def test_a_name_that_is_not_there_is_found() -> None:
+    assert is_there("perfcap.io", "actor")
+    assert not is_there("perfcap.io", "nothing") and not is_there("perfcap.io.actor", "nothing")
