@@ -28,6 +28,7 @@ from perfcap.io.calibration import PixelMap
 from perfcap.pipeline.images import FrameReader, Frames, Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.refine_surface import DeformedSurface
 
 _COLUMNS = (
     "frames", "wall, ms a frame", "result, MiB", "peak above inputs, MiB", "above the result, MiB",
@@ -121,6 +122,7 @@ def result_mib(found: Performance) -> float:
     refinement, motion = found.refinement, found.motion
     assert refinement is not None and refinement.surface is not None
     tensors = [motion.translation, motion.rotation, motion.angles]
+    assert isinstance(refinement.surface.surface, DeformedSurface)
     for layer in refinement.surface.surface.layers:
         tensors += [layer.rotation, layer.translation]
     masks = refinement.evidence.silhouettes.size_bytes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Self
 
 import numpy as np
@@ -72,6 +73,26 @@ class Actor(nn.Module):
         rotation, translation = self.joint_transforms(motion)
         vertices = self.vertices if rest is None else rest
         return dual_quaternion_blend(vertices, self.skin, rotation, translation)
+
+    def with_vertices(self, rest: Tensor) -> Self:
+        """The actor with other vertices at rest, (V, 3) m; the template stays the same."""
+        if rest.shape != self.vertices.shape:
+            raise InputError(
+                f"rest has shape {tuple(rest.shape)}; expected {tuple(self.vertices.shape)}"
+            )
+        other = copy.copy(self)
+        other._buffers = {**self._buffers, "vertices": rest.to(self.vertices)}
+        return other
+
+    def at_rest(self, motion: Motion, surface: Tensor) -> Tensor:
+        """The vertices at rest that a motion poses to a surface, (*b, F, V, 3), metres.
+
+        Args:
+            motion: (*b, F).
+            surface: vertices in the world, (*b, F, V, 3), metres.
+        """
+        rotation, translation = self.joint_transforms(motion)
+        return dual_quaternion_blend(surface, self.skin, rotation, translation, inverse=True)
 
     def joint_transforms(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Rest-to-posed rotation (*b, F, J, 3, 3) and translation (*b, F, J, 3) of the joints."""

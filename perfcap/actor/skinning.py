@@ -58,11 +58,14 @@ def dual_quaternion_blend(
     rotation: Tensor,
     translation: Tensor,
     weight_index: Tensor | None = None,
+    inverse: bool = False,
 ) -> Tensor:
     """Dual quaternion skinning (Kavan et al. 2007; Xu et al. 2018, Sec. 4): keeps volume in twists.
 
     Quaternions take the sign of the vertex's heaviest bone, so the result does not depend on
-    theirs. Arguments and result are those of ``linear_blend``; rotations must be proper.
+    theirs. Arguments and result are those of ``linear_blend``; rotations must be proper. Each
+    vertex moves rigidly, so that the way back is known, too: with ``inverse``, ``vertices`` are
+    posed and the result is at rest.
     """
     weights = _prepared(weights, weight_index)
     _check(vertices, weights, rotation, translation)
@@ -72,9 +75,16 @@ def dual_quaternion_blend(
     def pose(table: Tensor, vertices: Tensor) -> Tensor:
         rows = table[..., weights.bones, :]
         sign = sign_to(table[..., weights.pivots, :4], rows[..., :4])
-        return _move(_spread(weights, sign.unsqueeze(-1) * rows), vertices)
+        blended = _spread(weights, sign.unsqueeze(-1) * rows)
+        return _move(_conjugate(blended) if inverse else blended, vertices)
 
     return _by_chunks(pose, table, vertices, weights.vertices)
+
+
+def _conjugate(blended: Tensor) -> Tensor:
+    """The way back of rigid motions (8, f, V), as far as the dual part is one: see ``_move``."""
+    sign = blended.new_tensor([1.0, -1.0, -1.0, -1.0] * 2)
+    return blended * sign[:, None, None]
 
 
 def _move(blended: Tensor, vertices: Tensor) -> Tensor:

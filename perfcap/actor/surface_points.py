@@ -117,6 +117,48 @@ class SkinnedPoints(nn.Module):
         return Chosen(self.corners.expand(shape), self.weights.expand(shape))
 
 
+class LimbPoints(SkinnedPoints):
+    """Points that are each rigid with one joint (Liu et al. 2013, Eq. 3): nothing is blended.
+
+    Args:
+        actor: whose joints.
+        places: of the points in the rest pose, (N, 3), metres.
+        joints: of the skeleton, that each moves with, (N,) integer.
+    """
+
+    places: Tensor
+
+    def __init__(self, actor: Actor, places: Tensor, joints: Tensor) -> None:
+        count, known = len(places), len(actor.skeleton.rig.joints)
+        fits = places.shape == (count, 3) and joints.shape == (count,)
+        if not fits or joints.is_floating_point():
+            raise InputError(
+                f"points have places {tuple(places.shape)} and joints {tuple(joints.shape)} of "
+                f"{joints.dtype}; give (N, 3) and integers (N,)"
+            )
+        if count and not 0 <= int(joints.min()) <= int(joints.max()) < known:
+            raise InputError(
+                f"points have joints {int(joints.min())} to {int(joints.max())}; the skeleton has "
+                f"0 to {known - 1}"
+            )
+        nn.Module.__init__(self)
+        self.actor = actor
+        like, own = actor.vertices, joints.to(actor.skin.pivots)
+        self.register_buffer("places", places.to(like))
+        self.register_buffer("corners", torch.arange(count).to(own)[:, None])
+        self.register_buffer("weights", torch.ones(count, 1).to(like))
+        self.register_buffer("joints", own[:, None], persistent=False)
+        self.register_buffer("joint_weights", torch.ones(count, 1).to(like), persistent=False)
+        self.register_buffer("pivots", own, persistent=False)
+        tree = actor.skeleton.tree
+        self.register_buffer("topmost", topmost_joints(tree), persistent=False)
+        self.register_buffer("moved", moved_joints(tree), persistent=False)
+
+    def _skin(self) -> Skin:
+        rows = (self.get_buffer(name) for name in ("joints", "joint_weights", "pivots"))
+        return Skin(self.places, *rows)
+
+
 def joint_table(rotation: Tensor, translation: Tensor) -> Tensor:
     """Rigid motions of joints as rows (*b, F, J, 8), real then dual part."""
     motion = DualQuaternion.from_rigid(rotation, translation)

@@ -86,11 +86,8 @@ class Evidence:
 
     def contours(self, frame: int) -> list[Contour]:
         """The masks' contours in every view, with their confidence."""
-        lines = map(extract_contour, self.masks(frame))
-        return [
-            Contour(line.points, line.normals, trust / _FULL)
-            for line, trust in zip(lines, self.confidence[frame], strict=True)
-        ]
+        pairs = zip(self.masks(frame), self.confidence[frame], strict=True)
+        return [contour_of(*pair) for pair in pairs]
 
     @property
     def agreement(self) -> NDArray[np.float64]:
@@ -145,6 +142,12 @@ class Evidence:
 
 def _rounded(values: NDArray[np.float64]) -> list[float | None]:
     return [None if np.isnan(value) else round(float(value), 3) for value in values]
+
+
+def contour_of(mask: Mask, confidence: NDArray[np.uint8]) -> Contour:
+    """The contour of a mask (H, W), whose points have confidences as they are kept."""
+    line = extract_contour(mask)
+    return Contour(line.points, line.normals, confidence / _FULL)
 
 
 def encode_confidence(confidence: NDArray[np.float64]) -> NDArray[np.uint8]:

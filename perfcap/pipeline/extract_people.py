@@ -82,7 +82,7 @@ def extract_people(
         found = []
         for labels in source.label(block):
             png = encode_labels(labels.labels)
-            found += [_record(labels, number, png) for number in range(len(people))]
+            found += [record_of(labels, number, png) for number in range(len(people))]
         return found
 
     sight, motion = people[0].sight, people[0].motion
@@ -181,7 +181,8 @@ def _masks(layers: Sequence[PersonLayer]) -> Mask:
     return np.stack([each.mask for each in layers])
 
 
-def _record(found: PeopleLabels, number: int, png: bytes) -> MaskRecord:
+def record_of(found: PeopleLabels, number: int, png: bytes) -> MaskRecord:
+    """What is kept of one of the people in a frame and view, with the PNG of everybody."""
     alone = found.people[number]
 
     def trust(points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -77,7 +77,9 @@ def extract_silhouettes(
     def records(block: FrameBlock) -> list[MaskRecord]:
         given = {} if known is None else _known(known, block)
         found = iter(source.segment(block, given))
-        made = [_given(given[f]) if f in given else _record(next(found)) for f in block.wanted]
+        made = [
+            given_record(given[f]) if f in given else _record(next(found)) for f in block.wanted
+        ]
         give_back()
         return made
 
@@ -245,7 +247,7 @@ def _known(masks: KnownMasks, block: FrameBlock) -> dict[int, Mask]:
     return {frame: mask for frame, mask in found.items() if mask is not None}
 
 
-def _given(mask: Mask) -> MaskRecord:
+def given_record(mask: Mask) -> MaskRecord:
     """Of a mask that nobody here has found: it is believed."""
     contour = extract_contour(mask)
     report = FrameReport(bool(mask.any()), given=True)

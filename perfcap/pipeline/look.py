@@ -14,7 +14,7 @@ from perfcap.pipeline.images import Images
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, StageContext, image_heights, refine
 from perfcap.pipeline.refine_contours import ContourRefinement, refine_contours
-from perfcap.pipeline.refine_people import Moving, refine_people
+from perfcap.pipeline.refine_people import Moving, follow_people, refine_people
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 
@@ -66,7 +66,11 @@ def look(
         motion = motion if contours is None else contours.motion
         if not config.segment:
             return Looked(motion, SkinnedSurface(problem.actor, motion), contours)
-        found = refine(problem, motion, images, config, until, stage, workers, checkpoint)
+        given = images, config, until, stage, workers, checkpoint
+        if config.frames is not None:
+            (found,) = follow_people([Moving(problem, motion, stage, checkpoint)], *given)
+        else:
+            found = refine(problem, motion, *given)
     return Looked(found.motion, found.vertices, contours, found)
 
 
@@ -107,7 +111,8 @@ def look_at_people(
                 Looked(each.motion, SkinnedSurface(each.problem.actor, each.motion), lines)
                 for each, lines in zip(moved, contours, strict=True)
             )
-        refined = refine_people(moved, images, config, until, stage, workers, checkpoint)
+        together = refine_people if config.frames is None else follow_people
+        refined = together(moved, images, config, until, stage, workers, checkpoint)
     pairs = zip(refined, contours, strict=True)
     return tuple(Looked(each.motion, each.vertices, lines, each) for each, lines in pairs)
 

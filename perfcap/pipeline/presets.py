@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perfcap.pipeline.config import MONOPERFCAP_POSE, MUVS_POSE, PoseConfig
+from perfcap.pipeline.followed_person import FramesConfig
 from perfcap.pipeline.refine_contours import ContoursConfig
 from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
@@ -21,6 +22,7 @@ class CaptureConfig:
     """Everything of a capture, stage by stage.
 
     ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.
+    With ``frames``, people are followed from the first frame on instead of refined all at once.
     """
 
     pose: PoseConfig = field(default_factory=PoseConfig)
@@ -29,6 +31,7 @@ class CaptureConfig:
     silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
     refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
     refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)
+    frames: FramesConfig | None = None
 
 
 # as published by Xu et al. 2018, as far as it is
@@ -42,8 +45,11 @@ MONOPERFCAP = CaptureConfig(
 MUVS = CaptureConfig(MUVS_POSE)
 # raw images without silhouettes, as Rhodin et al. 2016; the weights are ours
 RHODIN = CaptureConfig(contours=ContoursConfig(enabled=True), segment=False)
+# poses and surfaces frame by frame, as Liu et al. 2013; detections count in the first frame
+LIU = CaptureConfig(frames=FramesConfig())
 PRESETS = {
     "default": CaptureConfig(),
+    "liu2013": LIU,
     "monoperfcap": MONOPERFCAP,
     "muvs2017": MUVS,
     "rhodin2016": RHODIN,

@@ -23,6 +23,7 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
+from perfcap.pipeline.followed_person import Tracking
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.objective import person_height, views_with_person
@@ -50,6 +51,7 @@ class Refinement:
         surface: how the surface was; None where the capture ended before.
         vertices: of every frame.
         mesh: what may be wrong with the actor's mesh, counted by name.
+        tracking: how the person was followed from frame to frame, where they were.
     """
 
     motion: Motion
@@ -58,6 +60,7 @@ class Refinement:
     surface: SurfaceRefinement | None
     vertices: SurfaceFrames
     mesh: Mapping[str, int]
+    tracking: Tracking | None = None
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """Overlap with the masks and frames without a refinement, as plain values."""
@@ -77,6 +80,8 @@ class Refinement:
         }
         if self.surface is not None:
             report["surface"]["folded_share"] = _plain(self.surface.folded)
+        if self.tracking is not None:
+            report["tracking"] = self.tracking.report()
         return {**report, **self.evidence.report(first_frame), "mesh": self.mesh}
 
 

@@ -8,16 +8,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from perfcap.actor.motion import Motion
+from perfcap.geometry.surface_topology import surface_topology
 from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_people import Seen, extract_people
+from perfcap.pipeline.followed_person import Follower
+from perfcap.pipeline.frame_by_frame import Followed, follow
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.overlap import clip_overlaps
 from perfcap.pipeline.pose_spread import part_deviations
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, Refiner, StageContext
+from perfcap.pipeline.refine_pose import PoseRefinement
+from perfcap.pipeline.refine_surface import SurfaceRefinement
 from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames
 from perfcap.segment import SequenceSettings
 
 
@@ -89,3 +98,60 @@ def refine_people(
     evidence = extract("extract_silhouettes_again", motions, config.silhouettes.again)
     rows = zip(own, evidence, poses, strict=True)
     return tuple(one.finish(found, pose, until) for one, found, pose in rows)
+
+
+def follow_people(
+    people: Sequence[Moving],
+    images: Images,
+    config: CaptureConfig,
+    until: Stage,
+    stage: StageContext,
+    workers: int | None,
+    checkpoint: Checkpoint,
+) -> tuple[Refinement, ...]:
+    """The same frame by frame, from where motions begin (Liu et al. 2013); one person or several.
+
+    Arguments are those of ``refine_people``; ``config.frames`` says how.
+    """
+    assert config.frames is not None
+    own = [
+        Refiner.of(
+            *(each.problem, each.motion, images, config),
+            *(each.stage, workers, each.checkpoint),
+        )
+        for each in people
+    ]
+    followers = [
+        Follower(
+            one.problem.actor,
+            one.sight,
+            one.heights,
+            each.motion,
+            part_deviations(each.problem, each.motion)[0],
+        )
+        for one, each in zip(own, people, strict=True)
+    ]
+    refined = until >= Stage.REFINE_SURFACE
+    with stage("follow_frames") as tell:
+        settings = config.frames, config.silhouettes.first, refined
+        found = follow(followers, images, *settings, workers, tell, checkpoint)
+    rows = zip(own, people, found, strict=True)
+    return tuple(_refinement(one, each.motion, result, refined) for one, each, result in rows)
+
+
+def _refinement(one: Refiner, given: Motion, found: Followed, refined: bool) -> Refinement:
+    """What images made of a motion (F,), and how well it overlaps its masks."""
+    actor = one.problem.actor
+    skinned = SkinnedSurface(actor, found.motion)
+    shown: SurfaceFrames = StoredSurface(found.vertices) if refined else skinned
+    surfaces = SkinnedSurface(actor, given), skinned, shown
+    before, posed, after = (
+        clip_overlaps(surface, one.sight, found.evidence, one.workers) for surface in surfaces
+    )
+    kept = np.ones(len(before), np.bool_)
+    pose = PoseRefinement(found.motion, before, posed, kept)
+    folded = np.zeros(len(before))
+    surface = SurfaceRefinement(shown, posed, after, kept, folded) if refined else None
+    template = actor.template
+    mesh = surface_topology(template.vertices, template.faces).counts()
+    return Refinement(found.motion, found.evidence, pose, surface, shown, mesh, found.tracking)

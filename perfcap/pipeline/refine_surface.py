@@ -26,6 +26,7 @@ from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.objective import kernel
 from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps, keep_better
 from perfcap.pipeline.sight import Sight, View
+from perfcap.pipeline.surface import SurfaceFrames
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Contour, Correspondences, stack
@@ -94,7 +95,7 @@ class SurfaceRefinement:
         folded: share of each frame's surface that the deformation folded over, (F,).
     """
 
-    surface: DeformedSurface
+    surface: SurfaceFrames
     before: NDArray[np.float64]
     after: NDArray[np.float64]
     kept: NDArray[np.bool_]

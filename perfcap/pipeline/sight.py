@@ -93,7 +93,7 @@ class Sight:
         """Draw surfaces (f, V, 3) at the clip's ``frames``: ``[frame][view]``, in some views."""
         chosen = list(range(self.views)) if views is None else list(views)
         cameras = self.cameras.frames(frames).select(chosen)
-        local = cameras.to_camera(vertices)
+        local = cameras.to_camera(vertices.to(cameras.rotation))  # kept ones are float32
         pixels, depth = cameras.project_camera(local).cpu(), local[..., 2].cpu()
         return [
             [self._drawn(pixels[f, c], depth[f, c], cameras.size[c]) for c in range(cameras.views)]

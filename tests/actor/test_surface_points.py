@@ -10,7 +10,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.skin_weights import SkinWeights
-from perfcap.actor.surface_points import SkinnedPoints
+from perfcap.actor.surface_points import LimbPoints, SkinnedPoints
 from perfcap.errors import InputError
 from perfcap.solve.energy import Step
 
@@ -198,3 +198,48 @@ def test_bad_points_are_refused() -> None:
         SkinnedPoints(ACTOR, corners, weights)(random_motion(ACTOR.skeleton, FRAMES + 1))
     with pytest.raises(ValueError, match="resized"):
         SkinnedPoints(ACTOR, corners, weights)(random_motion(ACTOR.skeleton, FRAMES, bones=True))
+
+
+# --- Points rigid with one joint ------------------------------------------------------------------
+
+
+def on_limbs() -> tuple[Tensor, Tensor]:
+    random = torch.Generator().manual_seed(2)
+    joints = torch.arange(len(ACTOR.skeleton.rig.joints))
+    return torch.randn(len(joints), 3, generator=random, dtype=F64), joints
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_limb_points_move_with_their_joint(kind: str) -> None:
+    motion, (places, joints) = poses(kind), on_limbs()
+    points = LimbPoints(ACTOR, places, joints)
+    rotation, translation = ACTOR.joint_transforms(motion)
+    expected = (rotation @ places[..., None]).squeeze(-1) + translation
+    close = {"rtol": 0, "atol": 1e-11}
+    for state in (motion, watched(motion)):
+        torch.testing.assert_close(points(state).detach(), expected, **close)
+    _, jacobian, _ = points.linearize(motion)
+    torch.testing.assert_close(points.linearize(watched(motion))[1].detach(), jacobian, **close)
+    here, step = motion.coordinates(), 1e-6
+    for column in range(motion.frame_dim):
+        tangent = torch.zeros_like(here.frame)
+        tangent[..., column] = step
+        after, before = (points(motion.retract(Step(s * tangent, here.shared))) for s in (1, -1))
+        numeric = (after - before) / (2 * step)
+        assert (jacobian[..., column] - numeric).abs().max() < 1e-5
+
+
+def test_limb_points_refuse_other_shapes_and_joints() -> None:
+    places, joints = on_limbs()
+    with pytest.raises(InputError, match=r"give \(N, 3\) and integers"):
+        LimbPoints(ACTOR, places[:, :2], joints)
+    with pytest.raises(InputError, match="the skeleton has"):
+        LimbPoints(ACTOR, places, joints + 1)
+
+
+def test_rest_of_a_posed_surface_is_what_was_posed() -> None:
+    motion = poses("twisted")
+    random = torch.Generator().manual_seed(4)
+    rest = torch.randn(BATCH, FRAMES, COUNT, 3, generator=random, dtype=F64)
+    found = ACTOR.at_rest(motion, ACTOR.surface(motion, rest))
+    torch.testing.assert_close(found, rest, rtol=0, atol=1e-10)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from perfcap.rigging.bone_heat import conduct, laplacian, smooth
+from perfcap.geometry.laplacian import laplacian
+from perfcap.rigging.bone_heat import conduct, smooth
 
 
 def sphere(subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,80 @@
+"""A mesh of few of an actor's vertices, for silhouettes that are drawn thousands of times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.skin_weights import SkinWeights
+from perfcap.errors import InputError
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseMesh:
+    """Some vertices of an actor, and triangles between them.
+
+    Attributes:
+        chosen: indices of the vertices, (U,).
+        faces: triangles of these, (T, 3), counter-clockwise seen from outside.
+        skin: weights of the vertices.
+        limbs: the joint that moves each triangle most, (T,).
+    """
+
+    chosen: Integers
+    faces: Integers
+    skin: SkinWeights
+    limbs: Integers
+
+    @classmethod
+    def of(cls, actor: Actor, cell: float) -> Self:
+        """One vertex for all that are in one cell of a grid and follow one joint.
+
+        It is the one nearest to their mean, so that nothing of the surface moves by more than the
+        diagonal of a cell. What was closed stays closed.
+
+        Args:
+            actor: at rest.
+            cell: side of a cell, m.
+        """
+        if not cell > 0:
+            raise InputError(f"cell is {cell}; expected the side of cells in metres, above 0")
+        vertices = actor.vertices.double().numpy(force=True)
+        joints, weights, pivots = (row.cpu() for row in actor.skin.rows())
+        owners = pivots.numpy()
+        keys = np.column_stack([np.floor(vertices / cell).astype(np.int64), owners])
+        _, cluster = np.unique(keys, axis=0, return_inverse=True)
+        chosen = _middles(vertices, cluster.reshape(-1))
+        faces = cluster.reshape(-1)[actor.template.faces]
+        proper = (faces != np.roll(faces, 1, 1)).all(1)
+        faces = faces[proper]
+        _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
+        faces = faces[np.sort(first)]
+        index = torch.from_numpy(chosen)
+        skin = SkinWeights(weights[index], joints[index])
+        limbs = np.sort(owners[chosen][faces], 1)[:, 1]
+        return cls(chosen, faces, skin, limbs)
+
+    def moved_by(self, joints: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Triangles (T,) that move where some joints (J,) do."""
+        index, weights, _ = self.skin.rows()
+        follows = ((weights > 0).numpy() & joints[index.numpy()]).any(1)
+        moved: NDArray[np.bool_] = follows[self.faces].any(1)
+        return moved
+
+
+def _middles(vertices: NDArray[np.float64], cluster: Integers) -> Integers:
+    """The vertex (U,) of each cluster that is nearest to its mean; the first of equals."""
+    count = np.bincount(cluster)
+    mean = np.stack([np.bincount(cluster, axis) for axis in vertices.T], 1) / count[:, None]
+    distance = np.linalg.norm(vertices - mean[cluster], axis=1)
+    order = np.lexsort((distance, cluster))
+    starts = np.concatenate([[0], np.cumsum(count)[:-1]])
+    middles: Integers = order[starts]
+    return middles

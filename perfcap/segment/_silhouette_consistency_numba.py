@@ -1,0 +1,100 @@
+"""Coverage of many poses of one mesh in one view, and what it costs: compiled loops.
+
+A pixel that is covered for the first time changes three sums, so that no picture is looked
+through. Pixel centres on an edge are covered by both triangles, which changes nothing.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+ANY, SEEN = 1, 2  # bits of a covered pixel: by the person, by a part that was seen before
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+def cover(
+    pixels: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    faces: NDArray[np.int64],
+    seen: NDArray[np.bool_],
+    inside: NDArray[np.bool_],
+    distance: NDArray[np.float32],
+    picture: NDArray[np.uint8],
+    sums: NDArray[np.float64],
+) -> None:
+    """Cover a picture with triangles, and add to its sums what that changes.
+
+    Args:
+        pixels: vertices, (V, 2), in pixels of the picture.
+        usable: (V,), False where a vertex is behind the camera: its triangles are left out.
+        faces: (T, 3).
+        seen: whether each triangle's part was seen before, (T,).
+        inside: the silhouette, (h, w).
+        distance: to the silhouette, (h, w), 0 inside.
+        picture: bits of covered pixels, (h, w), written.
+        sums: silhouette that is covered, distance of what was seen before, its area: (3,), written.
+    """
+    height, width = picture.shape
+    for index in range(len(faces)):
+        a, b, c = faces[index, 0], faces[index, 1], faces[index, 2]
+        if not (usable[a] and usable[b] and usable[c]):
+            continue
+        ax, ay = pixels[a, 0], pixels[a, 1]
+        bx, by = pixels[b, 0], pixels[b, 1]
+        cx, cy = pixels[c, 0], pixels[c, 1]
+        left, right = min(ax, bx, cx), max(ax, bx, cx)
+        top, bottom = min(ay, by, cy), max(ay, by, cy)
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0:
+            continue
+        if area < 0:
+            bx, by, cx, cy = cx, cy, bx, by
+        bits = ANY | SEEN if seen[index] else ANY
+        first, last = max(0, int(np.ceil(left))), min(width - 1, int(np.floor(right)))
+        for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
+            for column in range(first, last + 1):
+                old = picture[row, column]
+                new = old | bits
+                if new == old or not _within(ax, ay, bx, by, cx, cy, column, row):
+                    continue
+                picture[row, column] = new
+                if inside[row, column] and not old & ANY:
+                    sums[0] += 1.0
+                if new & SEEN and not old & SEEN:
+                    sums[1] += distance[row, column]
+                    sums[2] += 1.0
+
+
+@numba.njit(nogil=True)
+def _within(ax, ay, bx, by, cx, cy, x, y):  # type: ignore[no-untyped-def]
+    """Whether (x, y) is in a triangle of positive area, or on its edges."""
+    return (
+        (bx - ax) * (y - ay) >= (by - ay) * (x - ax)
+        and (cx - bx) * (y - by) >= (cy - by) * (x - bx)
+        and (ax - cx) * (y - cy) >= (ay - cy) * (x - cx)
+    )
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+def cover_each(
+    pixels: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    faces: NDArray[np.int64],
+    seen: NDArray[np.bool_],
+    inside: NDArray[np.bool_],
+    distance: NDArray[np.float32],
+    picture: NDArray[np.uint8],
+    sums: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Sums (N, 3) of N poses (N, V, 2) on top of a picture that is covered already.
+
+    Arguments are those of ``cover``, of which ``picture`` and ``sums`` stay as they are.
+    """
+    found = np.empty((len(pixels), 3))
+    for number in range(len(pixels)):
+        found[number] = sums
+        own = picture.copy()
+        cover(pixels[number], usable[number], faces, seen, inside, distance, own, found[number])
+    return found

@@ -1,0 +1,205 @@
+"""People followed from frame to frame: painted footage, and the rules that decide."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from crowds import RATE, make_crowd
+from painted_crowd import PaintedCrowd
+from synthetic import actor
+
+import perfcap
+from perfcap.actor.motion import Motion
+from perfcap.detect.association import associate
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.followed_person import predict
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.local_global import (
+    GlobalConfig,
+    Search,
+    released_joints,
+    released_unknowns,
+)
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import LIU
+from perfcap.pipeline.stage import Stage
+from perfcap.solve.particles import ParticleSettings
+
+FRAMES = 5
+CROWD = make_crowd(3, frames=FRAMES, views=5, size=200, noise=4.0)
+PAINTED = PaintedCrowd(CROWD)
+assert LIU.frames is not None
+QUICK = replace(LIU.frames, search=GlobalConfig(particles=ParticleSettings(4, 10, 80)))
+RIG = actor().skeleton.rig
+
+
+def cast(people: int = 2) -> list[perfcap.Person]:
+    """Everybody, whom detections show in the first frame alone."""
+    found = associate(CROWD.cameras, CROWD.candidates, RATE)
+    owners, _ = CROWD.matched(found.slots)
+    pairs = sorted(zip(owners, found.people, strict=True), key=lambda pair: pair[0])[:people]
+    late = torch.arange(FRAMES)[:, None, None] > 0
+    return [
+        perfcap.Person(
+            CROWD.actors[k],
+            replace(seen, confidence2d=seen.confidence2d.masked_fill(late, 0)),
+        )
+        for k, seen in pairs
+    ]
+
+
+def followed(
+    checkpoint: Checkpoint = NO_CHECKPOINT, workers: int = 1, until: Stage = Stage.REFINE_SURFACE
+) -> tuple[Performance, ...]:
+    scene = perfcap.Scene(CROWD.cameras, tuple(cast()), RATE, Images(PAINTED, CROWD.cameras))
+    config = replace(LIU, frames=QUICK)
+    return perfcap.capture(
+        scene, config=config, checkpoint=checkpoint, workers=workers, until=until
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("kept")
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> tuple[Performance, ...]:
+    return followed(Checkpoint(folder))
+
+
+def errors(performance: Performance, person: int) -> torch.Tensor:
+    """Mean distance of joints in every frame, mm."""
+    apart = performance.joints() - CROWD.joints[person]
+    return 1000 * apart.norm(dim=-1).mean(-1)
+
+
+def test_silhouettes_alone_carry_the_pose(found: tuple[Performance, ...]) -> None:
+    for k, each in enumerate(found):
+        still = 1000 * (CROWD.joints[k] - CROWD.joints[k][:1]).norm(dim=-1).mean(-1)
+        assert still[-1] > 150  # a pose that stays where it began is far off
+        assert errors(each, k).max() < 45
+
+
+def test_surfaces_stay_with_their_silhouettes(found: tuple[Performance, ...]) -> None:
+    for each in found:
+        assert each.refinement is not None and each.refinement.surface is not None
+        surface = each.refinement.surface
+        # the template is the truth here: there is nothing to gain but what labels have wrong
+        assert surface.after.mean() > surface.before.mean() - 0.01
+        assert surface.after.min() > 0.7
+        report = each.refinement.report()["tracking"]
+        assert len(report["worst_limb_mm"]) == len(report["released_share"]) == FRAMES
+
+
+def same(one: tuple[Performance, ...], other: tuple[Performance, ...]) -> bool:
+    pairs = zip(one, other, strict=True)
+    return all(
+        torch.equal(a.motion.angles, b.motion.angles)
+        and torch.equal(a.shown[0:FRAMES], b.shown[0:FRAMES])
+        and a.refinement.evidence.silhouettes == b.refinement.evidence.silhouettes
+        for a, b in pairs
+        if a.refinement and b.refinement
+    )
+
+
+def test_same_bits_with_two_threads(found: tuple[Performance, ...]) -> None:
+    assert same(found, followed(workers=2))
+
+
+def test_same_bits_after_a_kill(
+    found: tuple[Performance, ...], folder: Path, tmp_path: Path
+) -> None:
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    journal = tmp_path / "follow_frames.log"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole[: int(0.55 * len(whole))])  # in the midst of a frame
+    assert same(found, followed(Checkpoint(tmp_path)))
+    assert journal.read_bytes() == whole
+
+
+def test_one_person_without_surface() -> None:
+    (person,) = cast(1)
+    alone = replace(CROWD, actors=CROWD.actors[:1], motions=CROWD.motions[:1])
+    images = Images(PaintedCrowd(alone), CROWD.cameras)
+    found = perfcap.capture(
+        *(person.actor, CROWD.cameras, person.detections, RATE, replace(LIU, frames=QUICK)),
+        images=images, until=Stage.REFINE_POSE, workers=1,
+    )  # fmt: skip
+    assert errors(found, 0).max() < 45
+    assert found.refinement is not None and found.refinement.surface is None
+
+
+# --- What is released -----------------------------------------------------------------------------
+
+
+def released(*names: str, share: float = 0.5) -> set[str]:
+    misaligned = np.array([name in names for name in RIG.joints])
+    joints = released_joints(RIG, misaligned, share)
+    return {name for name, chosen in zip(RIG.joints, joints, strict=True) if chosen}
+
+
+def test_what_is_before_a_joint_of_few_angles_is_released_too() -> None:
+    assert released() == set()
+    assert released("l_shoulder") == {"l_shoulder"}
+    assert released("l_elbow") == {"l_elbow", "l_shoulder"}
+    assert released("r_wrist") == {"r_wrist", "r_elbow", "r_shoulder"}
+    assert released("r_ankle", "l_hip") == {"r_ankle", "r_knee", "r_hip", "l_hip"}
+    assert released("pelvis") == {"pelvis"}
+
+
+def test_above_half_of_the_joints_all_are() -> None:
+    six = ("l_elbow", "r_elbow", "l_knee")
+    assert len(released(*six)) == 6
+    assert released(*six, "r_knee") == set(RIG.joints)
+    assert released(*six, "r_knee", share=0.9) != set(RIG.joints)
+
+
+def test_unknowns_of_joints() -> None:
+    joints = np.array([name in ("pelvis", "l_knee") for name in RIG.joints])
+    chosen = released_unknowns(RIG, joints)
+    names = [hinge.name for hinge in RIG.hinges]
+    assert chosen.tolist() == [0, 1, 2, 3, 4, 5, 6 + names.index("l_knee_flexion")]
+    joints[0] = False
+    assert released_unknowns(RIG, joints).tolist() == [6 + names.index("l_knee_flexion")]
+
+
+# --- What is predicted ----------------------------------------------------------------------------
+
+
+def walk(values: torch.Tensor) -> list[Motion]:
+    """Poses whose unknowns, but for the root's rotation, are one number after the other."""
+    size = len(RIG.hinges)
+    return [
+        Motion(v.expand(1, 3), torch.zeros(1, 3, dtype=v.dtype), v.expand(1, size)) for v in values
+    ]
+
+
+def test_steady_motion_goes_on() -> None:
+    values = torch.arange(5, dtype=torch.float64) * 0.1
+    next_ = predict(walk(values), memory=0.5)
+    torch.testing.assert_close(next_.angles, torch.full_like(next_.angles, 0.5))
+    torch.testing.assert_close(next_.translation, torch.full_like(next_.translation, 0.5))
+
+
+def test_one_pose_stays() -> None:
+    (only,) = walk(torch.tensor([0.3], dtype=torch.float64))
+    assert torch.equal(predict([only], 0.5).angles, only.angles)
+
+
+def test_a_swing_is_learnt() -> None:
+    time = torch.arange(28, dtype=torch.float64)
+    values = 0.4 * torch.sin(2 * math.pi * time / 12)
+    error = {
+        memory: abs(float(predict(walk(values[:27]), memory).angles[0, 0] - values[27]))
+        for memory in (1e-6, 10.0)
+    }
+    assert error[10.0] < 0.02 * error[1e-6]
+
+
+def test_search_has_names() -> None:
+    assert Search("never") is Search.NEVER
