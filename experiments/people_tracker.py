@@ -17,7 +17,6 @@ from surface_recordings import clip_of
 from perfcap.metrics import surface_error
 from perfcap.pipeline.followed_person import FramesConfig
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.local_global import Search
 from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.people import Scene
 from perfcap.pipeline.performance import Performance
@@ -56,13 +55,13 @@ def variants() -> dict[str, FramesConfig | None]:
             search=replace(search, polish=False),
             surface=replace(surface, slides=False, reach=math.inf),
         ),
-        "local alone": replace(default, search=replace(search, search=Search.NEVER)),
+        "local alone": replace(default, search=replace(search, search="never")),
         "search alone": replace(
             default,
             local=replace(local, rounds=0),
-            search=replace(search, search=Search.ALWAYS, polish=False),
+            search=replace(search, search="always", polish=False),
         ),
-        "every frame searched": replace(default, search=replace(search, search=Search.ALWAYS)),
+        "every frame searched": replace(default, search=replace(search, search="always")),
         "without texture": replace(default, local=replace(local, texture=(0.0, 0.0))),
         "without surface": replace(default, surface=replace(surface, carried=0.0)),
         "without labels": replace(default, labels=False),

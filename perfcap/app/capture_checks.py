@@ -110,9 +110,9 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
 
 def preset_doubts(preset: str, views: int) -> Iterator[str]:
     """What a preset is not made for."""
-    if preset == "muvs2017" and views == 1:
+    if preset in ("liu2013", "muvs2017") and views == 1:
         yield (
-            "--preset muvs2017: is a method of several views, and there is one; --preset default "
+            f"--preset {preset}: is a method of several views, and there is one; --preset default "
             "sees depth better"
         )
 

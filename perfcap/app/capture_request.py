@@ -75,7 +75,7 @@ def uses_masks(request: Capture) -> bool:
         InputError: masks are given and neither a stage nor a body has a use for them.
     """
     stage, preset = Stage[request.until.upper()], PRESETS[request.preset]
-    if preset.contours.enabled and not stage.needs_images:
+    if (preset.contours.enabled or preset.frames is not None) and not stage.needs_images:
         raise InputError(
             f"--preset {request.preset}: is what is done with images, and --until {request.until} "
             "looks at none; leave one of them out"

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import torch
@@ -26,6 +25,7 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.surface_points import LimbPoints
 from perfcap.energy.line_distance import LineDistance, limb_errors, line_through
 from perfcap.energy.prior import PosePrior
+from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.sight import Sight
@@ -37,14 +37,6 @@ from perfcap.solve.particles import ParticleSettings, search_particles
 
 Mask = NDArray[np.bool_]
 Flags = NDArray[np.bool_]
-
-
-class Search(Enum):
-    """When poses are searched among many."""
-
-    NEVER = "never"
-    MISALIGNED = "misaligned"
-    ALWAYS = "always"
 
 
 @dataclass(frozen=True)
@@ -81,7 +73,7 @@ class GlobalConfig:
     """The search (LIU-7 to 9).
 
     Attributes:
-        search: when.
+        search: whether never, where limbs are misaligned, or always.
         misaligned: m, root of a limb's mean squared distance from its contours above which it is.
         share: of the joints above which all are released.
         missed: cost of a silhouette of which nothing is covered (lambda).
@@ -95,7 +87,7 @@ class GlobalConfig:
         particles: how many, and how often.
     """
 
-    search: Search = Search.MISALIGNED
+    search: Literal["never", "misaligned", "always"] = "misaligned"
     misaligned: float = 0.02
     share: float = 0.5
     missed: float = MISSED
@@ -107,6 +99,11 @@ class GlobalConfig:
     visible: float = 0.5
     spread: tuple[float, float, float] = (0.03, 0.1, 0.15)
     particles: ParticleSettings = field(default_factory=ParticleSettings)
+
+    def __post_init__(self) -> None:
+        """Refuse a word that nobody reads."""
+        if self.search not in ("never", "misaligned", "always"):
+            raise InputError(f"search is {self.search!r}; expected never, misaligned or always")
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,9 +255,9 @@ class FrameSolver:
         """
         motion, errors = self._locally(actor, frame, seen, predicted, predicted)
         rig = self.actor.skeleton.rig
-        if self.search.search is Search.NEVER:
+        if self.search.search == "never":
             joints = np.zeros(len(rig.joints), np.bool_)
-        elif self.search.search is Search.ALWAYS:
+        elif self.search.search == "always":
             joints = np.ones(len(rig.joints), np.bool_)
         else:
             off = (errors > self.search.misaligned).numpy(force=True)
@@ -422,12 +419,12 @@ class _Covers:
         pixels, usable = whole.projected(actor, seen.cameras, motion)
         self.covered = []
         for view, (mask, height) in enumerate(zip(seen.masks, solver.heights, strict=True)):
-            part = _around(mask, pixels[view, 0][usable[view, 0]], 0.5 * height)
+            part = _around(mask, pixels[view, :, 0, usable[view, 0]], 0.5 * height)
             scale = max(1.0, height / settings.height)
             silhouette = CoarseSilhouette.of(mask, part, scale, 0.01 * settings.pixel * height)
             still = np.ascontiguousarray(coarse.faces[~moved])
             limbs = np.ascontiguousarray(seen.visible[view][coarse.limbs[~moved]])
-            given = pixels[view, 0], usable[view, 0], still, limbs
+            given = pixels[view, :, 0], usable[view, 0], still, limbs
             self.covered.append(Coverage.of(silhouette, *given))
 
     def costs(self, motion: Motion) -> Tensor:
@@ -457,14 +454,23 @@ class _Posed:
     @torch.no_grad()
     def projected(
         self, actor: Actor, cameras: Camera, motion: Motion
-    ) -> tuple[NDArray[np.float64], Flags]:
-        """In N poses, (C, N, U, 2) px, and which are in front of the camera."""
+    ) -> tuple[NDArray[np.float32], Flags]:
+        """Columns and rows in N poses, (C, 2, N, U) px, and what is in front, (C, N, U)."""
         placed = dual_quaternion_blend(self.rest, self.skin, *actor.joint_transforms(motion))
-        local = cameras.to_camera(placed.reshape(1, -1, 3))[0]  # one product a view
-        pixels = cameras.project_camera(local[None])[0].double().numpy(force=True)
-        front: Flags = (local[..., 2] > NEAR).numpy(force=True)
-        shape = len(local), *placed.shape[:2]
-        return pixels.reshape(*shape, 2), front.reshape(shape)
+        shape = placed.shape[:2]
+        points = placed.reshape(-1, 3).float()
+        views = cameras.to(points)
+        rotation, translation = views.rotation.reshape(-1, 3), views.translation.reshape(-1, 1)
+        local = torch.addmm(translation, rotation, points.mT).reshape(-1, 3, len(points))
+        if cameras.distortion is None:  # coordinate by coordinate, which is what processors like
+            plane = local[:, :2] / local[:, 2:].clamp(min=NEAR)
+            lens = views.intrinsics.reshape(-1, 3, 3)
+            pixels = torch.baddbmm(lens[:, :2, 2:], lens[:, :2, :2], plane)
+        else:
+            pixels = views.project_camera(local.mT[None])[0].mT
+        found: NDArray[np.float32] = pixels.contiguous().numpy(force=True)
+        front: Flags = (local[:, 2] > NEAR).numpy(force=True)
+        return found.reshape(-1, 2, *shape), front.reshape(-1, *shape)
 
 
 def _below(rig: Rig, joints: Flags) -> Flags:
@@ -476,7 +482,7 @@ def _below(rig: Rig, joints: Flags) -> Flags:
     return moved
 
 
-def _around(mask: Mask, pixels: NDArray[np.float64], margin: float) -> tuple[slice, slice]:
+def _around(mask: Mask, pixels: NDArray[np.floating], margin: float) -> tuple[slice, slice]:
     """Rows and columns that hold a silhouette and a model, and a margin."""
     rows, columns = np.nonzero(mask.any(1))[0], np.nonzero(mask.any(0))[0]
     inside = (pixels >= 0).all(1) & (pixels < mask.shape[::-1]).all(1)

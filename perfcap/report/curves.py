@@ -82,6 +82,7 @@ def charts(result: Result, rows: slice, measured: Measured) -> list[Chart]:
         _energy(frames, result.frame_numbers),
         _reprojection(result.joints[rows], measured.sources),
         _confidence(frames),
+        *_tracking(frames),
         _folds(frames),
         _acceleration(result.joints[rows], result.rate),
         *angle_charts(measured.angles),
@@ -129,6 +130,18 @@ def _confidence(frames: _Frames) -> Chart | None:
         "far a network of person masks agrees, least of the views."
     )
     return Chart("Trust in the masks", "%", known, about, worst="low") if known else None
+
+
+def _tracking(frames: _Frames) -> Iterator[Chart]:
+    """How a person was followed from frame to frame, where they were."""
+    off = frames.series("tracking", "worst_limb_mm")
+    if off is not None:
+        about = "Root mean squared distance of the worst limb from its contours, before a search."
+        yield Chart("Limbs beside their contours", "mm", (Line("worst limb", off),), about)
+    searched = _percent(frames, ("tracking", "released_share"), "searched")
+    if searched is not None:
+        about = "Share of the pose that was searched among many, by silhouettes alone."
+        yield Chart("Searched", "%", (searched,), about)
 
 
 def _folds(frames: _Frames) -> Chart | None:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 ANY, SEEN = 1, 2  # bits of a covered pixel: by the person, by a part that was seen before
 
 
-@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def cover(
-    pixels: NDArray[np.float64],
+    x: NDArray[np.floating],
+    y: NDArray[np.floating],
     usable: NDArray[np.bool_],
     faces: NDArray[np.int64],
     seen: NDArray[np.bool_],
@@ -27,7 +28,8 @@ def cover(
     """Cover a picture with triangles, and add to its sums what that changes.
 
     Args:
-        pixels: vertices, (V, 2), in pixels of the picture.
+        x: column of each vertex in the picture, (V,) px.
+        y: row, (V,) px.
         usable: (V,), False where a vertex is behind the camera: its triangles are left out.
         faces: (T, 3).
         seen: whether each triangle's part was seen before, (T,).
@@ -41,9 +43,8 @@ def cover(
         a, b, c = faces[index, 0], faces[index, 1], faces[index, 2]
         if not (usable[a] and usable[b] and usable[c]):
             continue
-        ax, ay = pixels[a, 0], pixels[a, 1]
-        bx, by = pixels[b, 0], pixels[b, 1]
-        cx, cy = pixels[c, 0], pixels[c, 1]
+        ax, bx, cx = x[a], x[b], x[c]
+        ay, by, cy = y[a], y[b], y[c]
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -67,7 +68,7 @@ def cover(
                     sums[2] += 1.0
 
 
-@numba.njit(nogil=True)
+@numba.njit(nogil=True, cache=True)
 def _within(ax, ay, bx, by, cx, cy, x, y):  # type: ignore[no-untyped-def]
     """Whether (x, y) is in a triangle of positive area, or on its edges."""
     return (
@@ -77,9 +78,10 @@ def _within(ax, ay, bx, by, cx, cy, x, y):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def cover_each(
-    pixels: NDArray[np.float64],
+    x: NDArray[np.floating],
+    y: NDArray[np.floating],
     usable: NDArray[np.bool_],
     faces: NDArray[np.int64],
     seen: NDArray[np.bool_],
@@ -88,13 +90,14 @@ def cover_each(
     picture: NDArray[np.uint8],
     sums: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Sums (N, 3) of N poses (N, V, 2) on top of a picture that is covered already.
+    """Sums (N, 3) of N poses (N, V) on top of a picture that is covered already.
 
     Arguments are those of ``cover``, of which ``picture`` and ``sums`` stay as they are.
     """
-    found = np.empty((len(pixels), 3))
-    for number in range(len(pixels)):
+    found = np.empty((len(x), 3))
+    for number in range(len(x)):
         found[number] = sums
         own = picture.copy()
-        cover(pixels[number], usable[number], faces, seen, inside, distance, own, found[number])
+        where = x[number], y[number], usable[number]
+        cover(*where, faces, seen, inside, distance, own, found[number])
     return found

@@ -18,6 +18,7 @@ from perfcap.segment import _silhouette_consistency_numba as kernel
 MISSED = 80.0  # lambda: cost of a silhouette of which nothing is covered, in units of distance
 
 Floats = NDArray[np.float64]
+Places = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 
@@ -58,11 +59,14 @@ class CoarseSilhouette:
         corner = part[1].start, part[0].start
         return cls(inside, (distance * scale / unit).astype(np.float32), corner, scale)
 
-    def on_grid(self, pixels: Floats) -> Floats:
-        """Places (..., 2) px of the image in pixels of the silhouette."""
+    def on_grid(self, pixels: Places) -> tuple[Places, Places]:
+        """Columns and rows of places (2, ...) px of the image in pixels of the silhouette."""
         # corners of images are half a pixel before the first centre
-        at: Floats = (pixels - np.array(self.corner) + 0.5) / self.scale - 0.5
-        return np.ascontiguousarray(at)
+        x, y = (
+            (axis - (first - 0.5)) / self.scale - 0.5
+            for axis, first in zip(pixels, self.corner, strict=True)
+        )
+        return x, y
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,30 +87,29 @@ class Coverage:
     def of(
         cls,
         silhouette: CoarseSilhouette,
-        pixels: Floats,
+        pixels: Places,
         usable: Flags,
         faces: NDArray[np.int64],
         seen: Flags,
     ) -> Self:
-        """Of triangles ``faces`` (T, 3) of vertices at pixels (V, 2) of the image.
+        """Of triangles ``faces`` (T, 3).
 
         Args:
             silhouette: of the person.
-            pixels: of the vertices.
+            pixels: columns and rows of the vertices in the image, (2, V) px.
             usable: False for those behind the camera, (V,).
             faces: that stay where they are.
             seen: whether each triangle's part was seen in the frame before, (T,): what somebody
                 hides costs nothing beyond the silhouette.
         """
         picture, sums = np.zeros(silhouette.inside.shape, np.uint8), np.zeros(3)
-        at = silhouette.on_grid(pixels)
-        inside, distance = silhouette.inside, silhouette.distance
-        kernel.cover(at, usable, faces, seen, inside, distance, picture, sums)
+        where = *silhouette.on_grid(pixels), usable
+        kernel.cover(*where, faces, seen, silhouette.inside, silhouette.distance, picture, sums)
         return cls(silhouette, picture, sums)
 
     def costs(
         self,
-        pixels: Floats,
+        pixels: Places,
         usable: Flags,
         faces: NDArray[np.int64],
         seen: Flags,
@@ -115,16 +118,16 @@ class Coverage:
         """``sum_i d_i`` of Eq. 8, (N,), of N poses of the other triangles.
 
         Args:
-            pixels: of the vertices, (N, V, 2), in the image.
+            pixels: columns and rows of the vertices in the image, (2, N, V) px.
             usable: (N, V).
             faces: that the poses move, (T, 3).
             seen: (T,).
             missed: cost of a silhouette of which nothing is covered.
         """
         own = self.silhouette
-        at = own.on_grid(pixels)
+        where = *own.on_grid(pixels), usable
         covered, beyond, area = kernel.cover_each(
-            at, usable, faces, seen, own.inside, own.distance, self.picture, self.sums
+            *where, faces, seen, own.inside, own.distance, self.picture, self.sums
         ).T
         whole = max(int(own.inside.sum()), 1)
         explained = missed * (own.inside.sum() - covered) / whole

@@ -70,6 +70,13 @@ def test_views_of_different_people_are_refused() -> None:
 
 
 def test_a_preset_of_several_views_is_named_for_one() -> None:
-    assert any("several views" in line for line in preset_doubts("muvs2017", 1))
-    for preset, views in (("muvs2017", 2), ("default", 1), ("monoperfcap", 1), ("rhodin2016", 1)):
+    for preset in ("liu2013", "muvs2017"):
+        assert any("several views" in line for line in preset_doubts(preset, 1))
+    for preset, views in (
+        ("liu2013", 2),
+        ("muvs2017", 2),
+        ("default", 1),
+        ("monoperfcap", 1),
+        ("rhodin2016", 1),
+    ):
         assert not [*preset_doubts(preset, views)]

@@ -145,9 +145,15 @@ def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command)
     assert pose["trajectory"]["rank"] == 8 and pose["reprojection"]["scale"] is None
 
 
-def test_the_preset_of_contours(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
-    call = take.command(tmp_path, "--preset", "rhodin2016", "--until", "track_motion")
+@pytest.mark.parametrize("preset", ["liu2013", "rhodin2016"])
+def test_presets_of_images_need_them(
+    preset: str, take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    call = take.command(tmp_path, "--preset", preset, "--until", "track_motion")
     assert "--until track_motion looks at none" in perfcap(call).refused()
+
+
+def test_the_preset_of_contours(take: TakeFiles) -> None:
     settings = settings_of(Capture(videos=(take.video,), preset="rhodin2016"))
     assert settings.contours.enabled and not settings.segment
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from crowd_files import SIZE, CrowdFiles, write_crowd
 from crowds import make_crowd
 from painted_crowd import PaintedCrowd
@@ -82,3 +83,20 @@ def test_resume_and_what_is_left(
     assert not (captured / "masks").exists()
     assert not any((folder / "masks").exists() for folder in people_of(captured))
     assert not any((folder / "surface.npz").exists() for folder in people_of(captured))
+
+
+def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+    out = tmp_path / "followed"
+    given = ("--preset", "liu2013", "--frames", "0:3", "--report", *WHOLE)
+    found = perfcap(pair.command(out, *given))
+    assert found.code in (0, 3), found
+    for number, folder in enumerate(people_of(out)):
+        result = read_result(folder)
+        error = np.linalg.norm(result.joints - CROWD.joints[number, :3].numpy(), axis=-1)
+        assert 1000 * error.mean() < 100  # three views, and one person is cut off
+        report = json.loads((folder / "run.json").read_text())
+        assert len(report["refinement"]["tracking"]["released_share"]) == 3
+        assert "follow_frames" in report["stages"]
+        config = yaml.safe_load((folder / "config.yaml").read_text())
+        assert config["frames"]["search"]["search"] == "misaligned"
+        assert "Limbs beside their contours" in (folder / "report.html").read_text()

@@ -14,12 +14,12 @@ from synthetic import actor
 import perfcap
 from perfcap.actor.motion import Motion
 from perfcap.detect.association import associate
+from perfcap.errors import InputError
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.followed_person import predict
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.local_global import (
     GlobalConfig,
-    Search,
     released_joints,
     released_unknowns,
 )
@@ -201,5 +201,6 @@ def test_a_swing_is_learnt() -> None:
     assert error[10.0] < 0.02 * error[1e-6]
 
 
-def test_search_has_names() -> None:
-    assert Search("never") is Search.NEVER
+def test_a_word_that_nobody_reads() -> None:
+    with pytest.raises(InputError, match="never, misaligned or always"):
+        GlobalConfig(search="sometimes")  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ def disc(column: float, row: float, radius: float) -> NDArray[np.bool_]:
 
 
 def box(left: float, top: float, right: float, bottom: float) -> NDArray[np.float64]:
-    return np.array([[left, top], [right, top], [left, bottom], [right, bottom]], float)
+    return np.array([[left, right, left, right], [top, top, bottom, bottom]], float)
 
 
 def looked_through(
@@ -34,7 +34,7 @@ def looked_through(
 
 def drawn(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    (left, top), (right, bottom) = corners[0], corners[3]
+    (left, right), (top, bottom) = corners[0, [0, 3]], corners[1, [0, 3]]
     return (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
 
 
@@ -43,9 +43,9 @@ def test_equals_the_definition(unit: float) -> None:
     mask = disc(40, 30, 14.5)
     silhouette = CoarseSilhouette.of(mask, WHOLE, 1.0, unit)
     nothing = Coverage.of(silhouette, box(0, 0, 1, 1), ALL, FACES[:0], SEEN[:0])
-    poses = np.stack([box(30, 20, 50, 44), box(5, 5, 20, 20), box(60, 25, 95, 90)])
+    poses = np.stack([box(30, 20, 50, 44), box(5, 5, 20, 20), box(60, 25, 95, 90)], 1)
     found = nothing.costs(poses, np.ones((3, 4), np.bool_), FACES, SEEN)
-    for pose, cost in zip(poses, found, strict=True):
+    for pose, cost in zip(poses.swapaxes(0, 1), found, strict=True):
         picture = drawn(pose)
         assert cost == pytest.approx(looked_through(mask, picture, picture, unit), rel=1e-6)
 
@@ -55,10 +55,10 @@ def test_what_stays_and_what_moves_are_one_picture() -> None:
     silhouette = CoarseSilhouette.of(mask, WHOLE, 1.0, 1.0)
     still, moving = box(25, 20, 45, 40), box(40, 25, 70, 35)
     base = Coverage.of(silhouette, still, ALL, FACES, SEEN)
-    (found,) = base.costs(moving[None], ALL[None], FACES, SEEN)
+    (found,) = base.costs(moving[:, None], ALL[None], FACES, SEEN)
     picture = drawn(still) | drawn(moving)
     assert found == pytest.approx(looked_through(mask, picture, picture, 1.0), rel=1e-6)
-    again = base.costs(moving[None], ALL[None], FACES, SEEN)
+    again = base.costs(moving[:, None], ALL[None], FACES, SEEN)
     assert again == found  # the picture is as it was
 
 
@@ -67,7 +67,7 @@ def test_what_was_hidden_may_be_anywhere_but_covers() -> None:
     silhouette = CoarseSilhouette.of(mask, WHOLE, 1.0, 1.0)
     base = Coverage.of(silhouette, box(0, 0, 1, 1), ALL, FACES[:0], SEEN[:0])
     pose = box(30, 20, 75, 44)
-    (found,) = base.costs(pose[None], ALL[None], FACES, ~SEEN)
+    (found,) = base.costs(pose[:, None], ALL[None], FACES, ~SEEN)
     assert found == pytest.approx(looked_through(mask, drawn(pose), np.zeros_like(mask), 1.0))
 
 
@@ -76,12 +76,12 @@ def test_behind_the_camera_nothing_is_covered() -> None:
     base = Coverage.of(silhouette, box(0, 0, 1, 1), ALL, FACES[:0], SEEN[:0])
     hidden = ALL.copy()
     hidden[1] = False
-    assert base.costs(box(30, 20, 50, 44)[None], hidden[None], FACES, SEEN) == MISSED
+    assert base.costs(box(30, 20, 50, 44)[:, None], hidden[None], FACES, SEEN) == MISSED
 
 
 def test_coarse_pixels_cost_about_the_same() -> None:
     mask = disc(40, 30, 14.5)
-    pose = box(33, 22, 62, 41)[None]
+    pose = box(33, 22, 62, 41)[:, None]
     costs = []
     for scale in (1.0, 2.0, 3.0):
         silhouette = CoarseSilhouette.of(mask, (slice(4, 60), slice(8, 80)), scale, 1.0)
@@ -94,7 +94,7 @@ def test_an_empty_silhouette_is_no_place_to_be() -> None:
     silhouette = CoarseSilhouette.of(np.zeros((HEIGHT, WIDTH), np.bool_), WHOLE, 2.0, 1.0)
     base = Coverage.of(silhouette, box(0, 0, 1, 1), ALL, FACES[:0], SEEN[:0])
     outside, far = base.costs(
-        np.stack([box(33, 22, 62, 41), box(200, 200, 210, 210)]),
+        np.stack([box(33, 22, 62, 41), box(200, 200, 210, 210)], 1),
         np.ones((2, 4), np.bool_), FACES, SEEN,
     )  # fmt: skip
     assert far == 0
