@@ -30,6 +30,7 @@ _MUCH = 3.0  # deviations, beyond which a correction is no small one
 _BLOCK = 0.27  # s
 _LIVELY = 2.5  # steps between blocks, in deviations within one; see ``_liveliness``
 _SURE = 0.3  # confidence
+_UNKNOWN = 0.5  # frames of deviation, beyond which a clock is not found: others have 0.05 to 0.2
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,9 @@ class ViewErrors:
     """What was found, with standard deviations.
 
     Attributes:
-        clock: frames by which each view is later than the first, (C,); None where not asked for.
-        clock_deviation: likewise, (C,).
+        clock: frames by which each view is later than the first, (C,), 0 where that is not found;
+            None where not asked for.
+        clock_deviation: likewise, (C,); more than half a frame where nothing was found.
         cameras: rotation vectors and shifts in each camera's axes, (C, 6), radians and metres.
         cameras_deviation: likewise, (C, 6).
     """
@@ -107,6 +109,14 @@ class ViewErrors:
             pairs = zip(names, self.clock.tolist(), self.clock_deviation.tolist(), strict=True)
             shown = [f"{name} {value:+.2f} ± {sure:.2f}" for name, value, sure in pairs]
             yield f"clocks: views are later than {names[0]} by {', '.join(shown[1:])} frames"
+            lost = self.clock_deviation > _UNKNOWN
+            if bool(lost.any()):
+                wrong = ", ".join(n for n, each in zip(names, lost.tolist(), strict=True) if each)
+                yield (
+                    f"clocks of {wrong} are not found and left as they are: nobody moves there as "
+                    f"in {names[0]} within {ViewErrorConfig().reach:g} s or a third of the clip; "
+                    "give videos and detections of the same take, cut to within that"
+                )
         if self.cameras is not None:
             turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
             pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
@@ -168,7 +178,15 @@ def solve_views(
     problem = _Problem(actor, cameras, some, rate, config, settings)
     for _ in range(settings.rounds):
         found = problem.solved(found, sync, refine)
-    return found
+    return _as_given(found)
+
+
+def _as_given(found: ViewErrors) -> ViewErrors:
+    """Clocks that nothing tells are zero: views would be read from any frame else."""
+    if found.clock is None or found.clock_deviation is None:
+        return found
+    known = found.clock_deviation <= _UNKNOWN
+    return replace(found, clock=torch.where(known, found.clock, 0))
 
 
 def _require_views(cameras: Camera, detections: Detections) -> None:
