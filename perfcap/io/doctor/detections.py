@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -191,11 +192,12 @@ def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
 
 def _placeholders(name: str, pixels: Tensor) -> list[Finding]:
     """Joints (N, 2) with confidence where files put what is not detected: 0 0, or -1 -1."""
-    places, counts = pixels[(pixels <= 0).all(-1)].unique(dim=0, return_counts=True)
-    if not len(counts) or int(counts.max()) < _PLACEHOLDERS:
+    found = Counter(map(tuple, pixels[(pixels <= 0).all(-1)].tolist()))
+    (place, count), *_ = found.most_common(1) or [((), 0)]
+    if count < _PLACEHOLDERS:
         return []
-    x, y = places[counts.argmax()].tolist()
-    what = f"{int(counts.max())} joints with confidence lie at ({x:g}, {y:g}) to the last digit"
+    x, y = place
+    what = f"{count} joints with confidence lie at ({x:g}, {y:g}) to the last digit"
     remedy = "nobody has joints there; give confidence 0 to what is not detected"
     return [Finding(Severity.WARNING, name, what, remedy)]
 
