@@ -146,6 +146,35 @@ def test_fewer_people_than_are_wanted() -> None:
         associate(crowd.cameras, crowd.candidates, RATE, people=3)
 
 
+@pytest.mark.parametrize("views", [2, 3, 5])
+def test_exchanged_views_are_named(views: int) -> None:
+    crowd = make_crowd(1, views=views)
+    order = [views - 1, *range(1, views - 1), 0]
+    mixed = crowd.candidates.select(order)
+    words = f"views 0 and {views - 1}, counted from 0, look exchanged"
+    try:
+        notes = associate(crowd.cameras, mixed, RATE, people=2).notes
+    except InputError as error:
+        notes = (str(error),)
+    assert any(words in note for note in notes)
+
+
+def test_clips_of_a_frame_or_two_are_refused() -> None:
+    crowd = make_crowd(1)
+    with pytest.raises(InputError, match="the clip has 2 frames; expected 3 or more"):
+        associate(crowd.cameras, crowd.candidates.frames(slice(0, 2)), RATE, people=2)
+
+
+def test_kinds_and_shapes_that_are_others() -> None:
+    crowd = make_crowd(1, views=3)
+    with pytest.raises(InputError, match=r"candidates have joints2d \(.*for cameras of 2 views"):
+        associate(crowd.cameras.select([0, 1]), crowd.candidates, RATE)
+    with pytest.raises(InputError, match="people, who may be in any order, first"):
+        associate(crowd.cameras, crowd.candidates.map(lambda part: part[0]), RATE)
+    with pytest.raises(InputError, match="cameras and candidates are tuple and Detections"):
+        associate((crowd.cameras,), crowd.candidates, RATE)  # type: ignore[arg-type]
+
+
 def test_one_view_is_refused() -> None:
     crowd = make_crowd(0)
     with pytest.raises(InputError, match="one view cannot tell who is who"):
