@@ -34,6 +34,7 @@ from perfcap.io.doctor import (
     examine_detections,
     examine_inputs,
     examine_installation,
+    examine_places,
 )
 from perfcap.io.doctor.finding import ranges
 
@@ -95,6 +96,15 @@ def test_joints_and_image(factor: float, words: str) -> None:
 
     finding = one(examine_detections(rig(), with_joints(detections(), scale)))
     assert finding.subject == "cam1" and words in finding.what
+
+
+def test_one_of_several_people_may_be_in_a_corner() -> None:
+    corner = with_joints(detections(), lambda joints: joints.mul_(0.45))
+    pair = Detections.stack([corner, detections()])
+    assert examine_places(rig(), pair) == []
+    found = examine_places(rig(), Detections.stack([corner, corner]))
+    assert [each.subject for each in found] == list(NAMES)
+    assert all("top left quarter" in each.what for each in found)
 
 
 def test_joints_found_in_the_images_themselves_fit_them() -> None:

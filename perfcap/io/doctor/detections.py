@@ -88,6 +88,21 @@ def examine_detections(
     return findings + _headlong(detections)
 
 
+def examine_places(rig: CameraRig, detections: Detections) -> list[Finding]:
+    """Joints of everybody, (P, F, C, 16), against the images of C views.
+
+    Args:
+        rig: C views.
+        detections: of several people.
+    """
+    findings = []
+    for view, name in enumerate(rig.names):
+        confident = detections.confidence2d[..., view, :] > CONFIDENT
+        pixels = detections.joints2d[..., view, :, :][confident]
+        findings += _image_size(name, pixels, rig.cameras.size[view])
+    return findings
+
+
 def _headlong(detections: Detections) -> list[Finding]:
     """Somebody who stands on their head in every view (F, C), in nearly all frames."""
     seen = detections.confidence2d > CONFIDENT
