@@ -11,6 +11,7 @@ from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.sightings import Sightings
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.errors import InputError
 
 
@@ -157,6 +158,17 @@ def test_exchanged_views_are_named(views: int) -> None:
     except InputError as error:
         notes = (str(error),)
     assert any(words in note for note in notes)
+
+
+@pytest.mark.parametrize("view", [0, 2])
+def test_sides_that_are_swapped_in_a_view_are_named(view: int) -> None:
+    crowd = make_crowd(1, views=3)
+    other = list(LANDMARKS16.mirrored())
+    joints = crowd.candidates.joints2d.clone()
+    joints[:, :, view] = joints[:, :, view, other]
+    mixed = replace(crowd.candidates, joints2d=joints)
+    notes = associate(crowd.cameras, mixed, RATE).notes
+    assert notes[0].startswith(f"left and right joints look swapped in view {view} (counted")
 
 
 def test_clips_of_a_frame_or_two_are_refused() -> None:

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from perfcap.detect.association.exchange import exchanged_views
 from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.limbs import own_limbs
 from perfcap.detect.association.settle import Settled, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
+from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -87,8 +87,8 @@ def associate(
     sightings = Sightings.of(cameras.detach(), plain, config)
     groups = group_views(sightings)
     tracks, joins = rejoin(link(groups, rate, config), groups, rate, config)
-    exchanged = _exchanged(exchanged_views(sightings.cameras, plain, config))
-    chosen = _choose(tracks, candidates.frame_count, rate, people, config, exchanged)
+    wrong = view_doubts(sightings.cameras, plain, config)
+    chosen = _choose(tracks, candidates.frame_count, rate, people, config, wrong)
     first = torch.stack([places(track, groups, candidates.frame_count) for track in chosen])
     settled = settle(sightings, first, rate)
     order = (settled.slots >= 0).sum((1, 2)).argsort(descending=True, stable=True)
@@ -98,7 +98,7 @@ def associate(
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
     about = (*_left_out(tracks, chosen), *_strangers(sightings, settled))
-    notes = (*exchanged, *_away(kept, joins), *about)
+    notes = (*wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
         settled.slots,
@@ -155,17 +155,6 @@ def _choose(
             f"that many, or check cameras and detections{also}"
         )
     return longest[:people]
-
-
-def _exchanged(views: tuple[int, int] | None) -> tuple[str, ...]:
-    """That two views are in each other's place."""
-    if views is None:
-        return ()
-    first, second = views
-    return (
-        f"views {first} and {second}, counted from 0, look exchanged: give detections, videos and "
-        "cameras in one order",
-    )
 
 
 def _of(candidates: Detections, slots: Tensor, joint_slots: Tensor) -> Detections:
