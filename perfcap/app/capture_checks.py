@@ -16,6 +16,7 @@ from perfcap.io.doctor import (
     examine_agreement,
     examine_cameras,
     examine_detections,
+    examine_places,
 )
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take
@@ -79,7 +80,9 @@ def _refuse(found: Sequence[Finding]) -> None:
             raise InputError(_words(finding))
 
 
-def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, ...]:
+def doubts(
+    inputs: Inputs, *, needs_images: bool, detected: bool, alone: bool = True
+) -> tuple[str, ...]:
     """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
 
     They are no refusal: robust energies get along with much, and nobody but the user knows what
@@ -89,6 +92,7 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
         inputs: of the capture.
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
+        alone: whether nobody else was detected; of several people see ``places``.
 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
@@ -98,9 +102,23 @@ def doubts(inputs: Inputs, *, needs_images: bool, detected: bool) -> tuple[str, 
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     findings += examine_cameras(inputs.rig)
-    findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=detected)
+    fitting = detected or not alone
+    findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=fitting)
     clip, pixel_map = (None, None) if detected else (inputs.clip, inputs.pixel_map)
     findings += examine_take(inputs.rig, inputs.detections, clip, pixel_map)
+    return _sentences(findings)
+
+
+def places(inputs: Inputs) -> tuple[str, ...]:
+    """Whether joints of everybody, (P, F, C, 16), lie in the images: one person may not.
+
+    Args:
+        inputs: of the capture.
+    """
+    return _sentences(examine_places(inputs.rig, inputs.detections))
+
+
+def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
     return tuple(
         f"{found.subject}: {found.what}; {found.remedy}"
         for found in findings

@@ -14,6 +14,7 @@ from perfcap.app.auto_actor import Cast, cast
 from perfcap.app.capture_checks import (
     doubts,
     made_up,
+    places,
     refuse_wrong,
     refuse_wrong_cameras,
     wants_bones,
@@ -142,7 +143,7 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
         refuse_wrong(each)
     notes = [*crowd.inputs.warnings, *crowd.found.notes, *matching.notes, *_untold(crowd, matching)]
     until = Stage[request.until.upper()]
-    notes += _doubts(everybody, until.needs_images, bool(request.detectors))
+    notes += _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
     for line in notes:
         _LOG.warning("%s", line)
     require_places(folder, view_folders(list(crowd.inputs.rig.names)))
@@ -186,11 +187,14 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
     return [f"{others} of {len(crowd.found.people)} people have no --actor; they are left out"]
 
 
-def _doubts(everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
+def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
     """What may be wrong with the inputs; of one person, where it is not of all."""
-    lines = [doubts(each, needs_images=images, detected=detected) for each in everybody]
+    lines = [
+        doubts(each, needs_images=images, detected=detected, alone=False) for each in everybody
+    ]
     common = set(lines[0]).intersection(*lines[1:])
-    found = [line for line in lines[0] if line in common]
+    found = [] if detected else [*places(inputs)]
+    found += [line for line in lines[0] if line in common]
     for number, own in enumerate(lines, 1):
         found += [f"person {number}: {line}" for line in own if line not in common]
     return found
@@ -206,10 +210,8 @@ def _perform(
     torch.set_num_threads(1)
     like = torch.zeros((), dtype=torch.float64, device=find_device(request.device))
     moved = tuple(replace(each, detections=each.detections.to(like)) for each in people)
-    images = None
-    if until.needs_images:
-        cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
-        images = Images(inputs.clip, cameras, examined=True)
+    cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
+    images = Images(inputs.clip, cameras, examined=True)
     scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps, images)
     with progress_bars() as tell:
         config = settings_of(request)

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from perfcap.app.body_doubts import LEAST_INSIDE, joints_inside, outline_doubts, require_person
+from perfcap.app.body_doubts import (
+    LEAST_INSIDE,
+    joints_inside,
+    left_out,
+    outline_doubts,
+    require_person,
+)
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
 from perfcap.io.mask_files import MaskFolders
@@ -56,7 +62,13 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
         return
     clip = inputs.clip
     chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
-    for name, share in zip(clip.names, joints_inside(chosen, found).tolist(), strict=True):
+    shares = joints_inside(chosen, found).tolist()
+    for name, share, limbs in zip(clip.names, shares, left_out(chosen, found), strict=True):
+        if share >= LEAST_INSIDE and limbs:
+            yield (
+                f"masks of {name}: leave out {', '.join(limbs)}; expected all of the person: is a "
+                "part cut off, or hidden by something?"
+            )
         if share < LEAST_INSIDE:
             yield (
                 f"masks of {name}: hold {100 * share:.0f} % of the detected joints; expected those "

@@ -96,6 +96,11 @@ def read_clip_list(
 
 
 def _check_header(path: Path, header: list[str], known: tuple[str, ...], what: str) -> None:
+    if "videos" not in header and "videos" in re.split(r"[;\t]", ",".join(header)):
+        raise InputError(
+            f"{path}: its cells are apart by semicolons or tabs; expected commas: save it again as "
+            "CSV with commas"
+        )
     if "videos" not in header:
         raise InputError(f"{path}: its first line names no column videos; expected {what}")
     for column in header:

@@ -268,6 +268,8 @@ def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
         )
     own = dict(energies or {})
     for name, term in own.items():
+        if not isinstance(name, str):
+            raise InputError(f"energies: {name!r} cannot name an energy; expected a plain word")
         if name in TERMS + CONTACT + OPTIONAL:
             taken = ", ".join(TERMS + CONTACT + OPTIONAL)
             raise InputError(f"energies: {name!r} is one of {taken}; give yours another name")

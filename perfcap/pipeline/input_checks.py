@@ -82,7 +82,7 @@ def require_shares(confidence: Tensor) -> None:
         InputError: they are not.
     """
     if bool(((confidence < -_ROUNDING) | (confidence > 1 + _ROUNDING)).any()):
-        found = confidence[confidence.isfinite()]
+        found = confidence[~confidence.isnan()]
         raise InputError(
             f"confidences are {float(found.min()):.3g} to {float(found.max()):.3g}, expected 0 to "
             "1: divide percents by 100, and take the sigmoid of logits"

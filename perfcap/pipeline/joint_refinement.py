@@ -62,8 +62,14 @@ class JointConfig:
     method: Method = field(default_factory=lambda: LevenbergMarquardt(max_steps=8, tolerance=1e-3))
 
     def __post_init__(self) -> None:
-        if not self.bands or not all(band > 0 for band in self.bands):
+        several = isinstance(self.bands, tuple | list) and len(self.bands) > 0
+        if not several or not all(band > 0 for band in self.bands):
             raise InputError(f"bands are {self.bands}, expected one above zero for each round")
+        if not isinstance(self.nodes, int) or self.nodes < 1:
+            raise InputError(f"nodes are {self.nodes}, expected a whole number of 1 or more")
+        for name, size in (("stretch", self.stretch), ("reach", self.reach)):
+            if not size > 0:
+                raise InputError(f"{name} is {size}, expected metres above zero")
 
 
 @dataclass(frozen=True)
@@ -276,6 +282,8 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
 def _require_trust(trust: Tensor | None, masks: Tensor) -> None:
     if trust is None:
         return
+    if not isinstance(trust, Tensor):
+        raise InputError(f"trust is a {type(trust).__name__}, expected a tensor such as the masks")
     try:
         trust.expand(masks.shape)
     except RuntimeError:

@@ -80,6 +80,11 @@ def move(
             f"energies {', '.join(own)} are of the world of the cameras, which level=True leaves; "
             "give one or the other"
         )
+    if own and until < Stage.TRACK_MOTION:
+        raise InputError(
+            f"energies {', '.join(own)} act in the windows of track_motion, and until is "
+            f"{until.name.lower()}, before there are any; give one or the other"
+        )
     clock = Clock(progress or notebook_progress() or (lambda stage, done, total: None))
     kept = checkpoint or NO_CHECKPOINT
     settings = config or CaptureConfig()

@@ -22,7 +22,12 @@ from perfcap.pipeline.surface import SurfaceFrames
 
 _EXAMINED = 5  # frames
 _ELSEWHERE = 0.2  # intersection over union; captures have more than half
-_WAYS = {"upside down": (-2,), "mirrored": (-1,), "turned by 180°": (-2, -1)}
+_WAYS: dict[str, Callable[[Tensor], Tensor]] = {
+    "upside down": lambda masks: masks.flip(-2),
+    "mirrored": lambda masks: masks.flip(-1),
+    "turned by 180°": lambda masks: masks.flip(-2, -1),
+    "transposed": lambda masks: masks.mT,  # of square ones
+}
 _BETTER = 0.2  # of the same: more than a pose that is solved already is off
 
 
@@ -52,9 +57,11 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
             stacklevel=3,
         )
         return
+    turned = {how: turn(found) for how, turn in _WAYS.items()}
     gains = {
-        how: torch.where(there, _overlap(found.flip(axes), model)[0] - share, 0)
-        for how, axes in _WAYS.items()
+        how: torch.where(there, _overlap(masks, model)[0] - share, 0)
+        for how, masks in turned.items()
+        if masks.shape == model.shape
     }
     how = max(gains, key=lambda way: float(gains[way].max()))
     better = (gains[how] > _BETTER).nonzero().flatten().tolist()

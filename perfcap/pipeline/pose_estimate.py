@@ -228,6 +228,11 @@ def _require_metres(poses: Tensor) -> None:
     if not len(poses):
         return
     extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median())
+    if extent == 0:
+        raise InputError(
+            "joints3d are all in one place in most frames, expected poses; say with lengths which "
+            "frames are padding"
+        )
     if (unit := unit_of(extent)) != "metres":
         raise InputError(
             f"joints3d span {extent:.3g} from end to end, expected metres; they look like {unit}: "

@@ -137,8 +137,8 @@ def mask_doubts(evidence: Evidence) -> Iterator[str]:
     if usual < _ELSEWHERE:
         yield (
             f"the network of the segmenter overlaps the masks by {usual:.0%} only, and counts for "
-            "little; does output.person of its manifest name the class of a person, and do its "
-            "size and colors fit?"
+            "little; are the joints those of the images (look at masks), and if the network is "
+            "yours, is output.person of its manifest the person, and do size and colors fit?"
         )
     elif usual < AGREES:
         yield (

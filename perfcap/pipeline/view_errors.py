@@ -21,15 +21,14 @@ from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.liveliness import liveliest, require_motion
 from perfcap.pipeline.objective import kernel, neutral_angles, person_height, trajectory_prior
 from perfcap.pipeline.prepare import prepare
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.covariance import shared_covariance
 
 _MUCH = 3.0  # deviations, beyond which a correction is no small one
-_BLOCK = 0.27  # s
-_LIVELY = 2.5  # steps between blocks, in deviations within one; see ``_liveliness``
-_SURE = 0.3  # confidence
+_UNKNOWN = 0.5  # frames of deviation, beyond which a clock is not found: others have 0.05 to 0.2
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,9 @@ class ViewErrors:
     """What was found, with standard deviations.
 
     Attributes:
-        clock: frames by which each view is later than the first, (C,); None where not asked for.
-        clock_deviation: likewise, (C,).
+        clock: frames by which each view is later than the first, (C,), 0 where that is not found;
+            None where not asked for.
+        clock_deviation: likewise, (C,); more than half a frame where nothing was found.
         cameras: rotation vectors and shifts in each camera's axes, (C, 6), radians and metres.
         cameras_deviation: likewise, (C, 6).
     """
@@ -107,6 +107,14 @@ class ViewErrors:
             pairs = zip(names, self.clock.tolist(), self.clock_deviation.tolist(), strict=True)
             shown = [f"{name} {value:+.2f} ± {sure:.2f}" for name, value, sure in pairs]
             yield f"clocks: views are later than {names[0]} by {', '.join(shown[1:])} frames"
+            lost = self.clock_deviation > _UNKNOWN
+            if bool(lost.any()):
+                wrong = ", ".join(n for n, each in zip(names, lost.tolist(), strict=True) if each)
+                yield (
+                    f"clocks of {wrong} are not found and left as they are: nobody moves there as "
+                    f"in {names[0]} within {ViewErrorConfig().reach:g} s or a third of the clip; "
+                    "give videos and detections of the same take, cut to within that"
+                )
         if self.cameras is not None:
             turn, shift = self.cameras.reshape(-1, 2, 3).unbind(-2)
             pairs = zip(names, turn.norm(dim=-1).tolist(), shift.norm(dim=-1).tolist(), strict=True)
@@ -158,17 +166,25 @@ def solve_views(
     """
     config, settings = config or PoseConfig(), settings or ViewErrorConfig()
     _require_views(cameras, detections)
-    part = _liveliest(detections, settings.frames)
+    part = liveliest(detections, settings.frames)
     some = replace(detections.frames(part), joints3d=None)
     found = ViewErrors()
     if sync:
-        _require_motion(some, rate)
+        require_motion(some, rate)
         clock = _whole_frames(cameras, some, round(settings.reach * rate))
         found = replace(found, clock=clock)
     problem = _Problem(actor, cameras, some, rate, config, settings)
     for _ in range(settings.rounds):
         found = problem.solved(found, sync, refine)
-    return found
+    return _as_given(found)
+
+
+def _as_given(found: ViewErrors) -> ViewErrors:
+    """Clocks that nothing tells are zero: views would be read from any frame else."""
+    if found.clock is None or found.clock_deviation is None:
+        return found
+    known = found.clock_deviation <= _UNKNOWN
+    return replace(found, clock=torch.where(known, found.clock, 0))
 
 
 def _require_views(cameras: Camera, detections: Detections) -> None:
@@ -180,48 +196,6 @@ def _require_views(cameras: Camera, detections: Detections) -> None:
         raise InputError(
             f"clip has {detections.frame_count} frames; clocks and cameras need 15 or more"
         )
-
-
-def _require_motion(detections: Detections, rate: float) -> None:
-    """Refuse to tell clocks by somebody who stands still.
-
-    Raises:
-        InputError: what moves is no more than errors of a detector.
-    """
-    views = [_liveliness(detections.select([view]), rate) for view in range(detections.views)]
-    if float(torch.tensor(views).median()) < _LIVELY:
-        raise InputError(
-            "the person hardly moves, which says nothing about clocks; give a part of the clip "
-            "with motion (--frames), or synchronous views"
-        )
-
-
-def _liveliness(detections: Detections, rate: float) -> float:
-    """Steps of a view's joints from one short block of frames to the next, in deviations within.
-
-    Errors of a detector that stay alike for 8 frames make 0.5 to 2.3 of somebody who stands,
-    people who walk, dance or balance 3.4 to 6 in the median of the views.
-    """
-    length = max(2, round(_BLOCK * rate))
-    seen = (detections.confidence2d[:, 0] > _SURE).unfold(0, length, length).all(-1)  # N 16
-    paths = detections.joints2d[:, 0].unfold(0, length, length)  # N 16 2 L
-    steps = paths.mean(-1).diff(dim=0)[seen[1:] & seen[:-1]]
-    within = paths.var(-1)[seen]
-    if not len(steps):
-        return 0.0
-    return float(steps.square().mean().sqrt() / within.median().sqrt().clamp(min=1e-9))
-
-
-def _liveliest(detections: Detections, frames: int) -> slice:
-    """The stretch in which joints move most in the images."""
-    count = detections.frame_count
-    if count <= frames:
-        return slice(0, count)
-    seen = detections.confidence2d
-    both = torch.minimum(seen[1:], seen[:-1])
-    moved = (both * detections.joints2d.diff(dim=0).norm(dim=-1)).flatten(1).median(-1).values
-    start = int(moved.unfold(0, frames - 1, 1).mean(-1).argmax())
-    return slice(start, start + frames)
 
 
 def _whole_frames(cameras: Camera, detections: Detections, reach: int) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import torch
@@ -51,9 +52,11 @@ def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
                 f"energy {name!r} depends on shared unknowns that it does not name; list the "
                 f"blocks, of {', '.join(state.shared_sizes)}, in its attribute sees"
             )
+    still = True
     for part in (late, ~late):  # a row may look ahead or back
         frame = part.unsqueeze(-1).to(here.frame).expand_as(here.frame)
         confidence, slope = _along(name, energy, state, Step(frame, torch.zeros_like(here.shared)))
+        still = still and not _any(slope != 0)
         leaks = torch.where(part[..., None, None], 0, slope).abs()
         if slope.numel() and _any(leaks > _LEAK * slope.abs().amax()):
             raise InputError(
@@ -61,10 +64,27 @@ def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
                 "their own, so that their derivatives would be wrong; along time use a "
                 "WindowEnergy, or solve with Adam()"
             )
+    if still and not energy.sees:
+        _warn_of_constant(name, energy, state)
     if confidence is not None and _any(confidence < 0):
         raise InputError(
             f"energy {name!r} has confidences below zero; expected numbers from 0 on: the square "
             "of what may have a sign, or its sigmoid"
+        )
+
+
+def _warn_of_constant(name: str, energy: Energy[Any], state: State) -> None:
+    """Warn of a residual that is not zero and has no derivative, in a direction like no other."""
+    here = state.coordinates()
+    if torch._C._functorch.is_functorch_wrapped_tensor(here.frame):
+        return
+    odd = (1.0 + torch.arange(here.frame.numel())).sin().to(here.frame).reshape(here.frame.shape)
+    _, slope = _along(name, energy, state, Step(odd, torch.zeros_like(here.shared)))
+    if not _any(slope != 0) and _any(energy.residual(state).value != 0):
+        warnings.warn(
+            f"energy {name!r} does not change with its unknowns where they start, so that it has "
+            "no effect; does its residual detach them, go through NumPy, or clamp?",
+            stacklevel=2,
         )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -15,8 +14,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
+from perfcap.train.library_checks import (
+    read_index,
+    require_degrees,
+    require_motion,
+    require_own_motion,
+    require_shapes,
+    require_skeleton,
+)
 
 RATE = 60.0  # Hz
+_WHAT = "the arrays of a packed motion library"
 
 Array = NDArray[np.float64]
 
@@ -92,22 +101,31 @@ class MotionLibrary:
         """Read a folder with ``clips.npz`` and ``clips.csv``; clips marked as glitches are left.
 
         Raises:
-            InputError: it lacks a file or a clip, or holds NaN.
+            InputError: it lacks a file, a clip or a joint, holds NaN, or is in other units, axes
+                or rates.
         """
         index, archive = folder / "clips.csv", folder / "clips.npz"
         for path in (index, archive):
             if not path.is_file():
                 raise InputError(f"{path}: no such file; expected a packed motion library")
-        with index.open(encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if "glitch" not in (row["remark"] or "")]
-        with np.load(archive, allow_pickle=False) as data:
-            names = [str(name) for name in data["joint_names"]]
-            columns = [names.index(name) for name in _SOURCE]
-            recordings = [
-                Recording(row["clip"], row["subject"], *_poses(archive, data, row["clip"], columns))
-                for row in rows
-            ]
-        return cls(tuple(recordings))
+        rows = read_index(index)
+        skeleton = read_archive(archive, ("joint_names", "parents"), _WHAT)
+        names = require_skeleton(archive, skeleton, tuple({*_SOURCE, *_TURNED.values()}))
+        clips = {row["clip"]: _clip(archive, row, len(names)) for row in rows}
+        require_degrees(archive, max(abs(clip["euler_zyx_deg"]).max() for clip in clips.values()))
+        recordings = tuple(
+            Recording(
+                row["clip"],
+                row["subject"],
+                *_poses(archive, row["clip"], clips[row["clip"]], names, skeleton["parents"]),
+            )
+            for row in rows
+        )
+        motion = {recording.name: recording.landmarks for recording in recordings}
+        root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
+        require_motion(archive, motion, root)
+        require_own_motion(archive, motion, {row["clip"]: row["subject"] for row in rows})
+        return cls(recordings)
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -153,18 +171,23 @@ class MotionLibrary:
         return MotionLibrary(tuple(r for r in self.recordings if wanted(r)))
 
 
+def _clip(path: Path, row: Mapping[str, str], joints: int) -> dict[str, Array]:
+    """Angles, root and offsets of a clip of the index."""
+    parts = {f"{row['clip']}/{part}": part for part in ("euler_zyx_deg", "root_m", "offsets_m")}
+    found = read_archive(path, tuple(parts), _WHAT)
+    if len(found) < len(parts):
+        raise InputError(f"{path}: lacks clip {row['clip']}, which the index names")
+    clip = {parts[name]: values.astype(np.float64) for name, values in found.items()}
+    require_shapes(path, row, clip, joints)
+    return clip
+
+
 def _poses(
-    path: Path, data: np.lib.npyio.NpzFile, clip: str, columns: list[int]
+    path: Path, clip: str, data: Mapping[str, Array], names: list[str], parents: NDArray[np.int64]
 ) -> tuple[Tensor, Tensor]:
-    names = [str(name) for name in data["joint_names"]]
-    try:
-        euler, root, offsets = (
-            data[f"{clip}/{part}"].astype(np.float64)
-            for part in ("euler_zyx_deg", "root_m", "offsets_m")
-        )
-    except KeyError:
-        raise InputError(f"{path}: lacks clip {clip}, which the index names") from None
-    places, rotation = _kinematics(np.radians(euler), root, offsets, data["parents"])
+    euler, root, offsets = data["euler_zyx_deg"], data["root_m"], data["offsets_m"]
+    columns = [names.index(name) for name in _SOURCE]
+    places, rotation = _kinematics(np.radians(euler), root, offsets, parents)
     points = places[:, columns]
     points[:, 0] += rotation[:, columns[0]] @ _CROWN
     if not np.isfinite(points).all():

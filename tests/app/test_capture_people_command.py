@@ -64,6 +64,21 @@ def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> 
     ]  # fmt: skip
 
 
+def test_what_is_doubtful_is_said_once(
+    pair: CrowdFiles, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """By the names of views alone, not by their numbers once more."""
+    with np.load(pair.folder / "detections.npz") as file:
+        arrays = dict(file)
+    arrays["joints2d"][:, 1] += 4
+    np.savez(tmp_path / "moved.npz", **arrays)
+    parts = pair.command(tmp_path / "out", "--until", "initialize", "--no-overlay")
+    parts[-1] = str(tmp_path / "moved.npz")
+    with pytest.raises(SystemExit):
+        main(parts)
+    assert "person 2: cam2: looks" in caplog.text and "view 1: looks" not in caplog.text
+
+
 def test_everybody_moves_in_one_file(captured: Path) -> None:
     tree = open_document(captured / "scene.glb").tree
     assert len(tree["skins"]) == 2 and len(tree["animations"]) == 1

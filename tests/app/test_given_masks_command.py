@@ -85,6 +85,21 @@ def test_numbers_that_begin_with_1_are_told(
         assert any("begin with 1" in note for note in done.notes) == expected, done.notes
 
 
+def test_masks_without_legs_are_told(small: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
+    for name, share in (("whole", 1.0), ("half", 0.6)):
+        masks = {}
+        for frame, mask in enumerate(true_masks(small)[:5]):
+            top, *_, bottom = np.flatnonzero(mask.any(1))
+            masks[frame] = mask.copy()
+            masks[frame][int(top + share * (bottom - top)) + 1 :] = False
+        folder = write_masks(tmp_path / name, masks)
+        call = ("--until", "refine_pose", "--segmenter", "none", "--no-overlay", "--frames", "0:5")
+        done = perfcap(small.command(tmp_path / f"of {name}", *call, "--masks", str(folder)))
+        told = [note for note in done.notes if "leave out" in note]
+        assert bool(told) == (name == "half"), done.notes
+        assert not told or ("l_ankle" in told[0] and "r_ankle" in told[0])
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -11,6 +11,7 @@ from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.sightings import Sightings
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.errors import InputError
 
 
@@ -144,6 +145,46 @@ def test_fewer_people_than_are_wanted() -> None:
     crowd = make_crowd(0)
     with pytest.raises(InputError, match="3 are wanted, 2 are seen"):
         associate(crowd.cameras, crowd.candidates, RATE, people=3)
+
+
+@pytest.mark.parametrize("views", [2, 3, 5])
+def test_exchanged_views_are_named(views: int) -> None:
+    crowd = make_crowd(1, views=views)
+    order = [views - 1, *range(1, views - 1), 0]
+    mixed = crowd.candidates.select(order)
+    words = f"views 0 and {views - 1}, counted from 0, look exchanged"
+    try:
+        notes = associate(crowd.cameras, mixed, RATE, people=2).notes
+    except InputError as error:
+        notes = (str(error),)
+    assert any(words in note for note in notes)
+
+
+@pytest.mark.parametrize("view", [0, 2])
+def test_sides_that_are_swapped_in_a_view_are_named(view: int) -> None:
+    crowd = make_crowd(1, views=3)
+    other = list(LANDMARKS16.mirrored())
+    joints = crowd.candidates.joints2d.clone()
+    joints[:, :, view] = joints[:, :, view, other]
+    mixed = replace(crowd.candidates, joints2d=joints)
+    notes = associate(crowd.cameras, mixed, RATE).notes
+    assert notes[0].startswith(f"left and right joints look swapped in view {view} (counted")
+
+
+def test_clips_of_a_frame_or_two_are_refused() -> None:
+    crowd = make_crowd(1)
+    with pytest.raises(InputError, match="the clip has 2 frames; expected 3 or more"):
+        associate(crowd.cameras, crowd.candidates.frames(slice(0, 2)), RATE, people=2)
+
+
+def test_kinds_and_shapes_that_are_others() -> None:
+    crowd = make_crowd(1, views=3)
+    with pytest.raises(InputError, match=r"candidates have joints2d \(.*for cameras of 2 views"):
+        associate(crowd.cameras.select([0, 1]), crowd.candidates, RATE)
+    with pytest.raises(InputError, match="people, who may be in any order, first"):
+        associate(crowd.cameras, crowd.candidates.map(lambda part: part[0]), RATE)
+    with pytest.raises(InputError, match="cameras and candidates are tuple and Detections"):
+        associate((crowd.cameras,), crowd.candidates, RATE)  # type: ignore[arg-type]
 
 
 def test_one_view_is_refused() -> None:

@@ -51,6 +51,7 @@ def test_names_are_those_of_videos_and_all_unlike(tmp_path: Path) -> None:
 
 WRONG = {
     "nothing": ("", "is empty"),
+    "semicolons": ("name;videos;actor\na;a.mp4;sam\n", "apart by semicolons or tabs"),
     "no header": ("a.mp4\nb.mp4\n", "names no column videos"),
     "no lines": ("videos\n\n", "lists no clips"),
     "no videos": ("videos,height\n,1.8\n", "line 2 has no videos"),

@@ -34,6 +34,7 @@ from perfcap.io.doctor import (
     examine_detections,
     examine_inputs,
     examine_installation,
+    examine_places,
 )
 from perfcap.io.doctor.finding import ranges
 
@@ -97,6 +98,15 @@ def test_joints_and_image(factor: float, words: str) -> None:
     assert finding.subject == "cam1" and words in finding.what
 
 
+def test_one_of_several_people_may_be_in_a_corner() -> None:
+    corner = with_joints(detections(), lambda joints: joints.mul_(0.45))
+    pair = Detections.stack([corner, detections()])
+    assert examine_places(rig(), pair) == []
+    found = examine_places(rig(), Detections.stack([corner, corner]))
+    assert [each.subject for each in found] == list(NAMES)
+    assert all("top left quarter" in each.what for each in found)
+
+
 def test_joints_found_in_the_images_themselves_fit_them() -> None:
     """A person who is filmed in one corner is no sign of half a size then."""
 
@@ -127,6 +137,32 @@ def test_frames_that_are_repeated(every: int) -> None:
     unseen.confidence2d[4:9] = 0
     unseen.joints2d[4:9] = 0  # nothing is seen in these frames: nothing is repeated
     assert not [f for f in examine_detections(rig(), unseen) if "repeat" in f.what]
+
+
+@pytest.mark.parametrize("place", [0.0, -0.5, -1.0])
+def test_places_of_what_is_not_detected(place: float) -> None:
+    """Files have zeros there, which half a pixel may have moved, or minus ones."""
+
+    def drop(joints: Tensor) -> None:
+        joints[::6, 1, 4] = place
+
+    finding = one(examine_detections(rig(), with_joints(detections(), drop)))
+    assert finding.subject == "cam2" and "4 joints with confidence lie at" in finding.what
+
+
+@pytest.mark.parametrize("views", [1, VIEWS])
+def test_joints_in_another_order(views: int) -> None:
+    """From several views, or with 3D poses, which are as wrong."""
+    local = pose3d() if views == 1 else None
+    seen = replace(detections(), joints3d=local)
+    seen = replace(seen, trusted3d=torch.ones_like(seen.trusted3d)) if views == 1 else seen
+    some = CameraRig(NAMES[:views], rig().cameras.select(list(range(views))))
+    seen = seen.select(list(range(views)))
+    order = torch.arange(16).flip(0)
+    wrong = seen.map(lambda part: part[:, :, order] if part.ndim > 2 else part)
+    assert examine_detections(some, seen) == []
+    told = [f for f in examine_detections(some, wrong) if "stands on their head" in f.what]
+    assert one(told).subject == "detections" and "joint set" in one(told).remedy
 
 
 def pose3d() -> Tensor:

@@ -62,6 +62,8 @@ def test_a_map_for_another_view_does_not_help(tmp_path: Path) -> None:
         ([[1, 0, 0], [0, 0, 0]], "cannot be inverted"),
         ([[1, 0, 0], [0, float("nan"), 0]], "cannot be inverted"),
         ([[1, 0, 0], [0, 1, 0], [1, 0, 1]], "affine"),
+        ([[0, 1, 0], [1, 0, 0]], "turns or mirrors the image"),
+        ([[-1, 0, 480], [0, 1, 0]], "turns or mirrors the image"),
         ("x", "not a regular array"),
     ],
 )

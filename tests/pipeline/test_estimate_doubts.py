@@ -45,6 +45,12 @@ def test_mistakes_are_named(words: str, joints: Tensor, pixels: Tensor | None) -
         refine(joints, pixels)
 
 
+def test_padding_is_no_other_unit() -> None:
+    padded = torch.cat((LOCAL, 0 * LOCAL, 0 * LOCAL))
+    with pytest.raises(InputError, match="say with lengths which frames are padding"):
+        refine(padded[None])
+
+
 def test_joints_of_the_world_are_named() -> None:
     turned = TAKE.cameras.rotation.new_tensor([[[1, 0, 0], [0, -1, 0], [0, 0, -1]]])
     cameras = replace(TAKE.cameras, rotation=turned)

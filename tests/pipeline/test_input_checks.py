@@ -68,6 +68,15 @@ def test_a_rate_that_is_a_tensor(take: Take) -> None:
     assert type(found.rate) is float and found.rate == 30
 
 
+@pytest.mark.parametrize("confidence", [float("inf"), float("-inf")])
+def test_infinite_confidences(take: Take, confidence: float) -> None:
+    wrong = replace(
+        take.detections, confidence2d=torch.full_like(take.detections.confidence2d, confidence)
+    )
+    with pytest.raises(InputError, match=f"confidences are {confidence:.3g} to .* expected 0 to 1"):
+        capture(take.actor, take.cameras, wrong, 30.0)
+
+
 @pytest.mark.parametrize(("frames", "views"), [(0, 2), (6, 0)])
 def test_nothing_to_capture(take: Take, frames: int, views: int) -> None:
     nothing = Detections.from_joints(

@@ -13,6 +13,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.pipeline import JointConfig, Performance, capture, refine_jointly, resized
+from perfcap.pipeline.overlap import warn_of_masks_elsewhere
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.solve import LevenbergMarquardt
 
@@ -109,6 +110,15 @@ def test_masks_upside_down_are_warned_of(start: Performance, masks: torch.Tensor
         refine_jointly(start, masks.flip(-2), config=QUICK)
 
 
+def test_masks_that_are_transposed_are_warned_of() -> None:
+    """Square masks of somebody who stands keep a part of the overlap."""
+    drawn = torch.zeros(2, 1, 40, 40)
+    drawn[..., 4:36, 12:26] = 1
+    warn_of_masks_elsewhere(drawn, drawn)
+    with pytest.warns(UserWarning, match=r"masks of views \[0\] would overlap .* transposed"):
+        warn_of_masks_elsewhere(drawn.mT, drawn)
+
+
 def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
     some = masks.clone()
     some[1:, 1] = 0
@@ -133,6 +143,14 @@ def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tenso
         refine_jointly(start, masks, three, config=QUICK)
     with pytest.raises(InputError, match=r"moving cameras have 2 frames but the clip has 3"):
         refine_jointly(start, masks, VIEWS.every_frame(2), config=QUICK)
-    for bands in ((), (-1.0,)):
+    with pytest.raises(InputError, match="trust is a float, expected a tensor"):
+        refine_jointly(start, masks, config=QUICK, trust=0.5)  # type: ignore[arg-type]
+    for bands in ((), (-1.0,), 2.5):
         with pytest.raises(InputError, match="expected one above zero for each round"):
-            JointConfig(bands=bands)
+            JointConfig(bands=bands)  # type: ignore[arg-type]
+    for size in ({"reach": 0.0}, {"stretch": -0.003}, {"reach": float("nan")}):
+        with pytest.raises(InputError, match="expected metres above zero"):
+            JointConfig(**size)  # type: ignore[arg-type]
+    for nodes in (0, 2.5):
+        with pytest.raises(InputError, match="nodes are"):
+            JointConfig(nodes=nodes)  # type: ignore[arg-type]

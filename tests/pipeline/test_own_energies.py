@@ -17,6 +17,7 @@ from perfcap.errors import InputError
 from perfcap.pipeline import PoseRefiner, capture
 from perfcap.pipeline.clip_problem import FrameNumbers
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
+from perfcap.pipeline.stage import Stage
 from perfcap.solve import Energy, Residual
 
 WRIST = LANDMARKS.index("l_wrist")
@@ -131,6 +132,37 @@ def test_a_constant_motion_may_be_posed_in_a_residual() -> None:
     assert capture(*parts, energies={"rests": lambda a, w: Rests(a, w, place)}).complete
 
 
+def test_one_that_has_no_window_to_act_in_is_refused() -> None:
+    take = make_take(6)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    with pytest.raises(InputError, match="energies holds act in the windows of track_motion"):
+        capture(
+            *parts,
+            until=Stage.INITIALIZE,
+            energies={"holds": held_at(torch.zeros(3, dtype=F64))},
+        )
+
+
+class Differs(Energy[Motion]):
+    """Two angles are equal, which moving all of them alike does not change."""
+
+    def residual(self, motion: Motion) -> Residual:
+        return Residual(motion.angles[..., None, 3:4] - motion.angles[..., None, 4:5] + 0.1)
+
+
+class Detached(Differs):
+    def residual(self, motion: Motion) -> Residual:
+        return Residual(super().residual(motion).value.detach())
+
+
+def test_one_that_does_not_follow_the_motion_is_named() -> None:
+    take = make_take(6)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    capture(*parts, energies={"equal": lambda actor, where: Differs(0.1)})
+    with pytest.warns(UserWarning, match="energy 'equal' does not change with its unknowns"):
+        capture(*parts, energies={"equal": lambda actor, where: Detached(0.1)})
+
+
 def test_rows_that_see_other_frames_are_refused() -> None:
     take = make_take(12)
 
@@ -153,6 +185,7 @@ def test_rows_that_see_other_frames_are_refused() -> None:
         (Holds, "energies are a ABCMeta"),
         ({"own": lambda a, w: None}, "'own' made a NoneType"),
         ({"own": lambda a, w: torch.nn.Linear(1, 1)}, "'own' made a Linear"),
+        ({3: held_at(torch.zeros(3, dtype=F64))}, "3 cannot name an energy"),
         ({"a.b": held_at(torch.zeros(3, dtype=F64))}, "'a.b' cannot name an energy"),
     ],
 )

@@ -128,3 +128,15 @@ def test_large_corrections_are_doubted() -> None:
     moved[1, 4] = 0.2
     _, doubt = ViewErrors(None, None, moved, moved).sentences(["a", "b", "c"])
     assert "more than a small error of b:" in doubt
+
+
+@pytest.mark.parametrize("blind", [True, False])
+def test_clocks_that_nothing_tells_are_left_alone(blind: bool) -> None:
+    take, detections = filmed()
+    pixels, seen = detections.joints2d.clone(), detections.confidence2d.clone()
+    pixels[:, 1], seen[:, 1] = pixels[:1, 1], 1 - float(blind)
+    found = solve_views(actor(), take.cameras, Detections.from_joints(pixels, seen), 30.0)
+    assert found.clock is not None and float(found.clock[1]) == 0
+    assert abs(float(found.clock[2]) + 0.5) < 0.1
+    told = list(found.sentences(["a", "b", "c"]))
+    assert len(told) == 2 and "clocks of b are not found" in told[1]

@@ -15,6 +15,7 @@ from perfcap.detect.association.limbs import own_limbs
 from perfcap.detect.association.settle import Settled, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
+from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -74,6 +75,7 @@ def associate(
         raise InputError(
             f"rate is {rate} and people {people}; expected frames a second above 0, and one or more"
         )
+    _require_views(cameras, candidates)
     if candidates.views < 2:
         raise InputError(
             "people: one view cannot tell who is who; expected two or more calibrated views, or "
@@ -85,7 +87,8 @@ def associate(
     sightings = Sightings.of(cameras.detach(), plain, config)
     groups = group_views(sightings)
     tracks, joins = rejoin(link(groups, rate, config), groups, rate, config)
-    chosen = _choose(tracks, candidates.frame_count, rate, people, config)
+    wrong = view_doubts(sightings.cameras, plain, config)
+    chosen = _choose(tracks, candidates.frame_count, rate, people, config, wrong)
     first = torch.stack([places(track, groups, candidates.frame_count) for track in chosen])
     settled = settle(sightings, first, rate)
     order = (settled.slots >= 0).sum((1, 2)).argsort(descending=True, stable=True)
@@ -94,7 +97,8 @@ def associate(
     )
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
-    notes = (*_away(kept, joins), *_left_out(tracks, chosen), *_strangers(sightings, settled))
+    about = (*_left_out(tracks, chosen), *_strangers(sightings, settled))
+    notes = (*wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
         settled.slots,
@@ -105,10 +109,36 @@ def associate(
     )
 
 
+def _require_views(cameras: Camera, candidates: Detections) -> None:
+    if not isinstance(cameras, Camera) or not isinstance(candidates, Detections):
+        kinds = f"{type(cameras).__name__} and {type(candidates).__name__}"
+        raise InputError(
+            f"cameras and candidates are {kinds}; expected a Camera (the cameras of a CameraRig) "
+            "and the Detections of read_candidates"
+        )
+    shape = tuple(candidates.joints2d.shape)
+    if len(shape) != 5 or shape[2] != cameras.views:
+        raise InputError(
+            f"candidates have joints2d {shape} for cameras of {cameras.views} views; expected "
+            "(P, F, C, 16, 2) of as many views: people, who may be in any order, first"
+        )
+
+
 def _choose(
-    tracks: list[Track], frames: int, rate: float, people: int | None, config: AssociationConfig
+    tracks: list[Track],
+    frames: int,
+    rate: float,
+    people: int | None,
+    config: AssociationConfig,
+    doubts: tuple[str, ...],
 ) -> list[Track]:
     """The longest tracks, those that are long enough where nobody says how many."""
+    also = "".join(f"; {line}" for line in doubts)
+    if frames < _LEAST_FRAMES:
+        raise InputError(
+            f"people: the clip has {frames} frames; expected {_LEAST_FRAMES} or more, in which "
+            "people are followed"
+        )
     longest = sorted(tracks, key=lambda track: -len(track.rows))
     if people is None:
         enough = max(_LEAST_FRAMES, min(config.shortest * rate, frames / 2))
@@ -116,13 +146,13 @@ def _choose(
         if not chosen:
             raise InputError(
                 "people: nobody is seen by two views at once for long enough; expected "
-                "synchronous, calibrated views of the same people"
+                f"synchronous, calibrated views of the same people{also}"
             )
         return chosen
     if len(longest) < people:
         raise InputError(
             f"people: {people} are wanted, {len(longest)} are seen by two views at once; ask for "
-            "that many, or check cameras and detections"
+            f"that many, or check cameras and detections{also}"
         )
     return longest[:people]
 

@@ -19,6 +19,7 @@ from perfcap.io.files import TEXT_LIMIT, read_json
 from perfcap.io.view_names import find_view
 
 _FITS = 0.01  # of the image's sides, by which the edges of a good map may be off
+_TURNED = 0.5  # of the scale, across it: a lens may be a little askew, no more
 KEY = "video_px_to_native_px"
 
 
@@ -90,6 +91,12 @@ def _matrix(where: str, entry: Any) -> Tensor:
         raise InputError(f"{where}: map has shape {numbers.shape}, expected an affine 2x3 matrix")
     if not np.isfinite(numbers).all() or abs(np.linalg.det(numbers[:2, :2])) < 1e-6:
         raise InputError(f"{where}: map cannot be inverted; expected scale and shift in pixels")
+    along, across = np.diag(numbers)[:2], np.abs(np.fliplr(numbers[:2, :2]).diagonal())
+    if not across.max() < _TURNED * along.min():
+        raise InputError(
+            f"{where}: map {numbers[:2, :2].tolist()} turns or mirrors the image; expected scale "
+            "and shift, x to the right and y down in both: turn the video itself"
+        )
     return torch.from_numpy(numbers)
 
 

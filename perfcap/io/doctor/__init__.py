@@ -2,7 +2,7 @@
 
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.cameras import examine_cameras
-from perfcap.io.doctor.detections import examine_detections
+from perfcap.io.doctor.detections import examine_detections, examine_places
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.inputs import examine_inputs
 from perfcap.io.doctor.installation import examine_installation
@@ -15,4 +15,5 @@ __all__ = [
     "examine_detections",
     "examine_inputs",
     "examine_installation",
+    "examine_places",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -23,6 +24,7 @@ _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a repeated frame
+_PLACEHOLDERS = 3  # joints at one place in the corner
 _FEWEST_REPEATED, _REPEATED = 3, 0.05  # frames, and share of them
 _NECK = LANDMARKS.index("neck")
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
@@ -64,6 +66,7 @@ def examine_detections(
         findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
+        findings += _placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
         findings += [] if detected else _image_size(name, pixels, rig.cameras.size[view])
         trusted = detections.trusted3d[:, view]
@@ -81,18 +84,52 @@ def examine_detections(
             )
             findings += wrong or examine_sides(name, pose)
         elif len(rig.names) == 1:
-            findings += _upright(name, detections.joints2d[:, view], confident)
+            return findings + _upright(name, detections.joints2d[:, view], confident)
+    return findings + _headlong(detections)
+
+
+def examine_places(rig: CameraRig, detections: Detections) -> list[Finding]:
+    """Joints of everybody, (P, F, C, 16), against the images of C views.
+
+    Args:
+        rig: C views.
+        detections: of several people.
+    """
+    findings = []
+    for view, name in enumerate(rig.names):
+        confident = detections.confidence2d[..., view, :] > CONFIDENT
+        pixels = detections.joints2d[..., view, :, :][confident]
+        findings += _image_size(name, pixels, rig.cameras.size[view])
     return findings
+
+
+def _headlong(detections: Detections) -> list[Finding]:
+    """Somebody who stands on their head in every view (F, C), in nearly all frames."""
+    seen = detections.confidence2d > CONFIDENT
+    downs = [_down(detections.joints2d[:, view], seen[:, view]) for view in range(detections.views)]
+    shares = [
+        float((down[:, 1] < -down[:, 0].abs()).double().mean())
+        for down in downs
+        if len(down) >= _FEWEST
+    ]
+    if not shares or min(shares) < _LYING:
+        return []
+    what = f"the person stands on their head in every view, in {min(shares):.0%} of the frames"
+    remedy = "if they do not, check names and order of the joints (the joint set), and y down"
+    return [Finding(Severity.WARNING, "detections", what, remedy)]
+
+
+def _down(pixels: Tensor, confident: Tensor) -> Tensor:
+    """From neck to ankles (N, 2) in the frames (F, 16) that show both."""
+    both = confident[:, _NECK] & confident[:, _ANKLES].all(-1)
+    return pixels[both][:, _ANKLES].mean(1) - pixels[both, _NECK]
 
 
 def _upright(name: str, pixels: Tensor, confident: Tensor) -> list[Finding]:
     """Somebody who lies on their side in nearly all frames (F, 16), where nothing else tells."""
-    both = confident[:, _NECK] & confident[:, _ANKLES].all(-1)
-    if int(both.sum()) < _FEWEST:
-        return []
-    down = pixels[both][:, _ANKLES].mean(1) - pixels[both, _NECK]
+    down = _down(pixels, confident)
     lying = float((down[:, 1] < 0.5 * down[:, 0].abs()).double().mean())
-    if lying < _LYING:
+    if len(down) < _FEWEST or lying < _LYING:
         return []
     what = f"the person lies or stands on their head in {lying:.0%} of the frames"
     remedy = "if they do not, check whether x and y are exchanged, or the video is turned"
@@ -165,6 +202,18 @@ def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
         "no detector does; if it ran on some frames alone, leave the others out, and give video "
         "and detections the same frame rate"
     )
+    return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _placeholders(name: str, pixels: Tensor) -> list[Finding]:
+    """Joints (N, 2) with confidence where files put what is not detected: 0 0, or -1 -1."""
+    found = Counter(map(tuple, pixels[(pixels <= 0).all(-1)].tolist()))
+    (place, count), *_ = found.most_common(1) or [((), 0)]
+    if count < _PLACEHOLDERS:
+        return []
+    x, y = place
+    what = f"{count} joints with confidence lie at ({x:g}, {y:g}) to the last digit"
+    remedy = "nobody has joints there; give confidence 0 to what is not detected"
     return [Finding(Severity.WARNING, name, what, remedy)]
 
 

@@ -1,0 +1,173 @@
+"""Whether a library of recorded motion is what it says: its units, axes, rates and people."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
+from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.files import MEBIBYTE, read_text
+
+_INDEX = "a CSV of clips with the columns clip and subject"
+_INDEX_LIMIT = 16 * MEBIBYTE
+_SIZE = (0.5, 3.5)  # m, of the box around a person's joints
+_FASTEST = 12.5  # m/s, of hips
+_USUALLY = 0.5  # share of the frames
+_FULL_TURN = 6.3  # degrees that no motion stays below, radians that all do
+_LOOKED_AT = 2000  # frames of a library
+_ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
+
+
+def read_index(path: Path) -> list[dict[str, str]]:
+    """Lines of the index by column, without clips that are marked as glitches.
+
+    Raises:
+        InputError: it lacks a column or a name, or names a clip twice.
+    """
+    lines = csv.DictReader(read_text(path, _INDEX, _INDEX_LIMIT).splitlines())
+    lacking = [name for name in ("clip", "subject") if name not in (lines.fieldnames or ())]
+    if lacking:
+        raise InputError(f"{path}: has no column {' and '.join(lacking)}; expected {_INDEX}")
+    rows = [row for row in lines if "glitch" not in (row.get("remark") or "")]
+    seen: set[str] = set()
+    for row in rows:
+        if not row["clip"] or not row["subject"]:
+            raise InputError(f"{path}: a line lacks its clip or its subject; expected {_INDEX}")
+        if row["clip"] in seen:
+            raise InputError(
+                f"{path}: clip {row['clip']} is listed twice; list it once, as one person's"
+            )
+        seen.add(row["clip"])
+    if not rows:
+        raise InputError(f"{path}: lists no clips; expected {_INDEX}")
+    return rows
+
+
+def require_skeleton(
+    path: Path, data: Mapping[str, NDArray[Any]], wanted: Sequence[str]
+) -> list[str]:
+    """Names of a library's joints.
+
+    Raises:
+        InputError: joints are missing, or parents are not one a joint, each before its children.
+    """
+    if "joint_names" not in data or "parents" not in data:
+        raise InputError(f"{path}: lacks joint_names or parents; expected those of all clips")
+    names, parents = [str(name) for name in data["joint_names"]], data["parents"]
+    lacking = [name for name in wanted if name not in names]
+    if lacking:
+        raise InputError(
+            f"{path}: has no joints {', '.join(lacking)} among {', '.join(names[:8])}, ...; call "
+            "joints as the CMU library does"
+        )
+    before = len(parents) == len(names) and all(-1 <= p < k for k, p in enumerate(parents))
+    if not before or parents[0] != -1:
+        raise InputError(
+            f"{path}: parents are {parents.tolist()[:8]}, ...; expected one a joint, -1 for the "
+            "first, and each before its children"
+        )
+    return names
+
+
+def require_shapes(
+    path: Path, row: Mapping[str, str], clip: Mapping[str, NDArray[Any]], joints: int
+) -> None:
+    """Refuse a clip whose arrays are not (F, J, 3), (F, 3) and (J, 3), of as many frames as said.
+
+    Raises:
+        InputError: they are not.
+    """
+    frames = len(clip["root_m"]) if clip["root_m"].ndim else 0
+    expected = {
+        "euler_zyx_deg": (frames, joints, 3),
+        "root_m": (frames, 3),
+        "offsets_m": (joints, 3),
+    }
+    found = {name: clip[name].shape for name in expected}
+    if found != expected or not frames:
+        raise InputError(
+            f"{path}: clip {row['clip']} has {found}, expected {expected}, of one frame or more"
+        )
+    said = row.get("frames_60hz") or str(frames)
+    if said != str(frames):
+        raise InputError(
+            f"{path}: clip {row['clip']} has {frames} frames, the index says {said} "
+            "(frames_60hz); expected 60 a second"
+        )
+
+
+def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, Tensor]) -> None:
+    """Refuse motion of no person: other units or axes, sides exchanged.
+
+    Args:
+        path: of the library, for messages.
+        clips: landmarks (F, 16, 3) by name.
+        root: (F, 3) metres at 60 Hz by name.
+
+    Raises:
+        InputError: says which clip, and what it looks like.
+    """
+    for name, points in clips.items():
+        size = float((points.amax(1) - points.amin(1)).norm(dim=-1).median())
+        if not _SIZE[0] < size < _SIZE[1]:
+            raise InputError(
+                f"{path}: clip {name}: joints span {size:.3g} m, expected {_SIZE[0]} to "
+                f"{_SIZE[1]}; give offsets_m in metres"
+            )
+        speed = 60 * root[name].diff(dim=0).norm(dim=-1)
+        if len(speed) and float(speed.median()) > _FASTEST:
+            raise InputError(
+                f"{path}: clip {name}: the root moves at {float(speed.median()):.3g} m/s, expected "
+                f"{_FASTEST} at most; give root_m in metres, 60 frames a second"
+            )
+    points = torch.cat(list(clips.values()))
+    points = points[:: max(1, len(points) // _LOOKED_AT)].double()
+    up = points[:, LANDMARKS.index("neck"), 1] - points[:, _ANKLES, 1].mean(1)
+    tall = (points.amax(1) - points.amin(1)).norm(dim=-1)
+    if float((up > 0.3 * tall).double().mean()) < _USUALLY:
+        raise InputError(
+            f"{path}: people lie or stand on their heads in most frames; expected y up, angles "
+            "about z, y, x in this order, and parents of these joints"
+        )
+    for finding in examine_sides(str(path), points):
+        raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+
+
+def require_degrees(path: Path, largest: float) -> None:
+    """Refuse angles that are all within a full turn of radians.
+
+    Raises:
+        InputError: they are, and something turns at all.
+    """
+    if 0 < largest < _FULL_TURN:
+        raise InputError(
+            f"{path}: no angle is above {largest:.3g} degrees; they look like radians: multiply "
+            "euler_zyx_deg by 57.2958"
+        )
+
+
+def require_own_motion(path: Path, clips: Mapping[str, Tensor], people: Mapping[str, str]) -> None:
+    """Refuse one motion under two people, of whom one could be held out.
+
+    Raises:
+        InputError: names the clips.
+    """
+    known: dict[bytes, str] = {}
+    for name, points in clips.items():
+        digest = hashlib.sha256(np.ascontiguousarray(points.numpy()).tobytes()).digest()
+        first = known.setdefault(digest, name)
+        if people[first] != people[name]:
+            raise InputError(
+                f"{path}: clips {first} and {name} are the same motion under the subjects "
+                f"{people[first]} and {people[name]}; list it once, or nobody can be held out"
+            )

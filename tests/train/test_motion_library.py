@@ -1,0 +1,123 @@
+"""Libraries of recorded motion that are not what they say are refused, each in a line."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from motion_files import write_library
+
+from perfcap.errors import InputError
+from perfcap.train.motion_library import MotionLibrary
+
+Arrays = dict[str, np.ndarray]
+Rows = list[dict[str, str]]
+
+
+def spoiled(folder: Path, spoil: Callable[[Arrays, Rows], object]) -> Path:
+    """A library of two people, changed."""
+    write_library(folder, people=2, clips=1, frames=40)
+    with np.load(folder / "clips.npz") as file:
+        arrays = {name: file[name] for name in file.files}
+    with (folder / "clips.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    spoil(arrays, rows)
+    np.savez(folder / "clips.npz", **arrays)
+    with (folder / "clips.csv").open("w", newline="") as lines:
+        writer = csv.DictWriter(lines, list(rows[0]), extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder
+
+
+def scaled(part: str, factor: float) -> Callable[[Arrays, Rows], None]:
+    def spoil(arrays: Arrays, _: Rows) -> None:
+        for name in arrays:
+            if name.endswith(part):
+                arrays[name] = arrays[name] * factor
+
+    return spoil
+
+
+def upended(arrays: Arrays, _: Rows) -> None:
+    """Offsets with z up."""
+    for name in arrays:
+        if name.endswith("offsets_m"):
+            x, y, z = arrays[name].T
+            arrays[name] = np.stack((x, -z, y), 1)
+
+
+def mirrored(arrays: Arrays, _: Rows) -> None:
+    swap = {"L": "Right", "R": "Left"}
+    arrays["joint_names"] = np.array(
+        [
+            swap[name[0]] + name.removeprefix("Left").removeprefix("Right")
+            if name.startswith(("Left", "Right"))
+            else name
+            for name in arrays["joint_names"].tolist()
+        ]
+    )
+
+
+def copied(arrays: Arrays, rows: Rows) -> None:
+    for part in ("euler_zyx_deg", "root_m", "offsets_m"):
+        arrays[f"02_01/{part}"] = arrays[f"01_01/{part}"]
+
+
+def setter(key: str, change: Callable[[np.ndarray], Any]) -> Callable[[Arrays, Rows], None]:
+    def spoil(arrays: Arrays, _: Rows) -> None:
+        arrays[key] = change(arrays[key])
+
+    return spoil
+
+
+def without_subject(_: Arrays, rows: Rows) -> None:
+    for row in rows:
+        del row["subject"]
+
+
+def half_rate(arrays: Arrays, _: Rows) -> None:
+    for name in arrays:
+        if name.endswith(("euler_zyx_deg", "root_m")):
+            arrays[name] = arrays[name][::2]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (scaled("offsets_m", 100), "joints span .* give offsets_m in metres"),
+        (scaled("offsets_m", 0.01), "joints span .* give offsets_m in metres"),
+        (scaled("root_m", 1000), "the root moves at .* give root_m in metres"),
+        (scaled("euler_zyx_deg", np.pi / 180), "they look like radians"),
+        (upended, "people lie or stand on their heads"),
+        (mirrored, "left and right look exchanged"),
+        (copied, "clips 01_01 and 02_01 are the same motion under the subjects 01 and 02"),
+        (half_rate, "has 20 frames, the index says 40"),
+        (lambda _, rows: rows.append(dict(rows[0])), "clip 01_01 is listed twice"),
+        (lambda _, rows: rows[0].update(subject=""), "lacks its clip or its subject"),
+        (without_subject, "has no column subject"),
+        (setter("joint_names", lambda a: np.char.add("x:", a)), "has no joints"),
+        (setter("parents", lambda a: a[::-1]), "each before its children"),
+        (setter("01_01/root_m", lambda a: a[:9]), "clip 01_01 has .* expected"),
+        (setter("01_01/root_m", lambda a: a[:0]), "of one frame or more"),
+        (setter("joint_names", lambda a: a.astype(object)), "not a readable npz archive"),
+    ],
+)
+def test_lies_are_refused(
+    tmp_path: Path, spoil: Callable[[Arrays, Rows], object], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        MotionLibrary.read(spoiled(tmp_path, spoil))
+
+
+def test_remarks_and_counts_may_be_missing(tmp_path: Path) -> None:
+    def spare(_: Arrays, rows: Rows) -> None:
+        rows.pop()  # the glitch
+        for row in rows:
+            del row["remark"], row["frames_60hz"], row["seconds"]
+
+    assert MotionLibrary.read(spoiled(tmp_path, spare)).subjects == ("01", "02")
