@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +25,7 @@ from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.refine import image_heights
 from perfcap.pipeline.refine_pose import PoseRefinement
+from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 
 FRAMES = slice(40, 52)
@@ -93,9 +96,23 @@ def test_the_surface_is_finite_and_near_the_skin(performance: Performance) -> No
 
 
 def test_the_number_of_workers_changes_nothing(
-    take: dict[str, object], performance: Performance
+    take: dict[str, object], performance: Performance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And drawn views, which are large, live no longer than their frame."""
+    drawn, most = Counter[str](), 0
+
+    def watched(sight: Sight, *given: object) -> View:
+        nonlocal most
+        view = draw(sight, *given)  # type: ignore[arg-type]
+        weakref.finalize(view, drawn.update, ["gone"])
+        drawn.update(["made"])
+        most = max(most, drawn["made"] - drawn["gone"])
+        return view
+
+    draw = Sight._drawn
+    monkeypatch.setattr(Sight, "_drawn", watched)
     alone = run(take, workers=1)
+    assert drawn["made"] > 10 * performance.frames and most <= 3
     assert torch.equal(alone.motion.angles, performance.motion.angles)
     assert alone.surface is not None and performance.surface is not None
     assert torch.equal(alone.surface[0:4], performance.surface[0:4])
