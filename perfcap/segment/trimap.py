@@ -231,6 +231,13 @@ def signed_distance(mask: Mask) -> NDArray[np.float32]:
     return signed
 
 
+def distance_outside(mask: Mask) -> NDArray[np.float32]:
+    """The same outside a mask alone, at half the price; 0.5 inside it."""
+    away = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    signed: NDArray[np.float32] = 0.5 - away
+    return signed
+
+
 def draw_bones(bones: NDArray[np.floating], shape: tuple[int, ...]) -> Mask:
     """Pixels (H, W) on line segments (B, 2, 2) px, one pixel wide."""
     canvas = np.zeros(shape, np.uint8)

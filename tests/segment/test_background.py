@@ -34,8 +34,7 @@ def still():
 def density(image, plate, around, contact=None):
     lighting = find_lighting(image, around, plate, SETTINGS, contact)
     everywhere = np.ones(image.shape[:2], bool)
-    pixels = image.reshape(-1, 3)
-    found = background_density(pixels, everywhere, plate, lighting, SETTINGS)
+    found = background_density(image, everywhere, plate, lighting, SETTINGS)
     return found.reshape(image.shape[:2]), lighting
 
 
@@ -59,7 +58,7 @@ def test_median_equals_numpy():
 def test_density_equals_numpy(still):
     plate, image, person = still
     lighting = find_lighting(image, ~person, plate, SETTINGS)
-    found = background_density(image[person], person, plate, lighting, SETTINGS)
+    found = background_density(image, person, plate, lighting, SETTINGS)
     behind = plate.color[person] * lighting.gain
     variance = plate.deviation[person] ** 2 + max(lighting.noise, SETTINGS.noise) ** 2
     terms = []
