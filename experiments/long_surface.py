@@ -64,8 +64,12 @@ class Swinging:
 
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         """A reader's only method."""
-        frames = [self.reader.read_view(view, f, f + 1)[0] for f in self.order[start:stop]]
-        height, width = self.sizes[view]
+        order, (height, width) = self.order[start:stop], self.sizes[view]
+        if order == list(range(order[0], order[0] + len(order))):
+            whole = self.reader.read_view(view, order[0], order[0] + len(order))
+            if whole.shape[1:3] == (height, width):
+                return whole  # as a capture reads a clip: no copies
+        frames = [self.reader.read_view(view, f, f + 1)[0] for f in order]
         smaller = height < frames[0].shape[0]
         kind = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
         return np.stack([cv2.resize(f, (width, height), interpolation=kind) for f in frames])

@@ -30,6 +30,31 @@ def masked_median(
     _masked_median(*flat, network, color.reshape(-1, 3), spread.reshape(-1), seen.reshape(-1))
 
 
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def squared_slope(color: NDArray[np.uint8], slope: NDArray[np.float32]) -> None:
+    """Squared slope of an image, grey levels a pixel, the mean over channels (Sobel's filters).
+
+    Args:
+        color: (H + 2, W + 2, 3), with a pixel more on each side.
+        slope: (H, W), written.
+    """
+    for row in range(slope.shape[0]):
+        for column in range(slope.shape[1]):
+            total = np.int32(0)
+            for k in range(3):
+                across, down = np.int32(0), np.int32(0)
+                for step in range(3):
+                    weight = np.int32(2 if step == 1 else 1)
+                    across += weight * (
+                        np.int32(color[row + step, column + 2, k]) - color[row + step, column, k]
+                    )
+                    down += weight * (
+                        np.int32(color[row + 2, column + step, k]) - color[row, column + step, k]
+                    )
+                total += np.int32(across * across + down * down)
+            slope[row, column] = np.float32(total) / np.float32(64) / np.float32(3)
+
+
 def _comparators(count: int) -> list[tuple[int, int]]:
     """Batcher's merge exchange (Knuth, The Art of Computer Programming, 5.2.2, algorithm M).
 

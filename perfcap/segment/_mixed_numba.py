@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 def settle(
     pixels: NDArray[np.int64],
     image: NDArray[np.uint8],
-    behind: NDArray[np.float32],
+    plate: NDArray[np.uint8],
+    gain: NDArray[np.float32],
     known: NDArray[np.bool_],
     side: NDArray[np.int8],
     limits: tuple[int, float, float, float],
@@ -22,7 +23,8 @@ def settle(
     Args:
         pixels: rows and columns, (n, 2).
         image: (H, W, 3).
-        behind: the plate as the camera exposes it, (H, W, 3).
+        plate: (H, W, 3).
+        gain: of the camera's exposure over the plate's, (3,).
         known: where there is a plate, (H, W).
         side: 1 where a pixel is purely inside, -1 purely outside, 0 on the boundary, (H, W).
         limits: px within which pure colours are looked for; squared colour difference below which
@@ -35,14 +37,15 @@ def settle(
         row, column = pixels[i, 0], pixels[i, 1]
         if not known[row, column]:
             continue
-        _gather(image, behind, known, side, row, column, limits[0], sums)
+        _gather(image, plate, gain, known, side, row, column, limits[0], sums)
         if sums[0, 3] == 0.0 or sums[1, 3] == 0.0 or sums[2, 3] == 0.0:
             continue
         along, square = 0.0, 0.0
         for k in range(3):
             # the pixel's own background, lit as its surroundings are
             light = (sums[1, k] / sums[1, 3] + 1) / (sums[2, k] / sums[2, 3] + 1)
-            outside = behind[row, column, k] * min(max(light, 0.3), 2.0)
+            behind = np.float32(plate[row, column, k]) * gain[k]
+            outside = behind * min(max(light, 0.3), 2.0)
             step = sums[0, k] / sums[0, 3] - outside
             along += step * (image[row, column, k] - outside)
             square += step * step
@@ -51,7 +54,7 @@ def settle(
 
 
 @numba.njit(nogil=True, cache=True)
-def _gather(image, behind, known, side, row, column, reach, sums):  # type: ignore[no-untyped-def]
+def _gather(image, plate, gain, known, side, row, column, reach, sums):  # type: ignore[no-untyped-def]
     """Sums of pure colours around a pixel, nearer ones weighing more."""
     height, width = side.shape
     sums[:] = 0.0
@@ -65,6 +68,6 @@ def _gather(image, behind, known, side, row, column, reach, sums):  # type: igno
             elif side[r, c] < 0 and known[r, c]:
                 for k in range(3):
                     sums[1, k] += weight * image[r, c, k]
-                    sums[2, k] += weight * behind[r, c, k]
+                    sums[2, k] += weight * (np.float32(plate[r, c, k]) * gain[k])
                 sums[1, 3] += weight
                 sums[2, 3] += weight

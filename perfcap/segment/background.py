@@ -159,11 +159,11 @@ def build_plate(
 
     parts = zip(*ordered_map(median, bands, workers), strict=True)
     color, spread, seen = (np.concatenate(part) for part in parts)
-    smooth = color.astype(np.float32)
-    slope = sum(
-        (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=3) / 8) ** 2 for axis in ((1, 0), (0, 1))
+    slope = np.empty_like(spread)
+    _background_numba.squared_slope(
+        cv2.copyMakeBorder(color, 1, 1, 1, 1, cv2.BORDER_REFLECT_101), slope
     )
-    variance = (spread / _QUARTILES) ** 2 + settings.jitter**2 * np.mean(slope, -1)
+    variance = (spread / _QUARTILES) ** 2 + settings.jitter**2 * slope
     return Plate(color, np.sqrt(variance).astype(np.float32), seen >= settings.least)
 
 

@@ -90,11 +90,12 @@ class Pixels:
         cls, image: Plane, chosen: Mask, backdrop: Backdrop | None, settings: GrabCutSettings
     ) -> Pixels:
         """The ``chosen`` (h, w) of an image (h, w, 3)."""
+        colors = image.reshape(-1, 3)[np.flatnonzero(chosen)]
         if backdrop is None:
-            return cls(image[chosen], None, None)
+            return cls(colors, None, None)
         plate = backdrop.plate
         backed = background_density(image, chosen, plate, backdrop.lighting, settings.plate)
-        return cls(image[chosen], plate.known[chosen], backed)
+        return cls(colors, plate.known[chosen], backed)
 
 
 def log_ratio(pixels: Pixels, models: ColorModels, settings: GrabCutSettings) -> Plane:

@@ -67,7 +67,8 @@ def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, ope
     _mixed_numba.settle(
         pixels,
         np.ascontiguousarray(image),
-        plate.color * backdrop.lighting.gain,
+        np.ascontiguousarray(plate.color),
+        backdrop.lighting.gain,
         np.ascontiguousarray(plate.known),
         side,
         (_REACH, _APART**2, _SLACK, _BEYOND),

@@ -174,8 +174,10 @@ def _around_feet(
     lines = draw_bones(ends, distance.shape)
     if not reach or not lines.any():
         return None
-    away = cv2.distanceTransform(1 - lines.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    near: Mask = (away <= reach) & (distance <= 0)
+    near: Mask = np.zeros_like(lines)
+    part = bounds(lines, int(np.ceil(reach)) + 1)
+    away = cv2.distanceTransform((~lines[part]).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    near[part] = (away <= reach) & (distance[part] <= 0)
     return near
 
 

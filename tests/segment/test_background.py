@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 from disc_scene import disc, disc_clip, texture
@@ -241,3 +242,16 @@ def test_hiding_looks_no_further_than_it_reaches(corner: tuple[int, int]) -> Non
 
 def _part(clip):
     return clip.images, clip.models
+
+
+@pytest.mark.parametrize("size", [(30, 41), (2, 5)])
+def test_squared_slope_equals_sobel(size: tuple[int, int]) -> None:
+    color = np.random.default_rng(0).integers(0, 256, (*size, 3)).astype(np.uint8)
+    steps = [
+        cv2.Sobel(color.astype(np.float32), cv2.CV_32F, *axis, ksize=3) / 8
+        for axis in ((1, 0), (0, 1))
+    ]
+    found = np.empty(size, np.float32)
+    around = cv2.copyMakeBorder(color, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
+    _background_numba.squared_slope(around, found)
+    np.testing.assert_array_equal(found, np.mean(steps[0] ** 2 + steps[1] ** 2, -1))
