@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -44,6 +44,21 @@ class Painted:
 
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         return self.frames[start:stop]
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A reader that counts how often each frame was read."""
+
+    clip: Clip
+    read: Counter[int] = field(default_factory=Counter)
+
+    def __len__(self) -> int:
+        return len(self.clip)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        self.read.update(range(start, stop))
+        return self.clip.read_view(view, start, stop)
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +126,9 @@ def test_the_number_of_workers_changes_nothing(
 
     draw = Sight._drawn
     monkeypatch.setattr(Sight, "_drawn", watched)
-    alone = run(take, workers=1)
+    reader = Counted(take["clip"])  # type: ignore[arg-type]
+    alone = run(take, reader, workers=1)
+    assert reader.read[9] == reader.read[10] == reader.read[1]  # the first two are in two blocks
     assert drawn["made"] > 10 * performance.frames and most <= 3
     assert torch.equal(alone.motion.angles, performance.motion.angles)
     assert alone.surface is not None and performance.surface is not None
