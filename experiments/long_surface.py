@@ -65,8 +65,12 @@ class Swinging:
 
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         """A reader's only method."""
-        frames = [self.reader.read_view(view, f, f + 1)[0] for f in self.order[start:stop]]
-        height, width = self.sizes[view]
+        order, (height, width) = self.order[start:stop], self.sizes[view]
+        first = min(order)
+        whole = self.reader.read_view(view, first, max(order) + 1)  # once, also where it goes back
+        if whole.shape[1:3] == (height, width) and order == list(range(first, max(order) + 1)):
+            return whole  # as a capture reads a clip: without copies
+        frames = [whole[f - first] for f in order]
         smaller = height < frames[0].shape[0]
         kind = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
         return np.stack([cv2.resize(f, (width, height), interpolation=kind) for f in frames])

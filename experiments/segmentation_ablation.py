@@ -40,7 +40,10 @@ _NOTES = (
 )
 _FIRST = GrabCutSettings()
 _NO_MOTION = replace(_FIRST.smoothness, temporal=0.0)
-_NO_SHADES = replace(_FIRST.trimap, contact=0.0)
+_NO_CONTRAST = replace(_FIRST.smoothness, contrast=0.0)
+_NO_CONTACT = replace(_FIRST.trimap, contact=0.0)
+_NO_BONES = replace(_FIRST.trimap, skeleton=float("inf"))
+_NO_SHADOWS = replace(_FIRST.plate, shadow_prior=1e-12)
 
 
 def _believed(settings: GrabCutSettings, prior: float) -> GrabCutSettings:
@@ -72,7 +75,10 @@ _LEFT_OUT = {
     "no network": replace(_FIRST, network=0.0),
     "no plate, no network": replace(_FIRST, use_plate=False, network=0.0),
     "no motion": replace(_FIRST, smoothness=_NO_MOTION),
-    "no contact shadows": replace(_FIRST, trimap=_NO_SHADES),
+    "no contrast": replace(_FIRST, smoothness=_NO_CONTRAST),
+    "no skeleton": replace(_FIRST, trimap=_NO_BONES),
+    "no contact shadows": replace(_FIRST, trimap=_NO_CONTACT),
+    "no shadows at all": replace(_FIRST, trimap=_NO_CONTACT, plate=_NO_SHADOWS),
     "model not believed": _believed(_FIRST, 0.0),
 }
 

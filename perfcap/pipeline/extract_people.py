@@ -125,7 +125,7 @@ class PeopleSource(SilhouetteSource):
         nobody = np.zeros((len(self.people), *self.sight.cameras.size[block.view]), np.bool_)
         models = [_masks(layers[f]) if f in layers else nobody for f in block.shown]
         bones = self._bones(block.view, block.shown)
-        footage = Footage(list(block.images), models, bones, FEET)
+        footage = Footage(block.images, models, bones, FEET)
         first = block.wanted.start - block.shown.start
         chosen = range(first, first + len(block.wanted))
         for index, found in zip(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,7 +18,7 @@ from perfcap.geometry.camera import NEAR, Camera
 from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
-from perfcap.pipeline.images import FrameReader, Frames, KnownMasks
+from perfcap.pipeline.images import FrameReader, KnownMasks
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import FrameReport, Scene, Segmentation, extract_contour, survey
@@ -28,6 +28,8 @@ from perfcap.segment.sequence import BLOCK, Footage, SequenceSettings, ask, segm
 from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trust import boundary_trust
 from perfcap.workers import ordered_map
+
+Image = NDArray[np.uint8]
 
 # the skeleton's lines in the image: limbs between landmarks, and the spine to the middle of the
 # hips, which is their mean
@@ -104,7 +106,7 @@ class FrameBlock:
     view: int
     wanted: range
     shown: range
-    images: Frames
+    images: Sequence[Image]
     scene: Scene
 
 
@@ -147,8 +149,10 @@ class SilhouetteSource:
             start, stop = span.start, span.stop
             scene = self.scene(view, range(start, stop))
             give_back()  # what was the samples'
+            last: FrameBlock | None = None
             for first in starts:
-                yield self.block(view, range(first, min(first + BLOCK, stop)), scene)
+                last = self.block(view, range(first, min(first + BLOCK, stop)), scene, last)
+                yield last
 
     def scene(self, view: int, span: range) -> Scene:
         """What frames of a stretch share, and how far a network is to be trusted in them."""
@@ -161,10 +165,20 @@ class SilhouetteSource:
         chosen = samples[:: -(-len(samples) // _ASKED)]
         return replace(scene, trust=self._learn_trust(view, chosen, scene))
 
-    def block(self, view: int, wanted: range, scene: Scene) -> FrameBlock:
-        """Frames of a view in a row, with those around them."""
+    def block(
+        self, view: int, wanted: range, scene: Scene, last: FrameBlock | None = None
+    ) -> FrameBlock:
+        """Frames of a view in a row, with those around them.
+
+        Those that the ``last`` block has are not read again: a video would be decoded anew from
+        its key frame on.
+        """
         shown = range(max(wanted.start - 1, 0), min(wanted.stop + 1, self.motion.frames))
-        images = self.reader.read_view(view, shown.start, shown.stop)
+        images: list[Image] = []
+        if last is not None:  # copies: a part of an array keeps all of it
+            kept = range(shown.start - last.shown.start, len(last.shown))
+            images = [last.images[i].copy() for i in kept]
+        images.extend(self.reader.read_view(view, shown.start + len(images), shown.stop))
         return FrameBlock(view, wanted, shown, images, scene)
 
     def segment(self, block: FrameBlock, known: Collection[int] = ()) -> list[Segmentation]:
@@ -177,7 +191,7 @@ class SilhouetteSource:
         """The frames of a block, and which of them are wanted."""
         models = [self._model(block.view, f, block) for f in block.shown]
         bones = self._bones(block.view, block.shown)
-        footage = Footage(list(block.images), models, bones, FEET)
+        footage = Footage(block.images, models, bones, FEET)
         first = block.wanted.start - block.shown.start
         return footage, range(first, first + len(block.wanted))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import TypeVar
 
@@ -91,14 +91,19 @@ def blocks(start: int, stop: int) -> list[range]:
 
 
 def frame_overlaps(
-    drawn: Sequence[Sequence[View]], evidence: Evidence, frames: range
+    drawn: Iterable[Sequence[View]], evidence: Evidence, frames: range
 ) -> NDArray[np.float64]:
     """Intersection over union of drawn surfaces ``[f][C]`` with masks, the mean over views, (f,).
 
     A view in which there is neither counts as 1. What somebody else hides counts for nothing.
     """
     pairs = zip(drawn, frames, strict=True)
-    return np.array([np.mean(list(_overlaps(views, evidence, f))) for views, f in pairs])
+    return np.array([frame_overlap(views, evidence, f) for views, f in pairs])
+
+
+def frame_overlap(drawn: Sequence[View], evidence: Evidence, frame: int) -> float:
+    """The same of one frame, drawn in C views."""
+    return float(np.mean(list(_overlaps(drawn, evidence, frame))))
 
 
 def _overlaps(drawn: Sequence[View], evidence: Evidence, frame: int) -> Iterator[float]:
@@ -123,7 +128,7 @@ def clip_overlaps(
 
     def overlaps(frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)
-        return frame_overlaps(sight.look(surface[span], span), evidence, frames)
+        return frame_overlaps(sight.stream(surface[span], span), evidence, frames)
 
     parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))

@@ -159,12 +159,12 @@ def _search(
     motion: Motion,
     config: RefinePoseConfig,
 ) -> Correspondences:
-    """Pairs of a window's frames; label maps live only as long as their block of frames."""
+    """Pairs of a window's frames; label maps live only as long as their frame."""
     surface = SkinnedSurface(actor, motion)
     matches = []
     for frames in blocks(window.start, window.stop):
         first, stop = frames.start - window.start, frames.stop - window.start
-        drawn = sight.look(surface[first:stop], slice(frames.start, frames.stop))
+        drawn = sight.stream(surface[first:stop], slice(frames.start, frames.stop))
         matches += [
             sight.correspond(row, contours, config.contour, heights)
             for row, contours in zip(drawn, lines[first:stop], strict=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -24,7 +24,13 @@ from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, Kept
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.objective import kernel
-from perfcap.pipeline.overlap import blocks, clip_overlaps, frame_overlaps, keep_better
+from perfcap.pipeline.overlap import (
+    blocks,
+    clip_overlaps,
+    frame_overlap,
+    frame_overlaps,
+    keep_better,
+)
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
@@ -221,8 +227,8 @@ class _Solver:
         canonical = deformed = self.surface[span]
         contours = [self.evidence.contours(f) for f in frames]
         deformation = graph.identity(canonical)
-        drawn = sight.look(canonical, span)
-        before = frame_overlaps(drawn, self.evidence, frames)
+        before = np.empty(len(frames))
+        drawn = self._measured(sight.stream(canonical, span), frames, before)
         for weight in self.rigidity:
             pairs = self._pairs(drawn, contours, canonical)
             objective = self._objective(canonical, pairs, span, weight)
@@ -230,15 +236,23 @@ class _Solver:
             apart = solve(objective, _apart(deformation), method).state
             deformation = Deformation(apart.rotation.squeeze(1), apart.translation.squeeze(1))
             deformed = graph(canonical, deformation)
-            drawn = sight.look(deformed, span)
+            drawn = sight.stream(deformed, span)
         folds = find_folds(canonical, deformed, sight.faces).share.numpy(force=True)
         seen = np.array([any(len(line) for line in row) for row in contours])
         better = frame_overlaps(drawn, self.evidence, frames) >= before
         kept = seen & better & (folds <= self.config.folds)
         return deformation, _Outcome(before, kept, folds)
 
+    def _measured(
+        self, drawn: Iterable[list[View]], frames: range, overlaps: NDArray[np.float64]
+    ) -> Iterator[list[View]]:
+        """The same views, and on their way their overlap with masks, written to (f,)."""
+        for place, (frame, row) in enumerate(zip(frames, drawn, strict=True)):
+            overlaps[place] = frame_overlap(row, self.evidence, frame)
+            yield row
+
     def _pairs(
-        self, drawn: list[list[View]], contours: list[list[Contour]], like: Tensor
+        self, drawn: Iterable[list[View]], contours: list[list[Contour]], like: Tensor
     ) -> Correspondences:
         config, heights = self.config.contour, self.evidence.heights
         return stack(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,14 +91,21 @@ class Sight:
         self, vertices: Tensor, frames: slice, views: Sequence[int] | None = None
     ) -> list[list[View]]:
         """Draw surfaces (f, V, 3) at the clip's ``frames``: ``[frame][view]``, in some views."""
+        return list(self.stream(vertices, frames, views))
+
+    def stream(
+        self, vertices: Tensor, frames: slice, views: Sequence[int] | None = None
+    ) -> Iterator[list[View]]:
+        """The same, each frame drawn when it is asked for: views of large images are large."""
         chosen = list(range(self.views)) if views is None else list(views)
         cameras = self.cameras.frames(frames).select(chosen)
         local = cameras.to_camera(vertices.to(cameras.rotation))  # kept ones are float32
         pixels, depth = cameras.project_camera(local).cpu(), local[..., 2].cpu()
-        return [
-            [self._drawn(pixels[f, c], depth[f, c], cameras.size[c]) for c in range(cameras.views)]
-            for f in range(len(vertices))
-        ]
+        for f in range(len(vertices)):
+            yield [
+                self._drawn(pixels[f, c], depth[f, c], cameras.size[c])
+                for c in range(cameras.views)
+            ]
 
     def _drawn(self, pixels: Tensor, depth: Tensor, size: tuple[int, int]) -> View:
         """One frame and view of vertices at pixels (V, 2) px and depth (V,) m."""

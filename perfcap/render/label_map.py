@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.render import _zbuffer_numba, _zbuffer_reference
+from perfcap.render import _part_depth_numba, _zbuffer_numba, _zbuffer_reference
 
 Box = tuple[slice, slice]
 
@@ -250,7 +250,6 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
 
 _START = 1.5  # px inward, where a point's own part is seen for sure
-_CHUNK = 64  # points looked inward from at once
 
 
 def part_depth(
@@ -277,21 +276,6 @@ def part_depth(
     """
     steps = np.arange(_START, max(reach, _START) + 1.0)
     found = np.empty(len(points))
-    for first in range(0, len(points), _CHUNK):  # what a chunk needs stays in the cache
-        chunk = slice(first, first + _CHUNK)
-        at = points[chunk, None] - steps[:, None] * normals[chunk, None]  # P S 2
-        found[chunk] = _depth(at, parts, steps, corner)
+    seen = np.ascontiguousarray(parts, np.int64)
+    _part_depth_numba.look_inward(points, normals, seen, steps, corner, found)
     return found
-
-
-def _depth(at: Floats, parts: Integers, steps: Floats, corner: tuple[int, int]) -> Floats:
-    """The step (P,) at which another part begins along places (P, S, 2) px."""
-    column, row = np.rint(at).astype(np.int64).transpose(2, 0, 1)
-    row, column = row - corner[0], column - corner[1]
-    height, width = parts.shape
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    seen = np.where(inside, parts[row.clip(0, height - 1), column.clip(0, width - 1)], -1)
-    other = seen != seen[:, :1]
-    first = other.argmax(1)
-    ends = other.any(1) & (seen[:, 0] >= 0) & (seen[np.arange(len(seen)), first] >= 0)
-    return np.where(ends, steps[first], np.inf)

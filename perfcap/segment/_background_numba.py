@@ -30,6 +30,31 @@ def masked_median(
     _masked_median(*flat, network, color.reshape(-1, 3), spread.reshape(-1), seen.reshape(-1))
 
 
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def squared_slope(color: NDArray[np.uint8], slope: NDArray[np.float32]) -> None:
+    """Squared slope of an image, grey levels a pixel, the mean over channels (Sobel's filters).
+
+    Args:
+        color: (H + 2, W + 2, 3), with a pixel more on each side.
+        slope: (H, W), written.
+    """
+    for row in range(slope.shape[0]):
+        for column in range(slope.shape[1]):
+            total = np.int32(0)
+            for k in range(3):
+                across, down = np.int32(0), np.int32(0)
+                for step in range(3):
+                    weight = np.int32(2 if step == 1 else 1)
+                    across += weight * (
+                        np.int32(color[row + step, column + 2, k]) - color[row + step, column, k]
+                    )
+                    down += weight * (
+                        np.int32(color[row + 2, column + step, k]) - color[row, column + step, k]
+                    )
+                total += np.int32(across * across + down * down)
+            slope[row, column] = np.float32(total) / np.float32(64) / np.float32(3)
+
+
 def _comparators(count: int) -> list[tuple[int, int]]:
     """Batcher's merge exchange (Knuth, The Art of Computer Programming, 5.2.2, algorithm M).
 
@@ -191,37 +216,44 @@ def best_shade(
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def log_density(
-    pixels: NDArray[np.float32],
-    behind: NDArray[np.float32],
+    chosen: NDArray[np.int64],
+    image: NDArray[np.float32],
+    plate: NDArray[np.uint8],
+    deviation: NDArray[np.float32],
+    gain: NDArray[np.float32],
     light: NDArray[np.float32],
     strain: NDArray[np.float32],
-    variance: NDArray[np.float32],
-    shadow_variance: float,
+    variances: tuple[float, float],
     weights: tuple[float, float],
     out: NDArray[np.float32],
 ) -> None:
     """Log density of colours that show the plate, either as it is or relit.
 
     Args:
-        pixels: (n, 3).
-        behind: the plate there, (n, 3).
-        light: by which it may be relit, (n, 3).
-        strain: nats against that, (n,).
-        variance: of a channel, (n,).
-        shadow_variance: added where relit.
+        chosen: numbers of the pixels asked for, (n,).
+        image: of all pixels, (N, 3).
+        plate: (N, 3).
+        deviation: of the plate's colours, (N,).
+        gain: exposure of the image relative to the plate, (3,).
+        light: by which the plate may be relit, (N, 3).
+        strain: nats against that, (N,).
+        variances: of the image's channels, and what is added where relit.
         weights: logs of the probabilities of the two cases.
         out: (n,), written.
     """
-    constant = -1.5 * np.log(2 * np.pi)
-    for i in range(len(pixels)):
+    constant, noise = -1.5 * np.log(2 * np.pi), np.float32(variances[0])
+    for i in range(len(chosen)):
+        at = chosen[i]
         plain, relit = 0.0, 0.0
         for channel in range(3):
-            color, plate = float(pixels[i, channel]), float(behind[i, channel])
-            plain += (color - plate) ** 2
-            relit += (color - light[i, channel] * plate) ** 2
-        spread = variance[i] + shadow_variance
-        lit = weights[0] - 0.5 * plain / variance[i] - 1.5 * np.log(variance[i])
-        shaded = weights[1] - 0.5 * relit / spread - strain[i] - 1.5 * np.log(spread)
+            color = float(image[at, channel])
+            behind = float(np.float32(plate[at, channel]) * gain[channel])
+            plain += (color - behind) ** 2
+            relit += (color - light[at, channel] * behind) ** 2
+        variance = deviation[at] * deviation[at] + noise
+        spread = variance + variances[1]
+        lit = weights[0] - 0.5 * plain / variance - 1.5 * np.log(variance)
+        shaded = weights[1] - 0.5 * relit / spread - strain[at] - 1.5 * np.log(spread)
         high, low = max(lit, shaded), min(lit, shaded)
         out[i] = constant + high + np.log1p(np.exp(low - high))
 

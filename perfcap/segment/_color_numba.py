@@ -30,8 +30,16 @@ def log_density(
     terms = np.empty(count, np.float32)
     for i in range(len(pixels)):
         best = np.float32(-np.inf)
-        for k in range(count):
-            value = _component(pixels[i], means[k], whitening[k], offset[k])
+        for k in range(count):  # views of rows would cost more than the component
+            a, b, c = (
+                pixels[i, 0] - means[k, 0],
+                pixels[i, 1] - means[k, 1],
+                pixels[i, 2] - means[k, 2],
+            )
+            x = whitening[k, 0, 0] * a
+            y = whitening[k, 1, 0] * a + whitening[k, 1, 1] * b
+            z = whitening[k, 2, 0] * a + whitening[k, 2, 1] * b + whitening[k, 2, 2] * c
+            value = offset[k] - np.float32(0.5) * (x * x + y * y + z * z)
             terms[k] = value
             best = max(best, value)
         total = np.float32(0.0)

@@ -36,6 +36,47 @@ class Forest(NamedTuple):
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def settle_lines(
+    neighbor: NDArray[np.int32],
+    capacity: NDArray[np.int32],
+    excess: NDArray[np.int32],
+    direction: int,
+    moved: NDArray[np.int32],
+) -> int:
+    """Cancel excess against lack along the lines of a direction (4 to 7), in place.
+
+    What is carried on and meets nothing is carried back. Neighbours in these directions have
+    greater numbers. Room for what is ``moved``, (n,), is overwritten; returns the flow.
+    """
+    back, settled = 7 - direction, 0
+    moved[:] = 0
+    for node in range(len(excess)):
+        other, rest = neighbor[node, direction], excess[node]
+        if other < 0 or rest == 0:
+            continue
+        flow = (
+            min(rest, capacity[node, direction]) if rest > 0 else -min(-rest, capacity[other, back])
+        )
+        settled += max(min(abs(flow), -excess[other] if flow > 0 else excess[other]), 0)
+        capacity[node, direction] -= flow
+        capacity[other, back] += flow
+        excess[node] -= flow
+        excess[other] += flow
+        moved[other] = flow
+    for node in range(len(excess) - 1, -1, -1):
+        rest, flow = excess[node], moved[node]
+        if rest * flow <= 0:
+            continue
+        flow = min(rest, flow) if flow > 0 else max(rest, flow)
+        other = neighbor[node, back]
+        capacity[node, back] -= flow
+        capacity[other, direction] += flow
+        excess[node] -= flow
+        excess[other] += flow
+    return settled
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def run(forest: Forest) -> int:
     """Push the greatest flow; afterwards ``tree`` is SOURCE on the source's side of the cut."""
     ends = forest.ends
@@ -46,6 +87,8 @@ def run(forest: Forest) -> int:
             forest.tree[node] = SOURCE if excess > 0 else SINK
             forest.parent[node] = ROOT
             forest.distance[node] = 1
+    for node in range(len(forest.excess)):  # others have nothing to grow into
+        if forest.tree[node] != FREE and _on_edge(forest, node):
             _activate(forest, node)
     while ends[1] > 0:
         node = forest.active[ends[0]]
@@ -64,6 +107,17 @@ def run(forest: Forest) -> int:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _on_edge(forest: Forest, node: int) -> bool:
+    """Whether any neighbour is not in the same tree."""
+    tree = forest.tree[node]
+    for direction in range(8):
+        other = forest.neighbor[node, direction]
+        if other >= 0 and forest.tree[other] != tree:
+            return True
+    return False
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _drop_first(ends: NDArray[np.int64], ring: int, size: int) -> None:
     ends[ring] = ends[ring] + 1 if ends[ring] + 1 < size else 0
     ends[ring + 1] -= 1
@@ -73,14 +127,20 @@ def _drop_first(ends: NDArray[np.int64], ring: int, size: int) -> None:
 def _activate(forest: Forest, node: int) -> None:
     if not forest.queued[node]:
         forest.queued[node] = True
-        forest.active[(forest.ends[0] + forest.ends[1]) % len(forest.active)] = node
+        place = forest.ends[0] + forest.ends[1]
+        if place >= len(forest.active):  # a remainder takes longer
+            place -= len(forest.active)
+        forest.active[place] = node
         forest.ends[1] += 1
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def _release(forest: Forest, node: int) -> None:
     forest.parent[node] = ORPHAN
-    forest.orphans[(forest.ends[2] + forest.ends[3]) % len(forest.orphans)] = node
+    place = forest.ends[2] + forest.ends[3]
+    if place >= len(forest.orphans):
+        place -= len(forest.orphans)
+    forest.orphans[place] = node
     forest.ends[3] += 1
 
 
@@ -92,32 +152,23 @@ def _grow(forest: Forest, node: int) -> int:
         other = forest.neighbor[node, direction]
         if other < 0:
             continue
+        theirs = forest.tree[other]
+        if theirs == tree:
+            continue
         if tree == SOURCE:
             capacity = forest.capacity[node, direction]
         else:
             capacity = forest.capacity[other, 7 - direction]
         if capacity == 0:
             continue
-        theirs = forest.tree[other]
-        if theirs == FREE:
-            forest.tree[other] = tree
-            _hang(forest, other, 7 - direction, node)
-            _activate(forest, other)
-        elif theirs != tree:
+        if theirs != FREE:
             return direction
-        elif (
-            forest.stamp[other] <= forest.stamp[node]
-            and forest.distance[other] > forest.distance[node]
-        ):
-            _hang(forest, other, 7 - direction, node)  # a shorter way to the root
+        forest.tree[other] = tree
+        forest.parent[other] = 7 - direction
+        forest.stamp[other] = forest.stamp[node]
+        forest.distance[other] = forest.distance[node] + 1
+        _activate(forest, other)
     return -1
-
-
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _hang(forest: Forest, node: int, direction: int, parent: int) -> None:
-    forest.parent[node] = direction
-    forest.stamp[node] = forest.stamp[parent]
-    forest.distance[node] = forest.distance[parent] + 1
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]

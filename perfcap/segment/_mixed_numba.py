@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 def settle(
     pixels: NDArray[np.int64],
     image: NDArray[np.uint8],
-    behind: NDArray[np.float32],
+    plate: NDArray[np.uint8],
+    gain: NDArray[np.float32],
     known: NDArray[np.bool_],
-    distance: NDArray[np.float32],
-    limits: tuple[int, float, float, float, float],
+    side: NDArray[np.int8],
+    limits: tuple[int, float, float, float],
     mask: NDArray[np.bool_],
 ) -> None:
     """Give pixels to the side whose colour they have more of.
@@ -22,12 +23,13 @@ def settle(
     Args:
         pixels: rows and columns, (n, 2).
         image: (H, W, 3).
-        behind: the plate as the camera exposes it, (H, W, 3).
+        plate: (H, W, 3).
+        gain: of the camera's exposure over the plate's, (3,).
         known: where there is a plate, (H, W).
-        distance: to the mask's boundary, (H, W) px, positive inside.
-        limits: px within which pure colours are looked for; px from the boundary beyond which a
-            pixel is pure; squared colour difference below which two sides cannot be told apart;
-            by how much a share must differ from a half; and by how much it may leave [0, 1].
+        side: 1 where a pixel is purely inside, -1 purely outside, 0 on the boundary, (H, W).
+        limits: px within which pure colours are looked for; squared colour difference below which
+            two sides cannot be told apart; by how much a share must differ from a half; and by
+            how much it may leave [0, 1].
         mask: (H, W), changed.
     """
     sums = np.empty((3, 4))  # colours inside, outside, and of the plate there; weights
@@ -35,36 +37,37 @@ def settle(
         row, column = pixels[i, 0], pixels[i, 1]
         if not known[row, column]:
             continue
-        _gather(image, behind, known, distance, row, column, limits[0], limits[1], sums)
+        _gather(image, plate, gain, known, side, row, column, limits[0], sums)
         if sums[0, 3] == 0.0 or sums[1, 3] == 0.0 or sums[2, 3] == 0.0:
             continue
         along, square = 0.0, 0.0
         for k in range(3):
             # the pixel's own background, lit as its surroundings are
             light = (sums[1, k] / sums[1, 3] + 1) / (sums[2, k] / sums[2, 3] + 1)
-            outside = behind[row, column, k] * min(max(light, 0.3), 2.0)
+            behind = np.float32(plate[row, column, k]) * gain[k]
+            outside = behind * min(max(light, 0.3), 2.0)
             step = sums[0, k] / sums[0, 3] - outside
             along += step * (image[row, column, k] - outside)
             square += step * step
-        if square > limits[2] and limits[3] < abs(along / square - 0.5) < 0.5 + limits[4]:
+        if square > limits[1] and limits[2] < abs(along / square - 0.5) < 0.5 + limits[3]:
             mask[row, column] = along > 0.5 * square
 
 
 @numba.njit(nogil=True, cache=True)
-def _gather(image, behind, known, distance, row, column, reach, pure, sums):  # type: ignore[no-untyped-def]
+def _gather(image, plate, gain, known, side, row, column, reach, sums):  # type: ignore[no-untyped-def]
     """Sums of pure colours around a pixel, nearer ones weighing more."""
-    height, width = distance.shape
+    height, width = side.shape
     sums[:] = 0.0
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
         for c in range(max(column - reach, 0), min(column + reach + 1, width)):
             weight = 1.0 / (1.0 + (r - row) ** 2 + (c - column) ** 2)
-            if distance[r, c] > pure:
+            if side[r, c] > 0:
                 for k in range(3):
                     sums[0, k] += weight * image[r, c, k]
                 sums[0, 3] += weight
-            elif distance[r, c] < -pure and known[r, c]:
+            elif side[r, c] < 0 and known[r, c]:
                 for k in range(3):
                     sums[1, k] += weight * image[r, c, k]
-                    sums[2, k] += weight * behind[r, c, k]
+                    sums[2, k] += weight * (np.float32(plate[r, c, k]) * gain[k])
                 sums[1, 3] += weight
                 sums[2, 3] += weight

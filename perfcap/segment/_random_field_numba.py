@@ -55,34 +55,32 @@ def connect(
         excess: (n,), written, preset to 0.
     """
     height, width = labels.shape
+    contrast, temporal, narrow = weights
     for row in range(height):
         for column in range(width):
-            for k in range(4):
+            one, i = labels[row, column], node[row, column]
+            for k in range(4):  # written out: calls that pass so many arrays cost twice the work
                 r, c = row + _ROWS[k], column + _COLUMNS[k]
                 if r >= height or c < 0 or c >= width:
                     continue
-                if labels[row, column] < 2 and labels[r, c] < 2:
+                other = labels[r, c]
+                if one < 2 and other < 2:
                     continue
-                value = weights[0] * np.exp(-weights[2] * _squared(image, row, column, r, c))
+                x = image[row, column, 0] - image[r, c, 0]
+                y = image[row, column, 1] - image[r, c, 1]
+                z = image[row, column, 2] - image[r, c, 2]
+                value = contrast * np.exp(-narrow * (x * x + y * y + z * z))
                 if len(calm):
-                    value += weights[1] * min(calm[row, column], calm[r, c])
+                    value += temporal * min(calm[row, column], calm[r, c])
                 flow = np.int32(round(value * unit * _NEARNESS[k]))
-                ends = (row, column), (r, c)
-                _join(labels, node, ends, k, flow, neighbor, capacity, excess)
-
-
-@numba.njit(nogil=True, cache=True)
-def _join(labels, node, ends, k, flow, neighbor, capacity, excess):  # type: ignore[no-untyped-def]
-    """An edge between two nodes; one to a decided pixel pulls towards that pixel's label."""
-    one, other = labels[ends[0]], labels[ends[1]]
-    i, j = node[ends[0]], node[ends[1]]
-    if one >= 2 and other >= 2:
-        neighbor[i, 4 + k], capacity[i, 4 + k] = j, flow
-        neighbor[j, 3 - k], capacity[j, 3 - k] = i, flow
-    elif one >= 2:
-        excess[i] += flow if other == 1 else -flow
-    else:
-        excess[j] += flow if one == 1 else -flow
+                if one >= 2 and other >= 2:
+                    j = node[r, c]
+                    neighbor[i, 4 + k], capacity[i, 4 + k] = j, flow
+                    neighbor[j, 3 - k], capacity[j, 3 - k] = i, flow
+                elif one >= 2:  # an edge to a decided pixel pulls towards that pixel's label
+                    excess[i] += flow if other == 1 else -flow
+                else:
+                    excess[node[r, c]] += flow if one == 1 else -flow
 
 
 @numba.njit(nogil=True, cache=True)

@@ -159,11 +159,11 @@ def build_plate(
 
     parts = zip(*ordered_map(median, bands, workers), strict=True)
     color, spread, seen = (np.concatenate(part) for part in parts)
-    smooth = color.astype(np.float32)
-    slope = sum(
-        (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=3) / 8) ** 2 for axis in ((1, 0), (0, 1))
+    slope = np.empty_like(spread)
+    _background_numba.squared_slope(
+        cv2.copyMakeBorder(color, 1, 1, 1, 1, cv2.BORDER_REFLECT_101), slope
     )
-    variance = (spread / _QUARTILES) ** 2 + settings.jitter**2 * np.mean(slope, -1)
+    variance = (spread / _QUARTILES) ** 2 + settings.jitter**2 * slope
     return Plate(color, np.sqrt(variance).astype(np.float32), seen >= settings.least)
 
 
@@ -237,22 +237,24 @@ def _surrounding(chosen: Mask, window: int) -> Box:
 
 
 def background_density(
-    pixels: Plane, chosen: Mask, plate: Plate, lighting: Lighting, settings: PlateSettings
+    image: Plane, chosen: Mask, plate: Plate, lighting: Lighting, settings: PlateSettings
 ) -> Plane:
-    """Log density of colours (n, 3) at ``chosen`` pixels (h, w) if they show the plate, (n,).
+    """Log density of colours of an image (h, w, 3) where they are ``chosen``, (n,).
 
-    Lit as the surroundings are, or as ``lighting.light`` says.
+    If they show the plate, lit as the surroundings are, or as ``lighting.light`` says.
     """
-    variance = _variance(plate.deviation[chosen], lighting.noise, settings)
-    density = np.empty(len(pixels), np.float32)
+    places = np.flatnonzero(chosen)
+    density = np.empty(len(places), np.float32)
     weights = 1 - settings.shadow_prior - settings.clutter, settings.shadow_prior
+    flat = (plane.reshape(-1, 3) for plane in (image, plate.color))
     _background_numba.log_density(
-        pixels,
-        plate.color[chosen] * lighting.gain,
-        lighting.light[chosen],
-        lighting.strain[chosen],
-        variance,
-        settings.shadow_noise**2,
+        places,
+        *flat,
+        plate.deviation.reshape(-1),
+        lighting.gain,
+        lighting.light.reshape(-1, 3),
+        lighting.strain.reshape(-1),
+        (max(lighting.noise, settings.noise) ** 2, settings.shadow_noise**2),
         (float(np.log(weights[0])), float(np.log(weights[1]))),
         density,
     )

@@ -65,35 +65,52 @@ def explained(
     if backdrop is not None:
         asked = inside & backdrop.plate.known
         density = background_density(
-            image[asked], asked, backdrop.plate, backdrop.lighting, settings.plate
+            image, asked, backdrop.plate, backdrop.lighting, settings.plate
         )
         fits[asked] = density > _ANY_COLOR
     return fits
 
 
-def log_ratio(
-    image: Plane,
-    chosen: Mask,
-    models: ColorModels,
-    backdrop: Backdrop | None,
-    settings: GrabCutSettings,
-) -> Plane:
-    """Nats in favour of the person at ``chosen`` pixels (h, w), (n,), limited."""
-    pixels = image[chosen]
-    known = None if backdrop is None else backdrop.plate.known[chosen]
+@dataclass(frozen=True)
+class Pixels:
+    """Some pixels, and what the plate says about them: it stays as colours are learnt anew.
+
+    Attributes:
+        colors: (n, 3).
+        known: whether there is a plate, (n,); None if nowhere.
+        backed: log density if they show the plate, (n,); likewise.
+    """
+
+    colors: Plane
+    known: Mask | None
+    backed: Plane | None
+
+    @classmethod
+    def of(
+        cls, image: Plane, chosen: Mask, backdrop: Backdrop | None, settings: GrabCutSettings
+    ) -> Pixels:
+        """The ``chosen`` (h, w) of an image (h, w, 3)."""
+        colors = image.reshape(-1, 3)[np.flatnonzero(chosen)]
+        if backdrop is None:
+            return cls(colors, None, None)
+        plate = backdrop.plate
+        backed = background_density(image, chosen, plate, backdrop.lighting, settings.plate)
+        return cls(colors, plate.known[chosen], backed)
+
+
+def log_ratio(pixels: Pixels, models: ColorModels, settings: GrabCutSettings) -> Plane:
+    """Nats in favour of the person at some pixels, (n,), limited."""
+    colors, known = pixels.colors, pixels.known
     surprise = choose(known, settings.backed.surprise, settings.alone.surprise)
     if settings.use_colors:
-        person = _mixed(models.foreground.log_density(pixels), surprise)
+        person = _mixed(models.foreground.log_density(colors), surprise)
         # the person may always have hidden it
-        scene = _mixed(models.background.log_density(pixels), np.float32(settings.unseen))
+        scene = _mixed(models.background.log_density(colors), np.float32(settings.unseen))
     else:
-        person = scene = np.full(len(pixels), _ANY_COLOR, np.float32)
-    if backdrop is not None and known is not None:
-        backed = background_density(
-            pixels, chosen, backdrop.plate, backdrop.lighting, settings.plate
-        )
+        person = scene = np.full(len(colors), _ANY_COLOR, np.float32)
+    if pixels.backed is not None and known is not None:
         clutter = scene + np.float32(np.log(settings.plate.clutter))
-        scene = np.where(known, np.logaddexp(backed, clutter), scene)
+        scene = np.where(known, np.logaddexp(pixels.backed, clutter), scene)
     ratio: Plane = np.clip(person - scene, -settings.limit, settings.limit)
     return ratio
 

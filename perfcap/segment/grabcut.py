@@ -24,6 +24,7 @@ from perfcap.segment.background import Plate, find_lighting
 from perfcap.segment.evidence import (
     Backdrop,
     ColorModels,
+    Pixels,
     choose,
     explained,
     learn_colors,
@@ -41,7 +42,6 @@ from perfcap.segment.trimap import BACKGROUND, FOREGROUND, Mask, Trimap, bounds,
 # person's a little further in and the plate's.
 
 _REACH = 3  # px within which pure colours are looked for
-_PURE = 1.1  # px from the boundary
 _APART = 30.0  # grey levels by which two sides must differ
 _SLACK = 0.1  # of a share around a half that decides nothing
 _BEYOND = 0.2  # by which a share may leave [0, 1]; further out the pixel is no mixture
@@ -58,21 +58,32 @@ def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, ope
     """
     settled = inside.copy()
     part = bounds(open_, 2 * _REACH)  # whether a pixel is pure depends on the nearest ones alone
+    if part[0].start == part[0].stop:
+        return settled
     image, plate, open_ = image[part], backdrop.plate[part], open_[part]
-    distance = signed_distance(inside[part])
-    pixels = np.argwhere((np.abs(distance) <= _PURE) & open_)
     changed = inside[part].copy()
+    side = _pure_side(changed)
+    pixels = np.argwhere((side == 0) & open_)
     _mixed_numba.settle(
         pixels,
         np.ascontiguousarray(image),
-        plate.color * backdrop.lighting.gain,
+        np.ascontiguousarray(plate.color),
+        backdrop.lighting.gain,
         np.ascontiguousarray(plate.known),
-        distance,
-        (_REACH, _PURE, _APART**2, _SLACK, _BEYOND),
+        side,
+        (_REACH, _APART**2, _SLACK, _BEYOND),
         changed,
     )
     settled[part] = changed
     return settled
+
+
+def _pure_side(inside: Mask) -> NDArray[np.int8]:
+    """1 where a mask (h, w) holds all nine pixels around one, -1 where none of them, else 0."""
+    pixels, around = inside.view(np.uint8), np.ones((3, 3), np.uint8)
+    all_, any_ = cv2.erode(pixels, around), cv2.dilate(pixels, around)
+    side: NDArray[np.int8] = all_.view(np.int8) + any_.view(np.int8) - np.int8(1)
+    return side
 
 
 # --- The person in one frame, from the posed model (Xu 2018, Sec. 5.1) ----------------------------
@@ -254,13 +265,17 @@ def _iterate(view: _View, warm: ColorModels | None, settings: GrabCutSettings) -
     found = _Labels(inside, np.zeros(inside.shape, np.float32), warm)
     if not view.trimap.band.any():
         return found
-    field = _field(view, settings)
+    pixels, field = _pixels(view, settings), _field(view, settings)
     # colours of the previous frame are as good as a round
     for _ in range(settings.rounds if warm is None else max(1, settings.rounds - 1)):
         models = learn_colors(view.image, person, found.inside, found.models, settings.color)
-        found = _label(view, models, settings, field)
+        found = _label(view, models, settings, pixels, field)
         person = found.inside
     return found
+
+
+def _pixels(view: _View, settings: GrabCutSettings) -> Pixels:
+    return Pixels.of(view.image, view.trimap.band, view.backdrop, settings)
 
 
 def _field(view: _View, settings: GrabCutSettings) -> BandField:
@@ -268,13 +283,17 @@ def _field(view: _View, settings: GrabCutSettings) -> BandField:
 
 
 def _label(
-    view: _View, models: ColorModels | None, settings: GrabCutSettings, field: BandField
+    view: _View,
+    models: ColorModels | None,
+    settings: GrabCutSettings,
+    pixels: Pixels,
+    field: BandField,
 ) -> _Labels:
     """The labelling of least energy, given colours."""
     band = view.trimap.band
     evidence = np.zeros(band.shape, np.float32)
     if models is not None:
-        evidence[band] = log_ratio(view.image, band, models, view.backdrop, settings)
+        evidence[band] = log_ratio(pixels, models, settings)
     known = None if view.backdrop is None else view.backdrop.plate.known
     prior = choose(known, settings.backed.prior, settings.alone.prior)
     depth = np.clip(view.trimap.distance / max(view.trimap.inner, 1.0), -1, 1)
@@ -308,7 +327,8 @@ def _narrow(
 
 def _follow_boundary(view: _View, coarse: _Labels, settings: GrabCutSettings) -> _Labels:
     """Decide again where the view is open; evidence elsewhere is the coarse one's."""
-    fine = _label(view, coarse.models, settings, _field(view, settings))
+    pixels, field = _pixels(view, settings), _field(view, settings)
+    fine = _label(view, coarse.models, settings, pixels, field)
     around = _enlarge(coarse.evidence, view.trimap.labels.shape)
     return replace(fine, evidence=np.where(view.trimap.band, fine.evidence, around))
 

@@ -102,20 +102,24 @@ class CutSettings:
     colors: float = 0.35
 
 
-def is_cut(image: Image, following: Image, settings: CutSettings | None = None) -> bool:
-    """Whether the scene changes between two frames (H, W, 3).
+def find_cuts(images: Sequence[Image], settings: CutSettings | None = None) -> set[int]:
+    """Numbers of the frames (H, W, 3) before which the scene changes.
 
     A moving camera keeps most colours, a flickering light keeps the picture's structure; a cut
     keeps neither.
     """
     settings = settings or CutSettings()
-    small = [_thumbnail(frame) for frame in (image, following)]
-    levels = [frame - frame.mean((0, 1)) for frame in small]
+    small = [_thumbnail(frame) for frame in images]
+    return {i for i in range(1, len(small)) if _is_cut(small[i - 1], small[i], settings)}
+
+
+def _is_cut(one: Plane, following: Plane, settings: CutSettings) -> bool:
+    levels = [frame - frame.mean((0, 1)) for frame in (one, following)]
     change = float(np.abs(levels[0] - levels[1]).mean())
     if change <= settings.change:
         return False
-    one, other = (_histogram(frame) for frame in small)
-    return bool(1 - np.minimum(one, other).sum() > settings.colors)
+    before, after = (_histogram(frame) for frame in (one, following))
+    return bool(1 - np.minimum(before, after).sum() > settings.colors)
 
 
 def _thumbnail(image: Image) -> Plane:

@@ -20,7 +20,7 @@ from perfcap.segment.registration import (
     resample,
     shrink,
 )
-from perfcap.segment.trimap import Box, Mask, bounds, signed_distance
+from perfcap.segment.trimap import Box, Mask, bounds, distance_outside
 from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
@@ -92,7 +92,7 @@ def hide(model: Mask, clearance: float) -> Mask:
         return np.zeros_like(model)
     reach = clearance * (max(np.ptp(rows), np.ptp(columns)) + 1)
     near, part = np.zeros_like(model), bounds(model, int(np.ceil(reach)) + 1)
-    near[part] = signed_distance(model[part]) > -reach
+    near[part] = distance_outside(model[part]) > -reach
     return near
 
 

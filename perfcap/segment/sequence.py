@@ -19,7 +19,7 @@ from perfcap.errors import InputError
 from perfcap.segment.background import Plate
 from perfcap.segment.evidence import ColorModels
 from perfcap.segment.grabcut import Segmentation, segment
-from perfcap.segment.motion_cue import CutSettings, is_cut
+from perfcap.segment.motion_cue import CutSettings, find_cuts
 from perfcap.segment.moving_scene import KeyFrame
 from perfcap.segment.network_cue import PersonNetwork
 from perfcap.segment.people_trimap import trimap_of
@@ -94,7 +94,7 @@ def segment_block(
         network: asked as far as ``scene.trust`` goes.
     """
     settings = settings or SequenceSettings()
-    cuts = _cuts(footage.images, settings.cut)
+    cuts = find_cuts(footage.images, settings.cut)
     trimaps = {
         index: trimap_of(
             footage.models[index], footage.bones[index], settings.frame.trimap, footage.feet
@@ -188,11 +188,6 @@ class _Surroundings:
                 self.settings.frame.plate,
             )
         return self.keys[shot.start]
-
-
-def _cuts(images: Sequence[Image], settings: CutSettings) -> set[int]:
-    """Frames that begin a new shot."""
-    return {i for i in range(1, len(images)) if is_cut(images[i - 1], images[i], settings)}
 
 
 def _shot(index: int, count: int, cuts: set[int]) -> range:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,8 @@ from perfcap.errors import InputError
 from perfcap.segment.trimap import Mask
 
 Labels = NDArray[np.uint8]
+
+_LARGEST = 1 << 14  # px, longest side that is unpacked here
 
 _SETTINGS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in OpenCV 4.10; labels are runs without a filter
@@ -106,5 +109,28 @@ def encode_labels(labels: Labels | Mask) -> bytes:
 
 def decode_labels(png: bytes) -> Labels:
     """Labels (H, W) of a PNG."""
+    found = _unfiltered(png)
+    if found is not None:
+        return found
     labels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE)
     return np.asarray(labels, np.uint8)
+
+
+def _unfiltered(png: bytes) -> Labels | None:
+    """Labels of a grey PNG whose rows are as they are, as ours are, in less than half the time."""
+    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    if png[12:16] != b"IHDR" or png[24:29] != b"\x08\0\0\0\0" or max(width, height) > _LARGEST:
+        return None
+    unpack, rows, at = zlib.decompressobj(), b"", 33
+    try:
+        while at < len(png) and len(rows) <= height * (width + 1):
+            size = int.from_bytes(png[at : at + 4], "big")
+            if png[at + 4 : at + 8] == b"IDAT":
+                rows += unpack.decompress(png[at + 8 : at + 8 + size], height * (width + 1) + 1)
+            at += size + 12
+    except zlib.error:
+        return None
+    if len(rows) != height * (width + 1):
+        return None
+    table = np.frombuffer(rows, np.uint8).reshape(height, width + 1)
+    return None if table[:, 0].any() else np.ascontiguousarray(table[:, 1:])

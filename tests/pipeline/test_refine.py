@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import weakref
+from collections import Counter
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.refine import image_heights
 from perfcap.pipeline.refine_pose import PoseRefinement
+from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface_config import RefineSurfaceConfig
 
 FRAMES = slice(40, 52)
@@ -41,6 +44,21 @@ class Painted:
 
     def read_view(self, view: int, start: int, stop: int) -> Frames:
         return self.frames[start:stop]
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A reader that counts how often each frame was read."""
+
+    clip: Clip
+    read: Counter[int] = field(default_factory=Counter)
+
+    def __len__(self) -> int:
+        return len(self.clip)
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        self.read.update(range(start, stop))
+        return self.clip.read_view(view, start, stop)
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +111,25 @@ def test_the_surface_is_finite_and_near_the_skin(performance: Performance) -> No
 
 
 def test_the_number_of_workers_changes_nothing(
-    take: dict[str, object], performance: Performance
+    take: dict[str, object], performance: Performance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    alone = run(take, workers=1)
+    """And drawn views, which are large, live no longer than their frame."""
+    drawn, most = Counter[str](), 0
+
+    def watched(sight: Sight, *given: object) -> View:
+        nonlocal most
+        view = draw(sight, *given)  # type: ignore[arg-type]
+        weakref.finalize(view, drawn.update, ["gone"])
+        drawn.update(["made"])
+        most = max(most, drawn["made"] - drawn["gone"])
+        return view
+
+    draw = Sight._drawn
+    monkeypatch.setattr(Sight, "_drawn", watched)
+    reader = Counted(take["clip"])  # type: ignore[arg-type]
+    alone = run(take, reader, workers=1)
+    assert reader.read[9] == reader.read[10] == reader.read[1]  # the first two are in two blocks
+    assert drawn["made"] > 10 * performance.frames and most <= 3
     assert torch.equal(alone.motion.angles, performance.motion.angles)
     assert alone.surface is not None and performance.surface is not None
     assert torch.equal(alone.surface[0:4], performance.surface[0:4])

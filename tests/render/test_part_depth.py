@@ -43,3 +43,23 @@ def test_parts_of_a_piece_of_the_image() -> None:
     piece = part_depth(points, normals, PARTS[1:38, 8:55], 45, (1, 8))
     assert np.isfinite(whole).any()
     np.testing.assert_array_equal(piece, whole)
+
+
+def test_the_compiled_loop_equals_numpy() -> None:
+    rng = np.random.default_rng(0)
+    parts = np.kron(rng.integers(-1, 3, (9, 11)), np.ones((7, 6), np.int64))
+    points = rng.uniform(-9, 75, (400, 2))
+    turn = rng.uniform(0, 2 * np.pi, 400)
+    normals = np.stack([np.cos(turn), np.sin(turn)], 1)
+    for reach, corner in ((0.0, (0, 0)), (12.0, (3, 5)), (40.0, (0, 0))):
+        steps = np.arange(1.5, max(reach, 1.5) + 1.0)
+        at = points[:, None] - steps[:, None] * normals[:, None]
+        column, row = np.rint(at).astype(int).transpose(2, 0, 1)
+        row, column = row - corner[0], column - corner[1]
+        inside = (row >= 0) & (row < len(parts)) & (column >= 0) & (column < parts.shape[1])
+        seen = np.where(inside, parts[row.clip(0, 62), column.clip(0, 65)], -1)
+        other = seen != seen[:, :1]
+        first = other.argmax(1)
+        ends = other.any(1) & (seen[:, 0] >= 0) & (seen[np.arange(400), first] >= 0)
+        expected = np.where(ends, steps[first], np.inf)
+        np.testing.assert_array_equal(part_depth(points, normals, parts, reach, corner), expected)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 from disc_scene import disc, disc_clip, texture
@@ -34,8 +35,7 @@ def still():
 def density(image, plate, around, contact=None):
     lighting = find_lighting(image, around, plate, SETTINGS, contact)
     everywhere = np.ones(image.shape[:2], bool)
-    pixels = image.reshape(-1, 3)
-    found = background_density(pixels, everywhere, plate, lighting, SETTINGS)
+    found = background_density(image, everywhere, plate, lighting, SETTINGS)
     return found.reshape(image.shape[:2]), lighting
 
 
@@ -59,7 +59,7 @@ def test_median_equals_numpy():
 def test_density_equals_numpy(still):
     plate, image, person = still
     lighting = find_lighting(image, ~person, plate, SETTINGS)
-    found = background_density(image[person], person, plate, lighting, SETTINGS)
+    found = background_density(image, person, plate, lighting, SETTINGS)
     behind = plate.color[person] * lighting.gain
     variance = plate.deviation[person] ** 2 + max(lighting.noise, SETTINGS.noise) ** 2
     terms = []
@@ -242,3 +242,16 @@ def test_hiding_looks_no_further_than_it_reaches(corner: tuple[int, int]) -> Non
 
 def _part(clip):
     return clip.images, clip.models
+
+
+@pytest.mark.parametrize("size", [(30, 41), (2, 5)])
+def test_squared_slope_equals_sobel(size: tuple[int, int]) -> None:
+    color = np.random.default_rng(0).integers(0, 256, (*size, 3)).astype(np.uint8)
+    steps = [
+        cv2.Sobel(color.astype(np.float32), cv2.CV_32F, *axis, ksize=3) / 8
+        for axis in ((1, 0), (0, 1))
+    ]
+    found = np.empty(size, np.float32)
+    around = cv2.copyMakeBorder(color, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
+    _background_numba.squared_slope(around, found)
+    np.testing.assert_array_equal(found, np.mean(steps[0] ** 2 + steps[1] ** 2, -1))

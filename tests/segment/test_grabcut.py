@@ -11,7 +11,7 @@ from disc_scene import disc, disc_clip, overlap
 from perfcap.errors import InputError
 from perfcap.segment.background import Lighting, Plate
 from perfcap.segment.baselines import box_grabcut
-from perfcap.segment.evidence import Backdrop, learn_colors, log_ratio
+from perfcap.segment.evidence import Backdrop, Pixels, learn_colors, log_ratio
 from perfcap.segment.grabcut import segment, settle_mixed
 from perfcap.segment.scene import survey
 from perfcap.segment.settings import MODEL_ONLY, PAPER, GrabCutSettings
@@ -65,8 +65,9 @@ def test_colors_of_neither_side_speak_for_neither():
     models = learn_colors(image, pure, inside, None, ALONE.color)
     assert models is not None
     everywhere = np.ones_like(inside)
+    pixels = Pixels.of(image, everywhere, None, ALONE)
     sure, fair = (
-        log_ratio(image, everywhere, models, None, replace(ALONE, unseen=share)).reshape(20, 40)
+        log_ratio(pixels, models, replace(ALONE, unseen=share)).reshape(20, 40)
         for share in (0.0, 0.1)
     )
     assert sure[0, 0] == ALONE.limit

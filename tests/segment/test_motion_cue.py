@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from disc_scene import disc, disc_clip, texture
 
-from perfcap.segment.motion_cue import MotionSettings, is_cut, temporal_gradient
+from perfcap.segment.motion_cue import MotionSettings, find_cuts, temporal_gradient
 from perfcap.segment.registration import (
     RegistrationSettings,
     find_landmarks,
@@ -45,13 +45,13 @@ def test_cut_is_told_from_camera_and_light():
         frames=1, seed=7, scene=((180, 20, 60), (250, 80, 200)), person=((0, 200, 0), (9, 255, 30))
     )  # fmt: skip
     image = clip.images[0]
-    assert not is_cut(image, image)
-    assert not is_cut(image, clip.images[1])
-    assert not is_cut(image, (image * 0.6).astype(np.uint8))
+    assert not find_cuts([image, image])
+    assert not find_cuts([image, clip.images[1]])
+    assert not find_cuts([image, (image * 0.6).astype(np.uint8)])
     noise = np.random.default_rng(0).integers(0, 256, (5, 5, 3)).astype(np.uint8)
     scene = cv2.resize(noise, (150, 150), interpolation=cv2.INTER_NEAREST)
-    assert is_cut(other.images[0], scene)
-    assert is_cut(scene, other.images[0])
+    assert find_cuts([other.images[0], scene]) == {1}
+    assert find_cuts([scene, other.images[0]]) == {1}
 
 
 @pytest.mark.parametrize("size", [200, 900])

@@ -8,7 +8,7 @@ import pytest
 from disc_scene import disc
 
 from perfcap.errors import InputError
-from perfcap.segment.silhouettes import Silhouettes, decode_labels, encode_labels
+from perfcap.segment.silhouettes import Silhouettes, _unfiltered, decode_labels, encode_labels
 
 
 def labels(frame, view):
@@ -82,3 +82,16 @@ def test_everybody_but_one(clip):
         others = clip.of(person).others(1, 1)
         np.testing.assert_array_equal(others, labels(1, 1) == 3 - person)
     assert not clip.others(1, 1).any()
+
+
+def test_what_is_no_plain_png_is_left_to_opencv() -> None:
+    picture = np.random.default_rng(0).integers(0, 3, (40, 31)).astype(np.uint8)
+    own = encode_labels(picture)
+    filtered = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_STRATEGY, 0])[1]
+    color = cv2.imencode(".png", np.dstack([picture] * 3))[1]
+    for png in (own, filtered.tobytes(), color.tobytes()):
+        np.testing.assert_array_equal(decode_labels(png), picture)
+    longer = own[:20] + (41).to_bytes(4, "big") + own[24:]
+    for damaged in (longer, own[:60], own[:-30] + bytes(30), b"", own[:24]):
+        assert _unfiltered(damaged) is None
+    np.testing.assert_array_equal(_unfiltered(own), picture)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from disc_scene import disc
@@ -152,3 +153,19 @@ def test_distance_is_signed_and_in_pixels():
 def test_other_arrays_are_refused(model, bones, word):
     with pytest.raises(InputError, match=word):
         build_trimap(model, bones)
+
+
+def test_the_ground_around_feet_is_looked_at_no_further_than_their_shade() -> None:
+    model = np.zeros((90, 120), bool)
+    model[10:60, 40:60] = True
+    feet = np.array([[[42.0, 58], [36, 61]], [[58, 58], [66, 63]], [[np.nan, 0], [0, 0]]])
+    found = build_trimap(model, feet, feet=(0, 1, 2))
+    lines = np.zeros((90, 120), np.uint8)
+    for ankle, toes in feet[:2]:
+        ends = np.rint([1.5 * ankle - 0.5 * toes, 1.3 * toes - 0.3 * ankle]).astype(int)
+        cv2.line(lines, *map(tuple, ends.tolist()), 1)
+    away = cv2.distanceTransform(1 - lines, cv2.DIST_L2, cv2.DIST_MASK_5)[found.box]
+    assert found.contact is not None
+    reach, outside = 0.06 * found.size, ~model[found.box]
+    assert found.contact[(away < reach - 1.5) & outside].all()
+    assert not found.contact[(away > reach + 1.5) | ~outside].any()
