@@ -38,7 +38,7 @@ from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.masked_frames import given_doubts, partly_masked
 from perfcap.app.project import in_project
-from perfcap.app.report import write_report
+from perfcap.app.report import write_people_report, write_report
 from perfcap.app.true_views import settled
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.commands.results import Report
@@ -102,6 +102,8 @@ def run_capture(request: Capture) -> int:
     if request.report:
         for folder in people_of(request.folder):
             write_report(Report(folder, request.videos, request.cameras))
+        if is_several(request.folder):
+            write_people_report(Report(request.folder, request.videos, request.cameras))
     return code
 
 

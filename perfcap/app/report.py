@@ -17,19 +17,24 @@ from perfcap.app.scores import joint_doubts
 from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
 from perfcap.commands.results import Report
 from perfcap.errors import InputError
-from perfcap.io.result_folder import MOTION, PAGE, REPORT
-from perfcap.report import Places, Wanted, make_comparison, make_report
+from perfcap.io.result_folder import MOTION, PAGE, REPORT, is_several
+from perfcap.report import Places, Wanted, make_comparison, make_people_report, make_report
 
 _LOG = logging.getLogger(__name__)
 
 
 def run_report(request: Report) -> int:
-    """Write the page and print where it is, of several people one each; returns the exit code.
+    """Write the page and print where it is; of several people one each, and one of everybody.
+
+    Returns the exit code.
 
     Raises:
         InputError: bad input, in one line; an older page is still there then.
     """
-    return for_everybody(request.folder, lambda folder, _: _report(replace(request, folder=folder)))
+    code = for_everybody(request.folder, lambda folder, _: _report(replace(request, folder=folder)))
+    if is_several(request.folder):
+        _told(write_people_report(request))
+    return code
 
 
 def _report(request: Report) -> int:
@@ -38,13 +43,18 @@ def _report(request: Report) -> int:
     last = int(read_found(request.folder / MOTION).frames[-1])
     if stop is not None and stop > last + 1:
         PlainConsole().print(f"--frames {request.frames}: the result ends with {last}")
-    size = page.stat().st_size / 1e6
-    PlainConsole().print(f"{page} ({size:.1f} MB); perfcap view {request.folder} opens it")
+    _told(page)
     return 0
 
 
+def _told(page: Path) -> None:
+    """Say where a page is."""
+    size = page.stat().st_size / 1e6
+    PlainConsole().print(f"{page} ({size:.1f} MB); perfcap view {page.parent} opens it")
+
+
 def run_view(folders: tuple[Path, ...]) -> int:
-    """Open the page of a result, made first where it is missing or older; of everybody one each.
+    """Open the page of a result, made first where it is missing or older; of several people one.
 
     Of two results it is one page that shows both, in the working directory.
 
@@ -52,7 +62,7 @@ def run_view(folders: tuple[Path, ...]) -> int:
         InputError: none or more than two results, or such that do not fit together.
     """
     if len(folders) == 1:
-        return for_everybody(folders[0], lambda place, _: _view(place))
+        return _view(folders[0])
     if len(folders) != 2:
         raise InputError(f"FOLDER: are {len(folders)}; expected one result, or two to compare")
     one, other = folders
@@ -68,7 +78,8 @@ def _view(folder: Path) -> int:
     page, report = folder / PAGE, folder / REPORT
     fresh = page.is_file() and report.is_file()
     if not fresh or page.stat().st_mtime < report.stat().st_mtime:
-        page = write_report(Report(folder))
+        several, request = is_several(folder), Report(folder)
+        page = write_people_report(request) if several else write_report(request)
     _open(page)
     return 0
 
@@ -76,6 +87,19 @@ def _view(folder: Path) -> int:
 def _open(page: Path) -> None:
     if not webbrowser.open(page.resolve().as_uri()):
         PlainConsole().print(f"no browser was found; open {page} in one")
+
+
+def write_people_report(request: Report) -> Path:
+    """Write ``report.html`` of everybody into a result's folder; returns its path.
+
+    Raises:
+        InputError: as ``make_people_report``.
+    """
+    part = parse_frames(request.frames)
+    start = part.start if request.frames is not None else None
+    wanted = Wanted(start, part.stop, Places(request.videos, request.cameras))
+    with progress_bars() as tell:
+        return make_people_report(request.folder, wanted, tell)
 
 
 def write_report(request: Report) -> Path:

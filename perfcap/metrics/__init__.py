@@ -1,7 +1,7 @@
 """Errors of results against truth."""
 
 from perfcap.metrics.alignment import Alignment, align, root_aligned
-from perfcap.metrics.contact import Penetration, floor_contact, foot_skate, penetration
+from perfcap.metrics.contact import Penetration, floor_contact, foot_skate, penetration, skin_gap
 from perfcap.metrics.girths import GirthErrors, girth_errors
 from perfcap.metrics.joints import (
     JointErrors,
@@ -83,6 +83,7 @@ __all__ = [
     "reprojection_error",
     "root_aligned",
     "silhouette_scores",
+    "skin_gap",
     "surface_distance",
     "surface_error",
     "torso_size",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ Folders = tuple[str | Path, str | Path]
 Plain = dict[str, Any]
 
 _RATE = 1e-3  # share by which rates of the same video may differ
-_LETTERS = ("A", "B")
 
 
 def make_comparison(folders: Folders, path: str | Path, progress: Progress | None = None) -> Path:
@@ -61,7 +61,7 @@ def build_comparison(folders: Folders, progress: Progress | None = None) -> str:
     data = {
         key: left.data[key] for key in ("name", "first", "frames", "opening", "rate", "marks")
     } | {
-        "charts": [apart.plain(), *_merged(left.data["charts"], right.data["charts"])],
+        "charts": [apart.plain(), *merged({"A": left.data["charts"], "B": right.data["charts"]})],
         "results": [left.data, right.data],
     }
     names = _names(one.folder, other.folder)
@@ -104,14 +104,14 @@ def _content(
     return found, notes
 
 
-def _merged(left: list[Plain], right: list[Plain]) -> list[Plain]:
-    """Charts of both results, those of one title together; lines say whose they are."""
-    order = list(dict.fromkeys((c["group"], c["title"]) for c in (*left, *right)))
+def merged(charts: Mapping[str, list[Plain]]) -> list[Plain]:
+    """Charts of several results, those of one title together; lines say whose they are."""
+    order = list(dict.fromkeys((c["group"], c["title"]) for own in charts.values() for c in own))
     found = []
     for key in order:
         chart: Plain = {}
-        for letter, charts in zip(_LETTERS, (left, right), strict=True):
-            for each in charts:
+        for letter, own in charts.items():
+            for each in own:
                 if (each["group"], each["title"]) == key:
                     lines = [*chart.get("lines", []), *_of(letter, each)]
                     worst = "lowest" if each["worst"] == "low" else each["worst"]

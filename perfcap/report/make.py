@@ -78,7 +78,7 @@ def build_page(
     wanted = wanted or Wanted()
     tell = progress or (lambda name, done, total: None)
     result = read_result(folder)
-    rows, notes = _rows(result, wanted)
+    rows, notes = wanted_rows(result, wanted)
     truth = _truth(result, rows, wanted)
     sources = find_sources(result, rows, wanted.places)
     model = build_model(result, rows)
@@ -93,7 +93,7 @@ def build_page(
     )
 
 
-def _rows(result: Result, wanted: Wanted) -> tuple[slice, list[str]]:
+def wanted_rows(result: Result, wanted: Wanted) -> tuple[slice, list[str]]:
     """The wanted frames of a result, and what to say where these are not all."""
     numbers = result.frame_numbers
     first, last = int(numbers[0]), int(numbers[-1])

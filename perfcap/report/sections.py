@@ -21,11 +21,14 @@ _STAGES = {
     "refine_pose": "Motion on the masks",
     "extract_silhouettes_again": "Masks again",
     "refine_surface": "Surface on the masks",
+    "follow_frames": "Frame by frame",
 }
 _FILES = {
     "capture.glb": "textured character with its animation: Blender, game engines, browsers",
     "motion.bvh": "animation of the bones",
     "motion.npz": "joints, root and angles, arrays",
+    "scene.glb": "everybody with their animations: Blender, game engines, browsers",
+    "people.json": "who is who, and how surely",
     "surface.npz": "vertices of every frame, arrays",
     "overlay.mp4": "input with outline and skeleton",
     "textured.mp4": "input with the textured character",

@@ -107,14 +107,17 @@ class Views:
     notes: list[str] = field(default_factory=list)
 
 
-def build_views(result: Result, rows: slice, sources: Sources, tell: Progress) -> Views:
+def build_views(
+    result: Result, rows: slice, sources: Sources, tell: Progress, videos: bool = True
+) -> Views:
     """Encode the videos and trace what is drawn over them.
 
     Without the input videos, ``overlay.mp4`` of the result is shown; without that, outlines on a
-    plain background where there are cameras.
+    plain background where there are cameras. Without ``videos``, which others show already, there
+    is what is drawn over them alone.
     """
     views = Views()
-    if sources.clip is None and own_file(result.folder, OVERLAY) is not None:
+    if videos and sources.clip is None and own_file(result.folder, OVERLAY) is not None:
         _add_overlay(views, result, rows, tell)
         if views.plain:
             return views
@@ -125,7 +128,7 @@ def build_views(result: Result, rows: slice, sources: Sources, tell: Progress) -
         views.notes.append(f"The first {MOST} of {len(sizes)} views are shown.")
     for view, size in enumerate(sizes[:MOST]):
         views.plain.append({"name": sources.names[view], "height": size[0], "width": size[1]})
-        if sources.clip is not None:
+        if videos and sources.clip is not None:
             _add_video(views, sources.clip, view, result.rate, tell)
     _add_masks(views, result, rows, sources, sizes[:MOST])
     if sources.cameras is not None:

@@ -100,3 +100,7 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
         config = yaml.safe_load((folder / "config.yaml").read_text())
         assert config["frames"]["search"]["search"] == "misaligned"
         assert "Limbs beside their contours" in (folder / "report.html").read_text()
+    assert '"people":[{' in (out / "report.html").read_text()
+    (out / "report.html").unlink()
+    assert "report.html" in perfcap(["report", out]).out
+    assert "Between people" in (out / "report.html").read_text()

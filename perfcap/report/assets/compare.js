@@ -64,9 +64,9 @@ async function main() {
   const [a, b] = data.results;
   const taken = [await takeBody(a, "a-"), await takeBody(b, "b-")];
   const player = new Player(data.frames, data.rate, data.opening);
-  const made = taken.map(({ body, arrays }, i) => makeScene(i === 0 ? "scene" : "scene-b", graphics[i], body, arrays, data.results[i]));
+  const made = taken.map((person, i) => makeScene(i === 0 ? "scene" : "scene-b", graphics[i], [person], data.results[i]));
   const scenes = made.filter((scene) => scene !== null);
-  const views = makeViews(taken[0].arrays, a, player);
+  const views = makeViews([taken[0].arrays], a, player);
   const parts = [...scenes, views].filter((part) => part !== null);
   parts.forEach((part) => part.setFrame(player.frame));
   player.addEventListener("frame", () => parts.forEach((part) => part.setFrame(player.frame)));

@@ -10,12 +10,12 @@ import { setUpTheme } from "./theme.js";
 const byId = (id) => document.getElementById(id);
 
 /** Buttons of the 3D view; gives what keys do. */
-function setUpScene(scene, body, views, data) {
+function setUpScene(scene, views, people) {
   const toggle = (name) => new Toggle(`toggle-${name}`, (on) => scene.set({ [name]: on }));
   const [texture, wireframe, skeleton, follow, cameras] = ["texture", "wireframe", "skeleton", "follow", "cameras"].map(toggle);
   scene.cameras = views?.cameras() ?? [];
   if (scene.cameras.length === 0) cameras.disable("The capture's cameras were not found.");
-  if (!data.texture) {
+  if (!people.some((person) => person.texture)) {
     texture.set(false);
     texture.disable("The actor has no texture.");
   }
@@ -25,7 +25,8 @@ function setUpScene(scene, body, views, data) {
     scene.set({ kind });
   };
   kinds.forEach((input) => input.addEventListener("change", () => choose(input.value)));
-  if (body.surface === null) {
+  const plain = scene.bodies.every((body) => body.surface === null);
+  if (plain) {
     choose("skinned");
     kinds[0].disabled = true;
     kinds[0].parentElement.title = "This page holds no captured surface.";
@@ -39,7 +40,7 @@ function setUpScene(scene, body, views, data) {
   };
   looks.forEach((button) => button.addEventListener("click", () => look(button.dataset.look)));
   scene.onCamera = (filmed) => byId("look-camera").setAttribute("aria-pressed", String(filmed));
-  const other = () => choose(scene.show.kind === "captured" || body.surface === null ? "skinned" : "captured");
+  const other = () => choose(scene.show.kind === "captured" || plain ? "skinned" : "captured");
   return {
     s: other,
     t: () => texture.flip(),
@@ -55,8 +56,9 @@ function setUpScene(scene, body, views, data) {
 }
 
 /** What others may use from the browser's console, and tests do. */
-function publish(player, body) {
-  const vertices = (frame, kind) => {
+function publish(player, bodies) {
+  const vertices = (frame, kind, person = 0) => {
+    const body = bodies[person];
     if (kind === "captured" && body.surface !== null) {
       const size = body.positions.length;
       const { levels, origin, step } = body.surface;
@@ -72,10 +74,14 @@ function publish(player, body) {
 async function main() {
   const data = readData();
   const graphics = openGraphics(byId("scene"));
-  const { arrays, body } = await takeBody(data, "");
+  // several people have names of their own for what a page of one has without
+  const people = data.people ?? [data];
+  const prefix = (number) => (data.people ? `p${number + 1}-` : "");
+  const taken = [];
+  for (const [number, person] of people.entries()) taken.push(await takeBody(person, prefix(number)));
   const player = new Player(data.frames, data.rate, data.opening);
-  const scene = makeScene("scene", graphics, body, arrays, data);
-  const views = makeViews(arrays, data, player);
+  const scene = makeScene("scene", graphics, taken, data);
+  const views = makeViews(taken.map(({ arrays }) => arrays), data, player);
   const parts = [scene, views].filter((part) => part !== null);
   parts.forEach((part) => part.setFrame(player.frame));
   player.addEventListener("frame", () => parts.forEach((part) => part.setFrame(player.frame)));
@@ -89,17 +95,17 @@ async function main() {
   };
   const letters = {
     v: setUpFullscreen(byId("full")),
-    ...(scene ? setUpScene(scene, body, views, data) : {}),
+    ...(scene ? setUpScene(scene, views, people) : {}),
     ...(views ? setUpViews(views, data, onOpen) : {}),
   };
   setUpKeys(player, letters);
   setUpTheme(byId("theme"), byId("theme-name"), () => parts.forEach((part) => part.invalidate()));
   if (scene) {
-    await addTexture(scene, data, "");
+    for (const [number, person] of people.entries()) await addTexture(scene, person, prefix(number), number);
     byId("scene-message").hidden = true;
     scene.start();
   }
-  publish(player, body);
+  publish(player, taken.map(({ body }) => body));
   await setReady();
   setTimeout(drawLater); // below what is seen first
 }

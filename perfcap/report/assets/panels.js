@@ -23,26 +23,27 @@ export async function takeBody(data, prefix) {
 }
 
 /** The 3D view in the canvas `id`; null, with a word on the page, where the browser has none. */
-export function makeScene(id, graphics, body, arrays, data) {
+export function makeScene(id, graphics, people, data) {
   if (graphics === null) {
     byId(`${id}-message`).textContent = "This browser shows no WebGL 2. Everything else on this page works.";
     return null;
   }
-  return new Scene(byId(id), byId(`${id}-marks`), graphics, body, arrays, data);
+  return new Scene(byId(id), byId(`${id}-marks`), graphics, people, data);
 }
 
-export async function addTexture(scene, data, prefix) {
+/** Give the person `number` of a scene their texture. */
+export async function addTexture(scene, data, prefix, number = 0) {
   if (!data.texture) return;
   const picture = new Image();
   const file = new Blob([takeBytes(`${prefix}texture`)], { type: data.texture.type });
   picture.src = URL.createObjectURL(file);
   await picture.decode();
   URL.revokeObjectURL(picture.src);
-  scene.renderer.setTexture(picture);
+  scene.renderer.figures[number].setTexture(picture);
 }
 
-/** The video and what is drawn over it; null where there is none. */
-export function makeViews(arrays, data, player) {
+/** The video and what is drawn over it of each person's arrays; null where there is none. */
+export function makeViews(everybody, data, player) {
   if (data.views.length === 0) {
     byId("video-pane").hidden = true;
     return null;
@@ -55,7 +56,7 @@ export function makeViews(arrays, data, player) {
     player.follow(null);
   });
   const elements = { screen: byId("video-screen"), fit: byId("video-fit"), video: byId("video"), marks: byId("video-marks") };
-  return new Views(elements, arrays, data, footage);
+  return new Views(elements, everybody, data, footage);
 }
 
 /** Buttons of the video; gives what keys do. `onOpen` is told when another view is shown. */

@@ -1,4 +1,4 @@
-// Draws the person on a ground with WebGL 2: shadow map, mesh, wireframe, ground.
+// Draws people on a ground with WebGL 2: shadow map, meshes, wireframes, ground.
 
 import { lookAt, multiply, normalize, orthographic } from "./matrix.js";
 import { DEPTH, GROUND, SKIN, WIRE, finishProgram, startProgram } from "./shaders.js";
@@ -13,19 +13,13 @@ export function openGraphics(canvas) {
   return gl === null ? null : { gl, programs: [SKIN, DEPTH, WIRE, GROUND].map((source) => startProgram(gl, source)) };
 }
 
-export class Renderer {
-  /** `stage` moves the world so that y is up, the ground at 0, and the person faces z. */
-  constructor(canvas, graphics, body, stage) {
-    const { gl, programs } = graphics;
-    this.canvas = canvas;
+/** One person's mesh and texture. */
+class Figure {
+  constructor(gl, body) {
     this.gl = gl;
     this.body = body;
-    this.stage = stage;
-    [this.skin, this.depth, this.wire, this.ground] = programs.map((program) => finishProgram(gl, program));
     this.spread = new Float32Array(6 * body.welded.length);
     this.makeMesh();
-    this.makeGround();
-    this.makeShadow();
     this.image = this.makeImage();
     this.edges = null;
     this.hasImage = false;
@@ -49,6 +43,82 @@ export class Renderer {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, body.faces, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
+  }
+
+  makeImage() {
+    const { gl } = this;
+    const image = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, image);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4).fill(200));
+    return image;
+  }
+
+  /** Use a loaded image as the texture; its first row is at v = 0, as glTF has it. */
+  setTexture(picture) {
+    const { gl } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.image);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
+      gl.texParameteri(gl.TEXTURE_2D, wrap, gl.REPEAT);
+    }
+    this.hasImage = true;
+  }
+
+  /** Take over the body's pose. */
+  upload() {
+    this.body.spread(this.spread);
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.vertices);
+    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 0, this.spread);
+  }
+
+  drawFaces() {
+    const { gl } = this;
+    gl.bindVertexArray(this.mesh);
+    gl.drawElements(gl.TRIANGLES, this.body.faces.length, gl.UNSIGNED_INT, 0);
+    gl.bindVertexArray(null);
+  }
+
+  drawEdges() {
+    const { gl } = this;
+    if (this.edges === null) this.makeEdges();
+    gl.bindVertexArray(this.edges.array);
+    gl.drawElements(gl.LINES, this.edges.count, gl.UNSIGNED_INT, 0);
+    gl.bindVertexArray(null);
+  }
+
+  makeEdges() {
+    const { gl } = this;
+    const pairs = this.body.edges();
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.vertices);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 24, 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, pairs, gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
+    this.edges = { array, count: pairs.length };
+  }
+}
+
+export class Renderer {
+  /** `stage` moves the world so that y is up, the ground at 0, and people face z. */
+  constructor(canvas, graphics, bodies, stage) {
+    const { gl, programs } = graphics;
+    this.canvas = canvas;
+    this.gl = gl;
+    this.stage = stage;
+    [this.skin, this.depth, this.wire, this.ground] = programs.map((program) => finishProgram(gl, program));
+    this.figures = bodies.map((body) => new Figure(gl, body));
+    this.makeGround();
+    this.makeShadow();
+  }
+
+  /** Take over the bodies' poses. */
+  upload() {
+    this.figures.forEach((figure) => figure.upload());
   }
 
   makeGround() {
@@ -81,38 +151,11 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
-  makeImage() {
-    const { gl } = this;
-    const image = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, image);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4).fill(200));
-    return image;
-  }
-
-  /** Use a loaded image as the texture; its first row is at v = 0, as glTF has it. */
-  setTexture(picture) {
-    const { gl } = this;
-    gl.bindTexture(gl.TEXTURE_2D, this.image);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
-    gl.generateMipmap(gl.TEXTURE_2D);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
-    for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
-      gl.texParameteri(gl.TEXTURE_2D, wrap, gl.REPEAT);
-    }
-    this.hasImage = true;
-  }
-
-  /** Take over the body's pose. */
-  upload() {
-    this.body.spread(this.spread);
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.vertices);
-    this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 0, this.spread);
-  }
-
-  /** Draw; `look` has eye and toScreen, `style` what to draw in which colours. */
-  draw(look, middle, style) {
+  /** Draw; `look` has eye and toScreen, `reach` (m) holds everybody, `style` says what and how. */
+  draw(look, middle, reach, style) {
     const light = [0, 1, 2].map((k) => middle[k] + 4 * SUN[k]);
-    const view = multiply(orthographic(1.6, 0.5, 8), lookAt(light, middle, [0, 0, 1]));
+    const side = Math.max(1.6, reach);
+    const view = multiply(orthographic(side, 0.5 - Math.max(0, side - 1.6), 8 + side - 1.6), lookAt(light, middle, [0, 0, 1]));
     const toLight = multiply(view, this.stage);
     this.drawShadow(toLight);
     const { gl, canvas } = this;
@@ -123,7 +166,6 @@ export class Renderer {
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.shadow);
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.image);
     this.drawSkin(look, toLight, style);
     if (style.wireframe) this.drawWire(look, style);
     this.drawGround(look, view, middle, style);
@@ -137,7 +179,7 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.depth.program);
     gl.uniformMatrix4fv(this.depth.uniforms.toLight, false, toLight);
-    this.drawFaces();
+    this.figures.forEach((figure) => figure.drawFaces());
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
@@ -152,44 +194,23 @@ export class Renderer {
     gl.uniform3fv(uniforms.sun, SUN);
     gl.uniform1i(uniforms.image, 0);
     gl.uniform1i(uniforms.shadowMap, 1);
-    gl.uniform1i(uniforms.textured, style.texture && this.hasImage ? 1 : 0);
-    this.drawFaces();
-  }
-
-  drawFaces() {
-    const { gl } = this;
-    gl.bindVertexArray(this.mesh);
-    gl.drawElements(gl.TRIANGLES, this.body.faces.length, gl.UNSIGNED_INT, 0);
-    gl.bindVertexArray(null);
+    for (const figure of this.figures) {
+      gl.bindTexture(gl.TEXTURE_2D, figure.image);
+      gl.uniform1i(uniforms.textured, style.texture && figure.hasImage ? 1 : 0);
+      figure.drawFaces();
+    }
   }
 
   drawWire(look, style) {
     const { gl } = this;
-    if (this.edges === null) this.makeEdges();
     gl.useProgram(this.wire.program);
     gl.uniformMatrix4fv(this.wire.uniforms.stage, false, this.stage);
     gl.uniformMatrix4fv(this.wire.uniforms.toScreen, false, look.toScreen);
     gl.uniform4fv(this.wire.uniforms.ink, style.ink);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.bindVertexArray(this.edges.array);
-    gl.drawElements(gl.LINES, this.edges.count, gl.UNSIGNED_INT, 0);
-    gl.bindVertexArray(null);
+    this.figures.forEach((figure) => figure.drawEdges());
     gl.disable(gl.BLEND);
-  }
-
-  makeEdges() {
-    const { gl } = this;
-    const pairs = this.body.edges();
-    const array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.vertices);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 24, 0);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, pairs, gl.STATIC_DRAW);
-    gl.bindVertexArray(null);
-    this.edges = { array, count: pairs.length };
   }
 
   drawGround(look, toLight, middle, style) {

@@ -1,21 +1,22 @@
-// The 3D view: the person in the current frame, seen from an orbit or as filmed.
+// The 3D view: everybody in the current frame, seen from an orbit or as filmed.
 
 import { cameraCenter, drawFrusta } from "./frusta.js";
 import { drawSkeleton, fitCanvas } from "./marks.js";
 import { fromRows, invertRigid, multiply, project } from "./matrix.js";
 import { Orbit } from "./orbit.js";
 import { Renderer } from "./renderer.js";
-import { framing, stageJoints, stageMatrix } from "./stage.js";
+import { framingOf, stageJoints, stageMatrix } from "./stage.js";
 
 export class Scene {
-  constructor(canvas, above, graphics, body, arrays, data) {
+  /** `people` are bodies with their arrays. */
+  constructor(canvas, above, graphics, people, data) {
     this.canvas = canvas;
     this.above = above;
-    this.body = body;
-    this.joints = arrays.joints;
-    this.stage = stageMatrix(data.scene, arrays.joints);
-    this.framing = framing(arrays.joints, this.stage, data.rate);
-    this.renderer = new Renderer(canvas, graphics, body, this.stage);
+    this.bodies = people.map(({ body }) => body);
+    this.joints = people.map(({ arrays }) => arrays.joints);
+    this.stage = stageMatrix(data.scene, this.joints);
+    this.framing = framingOf(this.joints, this.stage, data.rate);
+    this.renderer = new Renderer(canvas, graphics, this.bodies, this.stage);
     this.orbit = new Orbit(canvas, this.framing.half, () => this.invalidate());
     this.orbit.onTouch = () => this.setCamera(null);
     this.onCamera = () => {};
@@ -88,7 +89,7 @@ export class Scene {
     const aspect = this.canvas.width / this.canvas.height;
     const look = this.camera === null ? this.orbit.camera(this.middle, aspect) : this.filmed(aspect);
     const around = this.framing.path[this.frame];
-    this.renderer.draw(look, [around[0], around[1], around[2]], this.style());
+    this.renderer.draw(look, [around[0], around[1], around[2]], this.framing.half.width + 0.6, this.style());
     this.drawAbove(look);
     if (moving) this.invalidate();
   }
@@ -96,7 +97,7 @@ export class Scene {
   pose() {
     const wanted = `${this.frame} ${this.show.kind}`;
     if (this.posed === wanted) return;
-    this.body.pose(this.frame, this.show.kind);
+    this.bodies.forEach((body) => body.pose(this.frame, this.show.kind));
     this.renderer.upload();
     this.posed = wanted;
   }
@@ -143,11 +144,13 @@ export class Scene {
     context.clearRect(0, 0, width, height);
     if (this.show.cameras) this.drawCameras(context, look);
     if (!this.show.skeleton) return;
-    const points = stageJoints(this.joints, this.frame, this.stage).map((joint) => {
-      const [x, y, w] = project(look.toScreen, joint);
-      return w > 0 ? [(0.5 + (0.5 * x) / w) * width, (0.5 - (0.5 * y) / w) * height] : null;
-    });
-    drawSkeleton(context, points, Math.max(2, 0.006 * height));
+    for (const joints of this.joints) {
+      const points = stageJoints(joints, this.frame, this.stage).map((joint) => {
+        const [x, y, w] = project(look.toScreen, joint);
+        return w > 0 ? [(0.5 + (0.5 * x) / w) * width, (0.5 - (0.5 * y) / w) * height] : null;
+      });
+      drawSkeleton(context, points, Math.max(2, 0.006 * height));
+    }
   }
 
   drawCameras(context, look) {

@@ -5,11 +5,11 @@ import { fromRows, transform } from "./matrix.js";
 const MARGIN = 0.16; // m around joints: hands, hair, shoes
 const SMOOTH = 0.35; // s, standard deviation of the path that the view follows
 
-/** Matrix from the world to the stage, which stands in the middle of the clip's path. */
-export function stageMatrix(scene, joints) {
+/** Matrix from the world to the stage, in the middle of the paths of everybody's joints. */
+export function stageMatrix(scene, everybody) {
   const [side, up, ahead] = scene.axes;
   const turned = fromRows([[...side, 0], [...up, -scene.ground], [...ahead, 0]]);
-  const roots = rootPath(joints, turned);
+  const roots = everybody.flatMap((joints) => rootPath(joints, turned));
   const middle = [0, 2].map((k) => {
     const values = roots.map((root) => root[k]);
     return (Math.min(...values) + Math.max(...values)) / 2;
@@ -48,6 +48,23 @@ export function framing(joints, stage, rate) {
     }
   }
   return { path, half, middle: [0, height, 0] };
+}
+
+/** The same of several people: what lies between them, and all of them around it. */
+export function framingOf(everybody, stage, rate) {
+  const each = everybody.map((joints) => framing(joints, stage, rate));
+  if (each.length === 1) return each[0];
+  const mean = (points) => [0, 1, 2].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
+  const path = each[0].path.map((_, frame) => mean(each.map((own) => own.path[frame])));
+  const half = { height: 0, width: 0 };
+  for (const own of each) {
+    own.path.forEach((point, frame) => {
+      const away = Math.hypot(point[0] - path[frame][0], point[2] - path[frame][2]);
+      half.width = Math.max(half.width, own.half.width + away);
+      half.height = Math.max(half.height, own.half.height + Math.abs(point[1] - path[frame][1]));
+    });
+  }
+  return { path, half, middle: mean(each.map((own) => own.middle)) };
 }
 
 /** Middle between the ground and the highest that joints usually are. */

@@ -2,13 +2,15 @@
 
 import { Outlines, drawCrosses, drawSkeleton, fitCanvas } from "./marks.js";
 
-const MASK = "rgba(64, 224, 190, 0.38)";
-const OUTLINE = "#ffec5c";
+// of each person; more than these begin again
+const MASKS = ["rgba(64, 224, 190, 0.38)", "rgba(255, 140, 90, 0.38)", "rgba(150, 130, 255, 0.38)", "rgba(120, 200, 80, 0.38)"];
+const OUTLINES = ["#ffec5c", "#5ce1ff", "#ff8ad8", "#9dff7a"];
 
 export class Views {
-  constructor(elements, arrays, data, footage) {
+  /** `everybody` has the arrays of each person. */
+  constructor(elements, everybody, data, footage) {
     this.elements = elements;
-    this.arrays = arrays;
+    this.everybody = everybody;
     this.views = data.views;
     this.footage = footage;
     this.show = { outline: true, mask: false, joints: false, detected: false };
@@ -32,18 +34,13 @@ export class Views {
 
   /** What there is to draw over the current view. */
   available() {
-    const view = this.views[this.current];
-    return {
-      outline: Boolean(view.outline),
-      mask: Boolean(view.mask),
-      joints: `joints2d-${this.current}` in this.arrays,
-      detected: `detected-${this.current}` in this.arrays,
-    };
+    const some = (name) => this.everybody.some((arrays) => `${name}-${this.current}` in arrays);
+    return { outline: some("outline-rings"), mask: some("mask-rings"), joints: some("joints2d"), detected: some("detected") };
   }
 
   /** The camera of the current view, or null. */
   camera() {
-    const table = this.arrays[`camera-${this.current}`];
+    const table = this.everybody[0][`camera-${this.current}`];
     const view = this.views[this.current];
     return table ? { table, width: view.width, height: view.height } : null;
   }
@@ -51,7 +48,7 @@ export class Views {
   /** All cameras, for the 3D view. */
   cameras() {
     return this.views.flatMap((view, index) => {
-      const table = this.arrays[`camera-${index}`];
+      const table = this.everybody[0][`camera-${index}`];
       return table ? [{ table, width: view.width, height: view.height, name: view.name, index }] : [];
     });
   }
@@ -95,20 +92,24 @@ export class Views {
     context.setTransform(scale, 0, 0, scale, 0, 0);
     const size = Math.max(1.1, 0.0032 * view.height, 1.6 / scale);
     const there = this.available();
-    if (this.show.mask && there.mask) this.traced("mask").fill(context, this.frame, MASK);
-    if (this.show.outline && there.outline) this.traced("outline").stroke(context, this.frame, OUTLINE, size);
-    if (this.show.joints && there.joints) {
-      drawSkeleton(context, this.points("joints2d"), 1.5 * size);
-    }
-    if (this.show.detected && there.detected) {
-      const certain = this.arrays[`confidence-${this.current}`];
-      drawCrosses(context, this.points("detected"), certain.subarray(16 * this.frame, 16 * this.frame + 16), size);
-    }
+    const each = (name, action) => {
+      if (!this.show[name] || !there[name]) return;
+      this.everybody.forEach((arrays, number) => action(arrays, number % OUTLINES.length, number));
+    };
+    each("mask", (_, color, number) => this.traced("mask", number)?.fill(context, this.frame, MASKS[color]));
+    each("outline", (_, color, number) => this.traced("outline", number)?.stroke(context, this.frame, OUTLINES[color], size));
+    each("joints", (arrays) => drawSkeleton(context, this.points(arrays, "joints2d"), 1.5 * size));
+    each("detected", (arrays) => {
+      const certain = arrays[`confidence-${this.current}`];
+      if (!certain) return;
+      drawCrosses(context, this.points(arrays, "detected"), certain.subarray(16 * this.frame, 16 * this.frame + 16), size);
+    });
   }
 
-  points(name) {
-    const array = this.arrays[`${name}-${this.current}`];
+  points(arrays, name) {
+    const array = arrays[`${name}-${this.current}`];
     const points = [];
+    if (!array) return points;
     for (let joint = 0; joint < 16; joint += 1) {
       const at = 2 * (16 * this.frame + joint);
       points.push([array[at], array[at + 1]]);
@@ -116,12 +117,12 @@ export class Views {
     return points;
   }
 
-  /** Outlines of the current view, unpacked when they are first drawn. */
-  traced(kind) {
-    const key = `${kind}-${this.current}`;
+  /** Outlines of a person in the current view, unpacked when they are first drawn. */
+  traced(kind, number) {
+    const key = `${kind}-${this.current}-${number}`;
     if (!this.outlines.has(key)) {
-      const part = (name) => this.arrays[`${kind}-${name}-${this.current}`];
-      this.outlines.set(key, new Outlines(part("rings"), part("lengths"), part("points")));
+      const part = (name) => this.everybody[number][`${kind}-${name}-${this.current}`];
+      this.outlines.set(key, part("rings") ? new Outlines(part("rings"), part("lengths"), part("points")) : null);
     }
     return this.outlines.get(key);
   }
