@@ -106,6 +106,11 @@ class _Checked:
                 f"of {height} rows and {width} columns; expected uint8 (frames, {height}, {width}, "
                 "3): give cameras in pixels of the images (read_cameras(path, clip.sizes))"
             )
+        if len(found) != stop - start:
+            raise InputError(
+                f"images of view {view}: the reader gave {len(found)} of frames {start} to "
+                f"{stop - 1}; expected all up to its length, {len(self)}"
+            )
         return found
 
 

@@ -96,6 +96,16 @@ def test_images_that_show_nothing(take: Take) -> None:
         capture(take.actor, take.cameras, take.detections, 30.0, images=dark)
 
 
+def test_readers_that_give_too_few_frames(take: Take) -> None:
+    class Short(Blank):
+        def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+            return np.zeros((stop - start - 1, 8, 8, 3), np.uint8)
+
+    short = replace(images(take, 6), reader=Short(6))
+    with pytest.raises(InputError, match="the reader gave 0 of frames 0 to 0"):
+        capture(take.actor, take.cameras, take.detections, 30.0, images=short)
+
+
 @pytest.mark.parametrize("focal", [0.0, 1e-300, float("nan"), float("inf")])
 def test_cameras_without_a_lens(take: Take, focal: float) -> None:
     intrinsics = take.cameras.intrinsics.clone()
