@@ -125,7 +125,16 @@ class Actor(nn.Module):
         return type(self)(self.template, self.skeleton.rig, rest_hands=False).to(self.vertices)
 
     def resized(self, bones: Tensor) -> Self:
-        """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows."""
+        """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows.
+
+        Raises:
+            InputError: they require gradients, which a mesh does not carry.
+        """
+        if bones.requires_grad and torch.is_grad_enabled():
+            raise InputError(
+                "resized: bones require gradients, which do not reach them through a new mesh; "
+                "give bones.detach(), or let actor.skeleton.tree.bone_vectors require gradients"
+            )
         from perfcap.actor.bone_lengths import resize
 
         template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -14,13 +15,14 @@ from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
 from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
-from perfcap.detect.pose_fusion import Landmarks, exchanged, fuse
+from perfcap.detect.pose_fusion import Landmarks, exchanged, fuse, sides_differ
 from perfcap.detect.search import SAME, centre, overlap, search, turn_around, whole
 from perfcap.detect.sides import Track, settle_sides
 from perfcap.detect.viewing_ray import toward
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
+_LOG = logging.getLogger(__name__)
 _SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
 _JUMPED = 0.5  # of that size, for the middle
 _NEARBY = 1.0  # of that size: whoever is lost for a few frames comes back within it
@@ -88,6 +90,13 @@ def follow_person(
         return found
     size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
     further = [_helped(other, place, seen) for place, other in enumerate(others)]
+    for other, marks in zip(others, further, strict=True):
+        if sides_differ(_landmarks(marks), _landmarks(found), size.clamp(min=1.0)):
+            _LOG.warning(
+                "%s and %s call left and right differently, in nearly every frame; those of the "
+                "first are used: check joints of their manifests",
+                *(each.manifest.path.parent.name for each in (network, other)),
+            )
     return _fused(found, further, size.clamp(min=1.0), poses)
 
 
@@ -110,7 +119,7 @@ def _fused(
     first: Detections, others: Sequence[Detections], size: Tensor, poses: bool
 ) -> Detections:
     """One person's detections by several networks, each (F, 1), as one."""
-    marks = [Landmarks(d.joints2d[:, 0], d.confidence2d[:, 0]) for d in (first, *others)]
+    marks = [_landmarks(each) for each in (first, *others)]
     whole_body = fuse(marks[0], marks[1:], size)
     found = replace(
         first,
@@ -126,6 +135,10 @@ def _fused(
             right = torch.where(wrong, swapped, other.joints3d)
             return replace(found, joints3d=right, trusted3d=other.trusted3d)
     return found
+
+
+def _landmarks(found: Detections) -> Landmarks:
+    return Landmarks(found.joints2d[:, 0], found.confidence2d[:, 0])
 
 
 def _with_others(

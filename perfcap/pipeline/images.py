@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.segment.network_cue import PersonNetwork
+from perfcap.segment.network_cue import PersonNetwork, Plane
+from perfcap.segment.trimap import Box, Mask
 
 Frames = NDArray[np.uint8]
 
@@ -65,6 +66,11 @@ class Images:
                 f"images: reader, cameras and masks are {kinds}; expected a Clip or another reader "
                 "of views, a Camera (the cameras of a CameraRig), and MaskFolders or None"
             )
+        if self.segmenter is not None and not callable(self.segmenter):
+            raise InputError(
+                f"images: segmenter is a {type(self.segmenter).__name__}, expected an "
+                "OnnxSegmenter, a function of (image, model, spine, part), or None"
+            )
         if len(self.cameras.size) != self.cameras.views:
             raise InputError(
                 f"images have cameras of {self.cameras.views} views with "
@@ -75,7 +81,9 @@ class Images:
         """The same, whose frames are refused where they are not those of the cameras."""
         sizes = self.cameras.size
         masks = None if self.masks is None else _CheckedMasks(self.masks, sizes)
-        return replace(self, reader=_Checked(self.reader, sizes), masks=masks)
+        network = None if self.segmenter is None else _CheckedNetwork(self.segmenter)
+        reader = _Checked(self.reader, sizes)
+        return replace(self, reader=reader, segmenter=network, masks=masks)
 
     def frames(self, span: slice) -> Self:
         """The images of some frames in a row, and their cameras."""
@@ -105,6 +113,11 @@ class _Checked:
                 f"images of view {view} are {found.dtype} {tuple(found.shape)}, their cameras are "
                 f"of {height} rows and {width} columns; expected uint8 (frames, {height}, {width}, "
                 "3): give cameras in pixels of the images (read_cameras(path, clip.sizes))"
+            )
+        if len(found) != stop - start:
+            raise InputError(
+                f"images of view {view}: the reader gave {len(found)} of frames {start} to "
+                f"{stop - 1}; expected all up to its length, {len(self)}"
             )
         return found
 
@@ -143,6 +156,28 @@ class _CheckedMasks:
                 f"expected bool {tuple(self.sizes[view])} as the images are"
             )
         return found
+
+
+@dataclass(frozen=True)
+class _CheckedNetwork:
+    """A network whose answers are log odds of the part that is asked for."""
+
+    network: PersonNetwork
+
+    def __call__(
+        self, image: NDArray[np.uint8], model: Mask, spine: NDArray[np.floating], part: Box
+    ) -> Plane:
+        found = self.network(image, model, spine, part)
+        known = isinstance(found, np.ndarray)
+        if not known or found.shape != model.shape or found.dtype.kind not in "fiu":
+            given = f"{found.dtype} {found.shape}" if known else type(found).__name__
+            raise InputError(
+                f"segmenter: gave {given}, expected floating-point log odds {model.shape} of the "
+                "part of the image that is asked for, as a NumPy array"
+            )
+        if np.isnan(found).any():
+            raise InputError("segmenter: gave log odds that are NaN; expected numbers")
+        return found.astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,17 @@ class Performance:
     contact: Tensor | None = None
     trust: Trust | None = None
 
+    def __post_init__(self) -> None:
+        counts = {"motion": self.frames}
+        counts |= {} if self.contact is None else {"contact": len(self.contact)}
+        counts |= {} if self.trust is None else {"trust": len(self.trust.value)}
+        counts |= {"windows": self.windows[-1].window.stop} if self.windows else {}
+        if len(set(counts.values())) > 1:
+            raise InputError(
+                f"performance: has {counts} frames; expected as many of each: capture a part of "
+                "the detections, or replace all of these"
+            )
+
     @property
     def frames(self) -> int:
         """F."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
@@ -18,6 +20,7 @@ FASTEST = 12.5
 
 _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _ELSEWHERE = 0.5  # usual overlap with a network that finds as much wrongly as rightly
+_OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
 
@@ -95,6 +98,7 @@ def doubts(looked: Looked) -> Iterator[str]:
         return
     yield from _of_frames(refinement.evidence)
     yield from mask_doubts(refinement.evidence)
+    yield from overlap_doubts(refinement.pose.after)
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:
         if part is not None and not part.kept.all():
@@ -102,6 +106,17 @@ def doubts(looked: Looked) -> Iterator[str]:
                 f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
                 "is kept, or filled in from frames around them"
             )
+
+
+def overlap_doubts(overlap: NDArray[np.float64]) -> Iterator[str]:
+    """Whether the masks are of the captured person, by the overlap of each frame, (F,)."""
+    usual = float(np.median(overlap)) if len(overlap) else 1.0
+    if usual < _OVERLAPS:
+        yield (
+            f"the masks overlap the captured person by {usual:.0%} only in most frames; if they "
+            "were given, are they of these frames and this person, true inside, and neither "
+            "mirrored nor boxes? Look at masks"
+        )
 
 
 def _of_frames(evidence: Evidence) -> Iterator[str]:

@@ -20,10 +20,13 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.jitter import relaxed
+from perfcap.pipeline.kinds import require_kinds
 from perfcap.pipeline.liveliness import liveliest, require_motion
 from perfcap.pipeline.objective import kernel, neutral_angles, person_height, trajectory_prior
 from perfcap.pipeline.prepare import prepare
+from perfcap.rates import frame_rate
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.covariance import shared_covariance
 
@@ -165,7 +168,10 @@ def solve_views(
         InputError: one view, cameras that move, or a clip too short to tell.
     """
     config, settings = config or PoseConfig(), settings or ViewErrorConfig()
+    require_kinds(actor=actor, cameras=cameras, detections=detections)
+    rate, detections = frame_rate(rate), detections.finite()
     _require_views(cameras, detections)
+    require_matching(cameras, detections, None)
     part = liveliest(detections, settings.frames)
     some = replace(detections.frames(part), joints3d=None)
     found = ViewErrors()

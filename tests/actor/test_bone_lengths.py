@@ -9,6 +9,7 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.actor.skeleton import Skeleton
+from perfcap.errors import InputError
 
 F64 = torch.float64
 
@@ -101,3 +102,12 @@ def test_a_resized_actor_can_be_resized_back(person: Actor) -> None:
     shape = random_shape(person.skeleton)
     back = person.resized(shape).resized(-shape)
     assert torch.allclose(back.skeleton.rig.positions, person.skeleton.rig.positions, atol=1e-9)
+
+
+def test_gradients_that_would_be_lost_are_refused() -> None:
+    person = actor()
+    bones = torch.zeros(len(person.skeleton.group_names), requires_grad=True)
+    with pytest.raises(InputError, match="bones require gradients, which do not reach them"):
+        person.resized(bones)
+    with torch.no_grad():
+        person.resized(bones)

@@ -139,6 +139,7 @@ def test_the_best_seen_are_kept_of_more_than_are_wanted() -> None:
     found = associate(crowd.cameras, crowd.candidates, RATE, people=2)
     assert sorted(crowd.matched(found.slots)[0]) == [0, 1]
     assert any("further people" in note for note in found.notes)
+    assert not any("no other view confirms" in note for note in found.notes)
 
 
 def test_fewer_people_than_are_wanted() -> None:

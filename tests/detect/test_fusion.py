@@ -3,7 +3,7 @@
 import torch
 
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
-from perfcap.detect.pose_fusion import TRUST, Landmarks, exchanged, fuse
+from perfcap.detect.pose_fusion import TRUST, Landmarks, exchanged, fuse, sides_differ
 
 SIZE = torch.tensor([100.0, 100.0, 100.0])
 ORDER = list(LANDMARKS16.mirrored())
@@ -44,6 +44,18 @@ def test_sides_are_those_of_the_first_network() -> None:
     other.joints2d[1] = other.joints2d[1, ORDER]
     assert exchanged(other, first, SIZE).tolist() == [False, True, False]
     torch.testing.assert_close(fuse(first, [other], SIZE).joints2d, first.joints2d)
+
+
+def test_networks_that_differ_in_sides_throughout_are_told_apart() -> None:
+    first = body(0.6)
+    first = Landmarks(first.joints2d.repeat(4, 1, 1), first.confidence.repeat(4, 1))
+    size = torch.full((12,), 100.0)
+    other = Landmarks(first.joints2d[:, ORDER], first.confidence)
+    assert sides_differ(other, first, size) and not sides_differ(first, first, size)
+    other.joints2d[:4] = first.joints2d[:4]  # a person who turns away in the others
+    assert not sides_differ(other, first, size)
+    few = [Landmarks(each.joints2d[:9], each.confidence[:9]) for each in (other, first)]
+    assert not sides_differ(*few, size[:9])
 
 
 def test_a_network_that_saw_nobody_changes_nothing() -> None:

@@ -84,6 +84,7 @@ def test_one_person_is_followed_as_before(tmp_path: Path) -> None:
     found, warnings = read_detections(tmp_path / "a.npz", views=2)
     assert found.joints2d.shape == (FRAMES, 2, 16, 2)
     assert "up to 2 people in a frame; the most prominent one is followed" in warnings[0]
+    assert "--people 1 follows the same person in all views" in warnings[-1]
     alone = write_npz(tmp_path / "b.npz")
     one, _ = read_detections(alone)
     candidates, _ = read_candidates(alone)

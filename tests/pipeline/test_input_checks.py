@@ -96,6 +96,35 @@ def test_images_that_show_nothing(take: Take) -> None:
         capture(take.actor, take.cameras, take.detections, 30.0, images=dark)
 
 
+def test_readers_that_give_too_few_frames(take: Take) -> None:
+    class Short(Blank):
+        def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+            return np.zeros((stop - start - 1, 8, 8, 3), np.uint8)
+
+    short = replace(images(take, 6), reader=Short(6))
+    with pytest.raises(InputError, match="the reader gave 0 of frames 0 to 0"):
+        capture(take.actor, take.cameras, take.detections, 30.0, images=short)
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (np.zeros((8, 8), np.float32), r"gave float32 \(8, 8\), expected .* log odds \(4, 3\)"),
+        (np.zeros((4, 3), np.bool_), "gave bool"),
+        (torch.zeros(4, 3), "gave Tensor"),
+        (np.full((4, 3), np.nan), "log odds that are NaN"),
+    ],
+)
+def test_networks_that_answer_something_else(take: Take, answer: object, words: str) -> None:
+    network = replace(images(take, 6), segmenter=lambda *_: answer).checked().segmenter
+    assert network is not None
+    given = np.zeros((8, 8, 3), np.uint8), np.zeros((4, 3), np.bool_), np.zeros((2, 2))
+    with pytest.raises(InputError, match=words):
+        network(*given, (slice(0, 4), slice(0, 3)))
+    with pytest.raises(InputError, match="segmenter is a int, expected an OnnxSegmenter"):
+        replace(images(take, 6), segmenter=3)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("focal", [0.0, 1e-300, float("nan"), float("inf")])
 def test_cameras_without_a_lens(take: Take, focal: float) -> None:
     intrinsics = take.cameras.intrinsics.clone()

@@ -8,6 +8,7 @@ import torch
 
 from perfcap.pipeline.evidence import RECORDS, Evidence, MaskRecord
 from perfcap.pipeline.result_doubts import mask_doubts as told_of
+from perfcap.pipeline.result_doubts import overlap_doubts
 from perfcap.segment import FrameReport
 from perfcap.segment.silhouettes import encode_labels
 
@@ -73,3 +74,11 @@ def test_agreement_survives_a_checkpoint() -> None:
     records = [MaskRecord(MASK, np.zeros(2, np.uint8), FrameReport(True, agreement=0.75))]
     (again,) = RECORDS.unpack(RECORDS.pack(records))
     assert again.report.agreement == 0.75
+
+
+@pytest.mark.parametrize(("overlap", "told"), [(0.01, True), (0.5, True), (0.8, False)])
+def test_masks_of_somebody_else_are_told(overlap: float, told: bool) -> None:
+    """Inverted ones, mirrored ones, boxes; a few bad frames are named elsewhere."""
+    lines = list(overlap_doubts(np.array([overlap] * 6 + [0.0, 0.9])))
+    assert bool(lines) == told
+    assert not told or f"by {overlap:.0%} only" in lines[0]

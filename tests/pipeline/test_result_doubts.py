@@ -6,6 +6,7 @@ import pytest
 import torch
 from takes import make_take, sway
 
+from perfcap.errors import InputError
 from perfcap.pipeline import capture
 from perfcap.pipeline.result_doubts import result_doubts
 
@@ -37,6 +38,15 @@ def test_people_whom_the_cameras_make_too_tall_are_told(factor: float, told: boo
     parts = take.actor.resized(scales), take.cameras, here, take.rate
     assert ["tall by the cameras" in line for line in result_doubts(*parts, True)] == [True] * told
     assert not list(result_doubts(*parts, solved_bones=False))
+
+
+def test_a_motion_that_is_cut_alone_is_refused() -> None:
+    take = make_take(6)
+    found = capture(take.actor, take.cameras, take.detections, take.rate)
+    with pytest.raises(InputError, match=r"performance: has \{'motion': 4, .*'trust': 6"):
+        replace(found, motion=found.motion[1:5])
+    whole = replace(found, contact=None, trust=None, windows=())
+    assert replace(whole, motion=found.motion[1:5]).frames == 4
 
 
 def test_captures_in_python_tell_it() -> None:

@@ -92,6 +92,12 @@ def test_what_cannot_be_solved_is_refused() -> None:
     parts = take.cameras, take.detections
     with pytest.raises(InputError, match="one view"):
         solve_views(take.actor, parts[0].select([0]), parts[1].select([0]), 30.0)
+    with pytest.raises(InputError, match="one view"):
+        solve_views(take.actor, parts[0].select([0]), parts[1], 30.0)
+    with pytest.raises(InputError, match="rate is nan"):
+        solve_views(take.actor, *parts, float("nan"))
+    with pytest.raises(InputError, match="cameras: got a tuple"):
+        solve_views(take.actor, (parts[0],), parts[1], 30.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="cameras move"):
         solve_views(take.actor, parts[0].every_frame(20), parts[1], 30.0)
     with pytest.raises(InputError, match="has 9 frames"):
@@ -140,3 +146,12 @@ def test_clocks_that_nothing_tells_are_left_alone(blind: bool) -> None:
     assert abs(float(found.clock[2]) + 0.5) < 0.1
     told = list(found.sentences(["a", "b", "c"]))
     assert len(told) == 2 and "clocks of b are not found" in told[1]
+
+
+def test_joints_that_are_no_numbers_are_unseen() -> None:
+    take, detections = filmed()
+    pixels = detections.joints2d.clone()
+    pixels[10:13] = float("nan")
+    lost = Detections.from_joints(pixels, detections.confidence2d)
+    found = solve_views(actor(), take.cameras, lost, 30.0)
+    assert found.clock is not None and float((found.clock - LATE).abs().max()) < 0.1

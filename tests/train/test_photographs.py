@@ -61,6 +61,26 @@ def test_bad_annotations(tmp_path: Path, change: dict[str, Any], message: str) -
         Photographs(folder, 64, 1.8)
 
 
+@pytest.mark.parametrize("spoil", ["normalised", "turned", "exchanged", "none"])
+def test_joints_of_nobody(tmp_path: Path, spoil: str) -> None:
+    heights = {"head_top": 0, "neck": 10, "ankle": 60}
+    joints = np.array([[30, heights.get(n, heights.get(n[2:], 35)), 1] for n in NAMES], float)
+    if spoil == "normalised":
+        joints[:, :2] /= 80
+    elif spoil == "turned":
+        joints[:, 1] = 80 - joints[:, 1]
+    elif spoil == "exchanged":
+        joints[:, :2] = joints[:, 1::-1]
+    images = [{"file": "one.png", "joints": joints.tolist()}] * 20
+    folder = write(tmp_path / "p", images=images)
+    if spoil == "none":
+        assert len(Photographs(folder, 64, 1.8)) == 20
+        return
+    words = "expected pixels" if spoil == "normalised" else "feet below their necks"
+    with pytest.raises(InputError, match=words):
+        Photographs(folder, 64, 1.8)
+
+
 def test_bad_pictures(tmp_path: Path) -> None:
     folder = write(tmp_path / "nobody", joints=[[-5, -5, 0]] * 14)
     with pytest.raises(InputError, match="has 0 annotated joints in the image"):

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from perfcap.detect.association.grouping import group_views
+from perfcap.detect.association.grouping import Groups, group_views
 from perfcap.detect.association.limbs import own_limbs
 from perfcap.detect.association.settle import Settled, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
@@ -97,7 +97,7 @@ def associate(
     )
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
-    about = (*_left_out(tracks, chosen), *_strangers(sightings, settled))
+    about = (*_left_out(tracks, chosen), *_strangers(sightings, settled, groups))
     notes = (*wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
@@ -198,10 +198,12 @@ def _left_out(tracks: list[Track], chosen: list[Track]) -> Iterator[str]:
         yield f"{len(others)} further people are seen in {frames} frames; left out"
 
 
-def _strangers(sightings: Sightings, settled: Settled) -> Iterator[str]:
-    """Detections that nobody has."""
+def _strangers(sightings: Sightings, settled: Settled, groups: Groups) -> Iterator[str]:
+    """Detections that nobody has, not even somebody who is left out."""
     slots = sightings.there.shape[-1]
     owned = one_hot(settled.slots + 1, slots + 1)[..., 1:].bool().any(0)
+    rows, views = (groups.members >= 0).nonzero()
+    owned[groups.frames[rows], views, groups.members[rows, views]] = True
     alone = (sightings.there & ~owned).any(-1).sum(0)
     for view, frames in enumerate(alone.tolist()):
         if frames > _OFTEN * len(sightings.there):

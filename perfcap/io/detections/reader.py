@@ -60,6 +60,12 @@ def read_detections(
     _require_somebody(names, mapped)
     shortest, note = _shared_length(tracks, frames, used)
     warnings = [warning for track in mapped for warning in track.warnings]
+    crowded = [view for view in found if slots_of(view) > 1]
+    if len(found) > 1 and crowded:
+        note.append(
+            "the most prominent person of one view may be another one in the next; --people 1 "
+            "follows the same person in all views, --people auto everybody"
+        )
     return _stack(mapped, shortest), warnings + note
 
 
