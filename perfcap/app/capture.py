@@ -37,6 +37,7 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.masked_frames import given_doubts, partly_masked
+from perfcap.app.memory_budget import threads_within
 from perfcap.app.project import in_project
 from perfcap.app.report import write_people_report, write_report
 from perfcap.app.true_views import settled
@@ -139,6 +140,7 @@ def _run(
         if name != AUTO:
             load_actor(name)  # one that cannot be read is told before people are looked for
     inputs = replace(read_inputs(request, work), files=call.inputs)
+    workers = threads_within(request.memory, inputs.clip.sizes)
     if request.everybody:
         found = find_people(request, inputs)
         if len(found.people) > 1:
@@ -162,7 +164,7 @@ def _run(
         chosen = cast(casting_of(request, request.actor[0]), inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
-    performance = _perform(request, chosen.actor, inputs, masks, solve_bones, work)
+    performance = _perform(request, chosen.actor, inputs, masks, solve_bones, workers, work)
     performance = replace(performance, lost=inputs.lost)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)
@@ -201,6 +203,7 @@ def _perform(
     inputs: Inputs,
     masks: MaskFolders | None,
     solve_bones: bool,
+    workers: int | None,
     work: Checkpoint,
 ) -> Performance:
     # stages that look at images run a thread a core; more inside each would only be in the way
@@ -220,6 +223,7 @@ def _perform(
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,
+            workers=workers,
             progress=tell,
             checkpoint=work,
         )

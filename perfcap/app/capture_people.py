@@ -23,6 +23,7 @@ from perfcap.app.capture_request import casting_of, find_device, settings_of
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import UNMATCHED, Matching, match_actors
+from perfcap.app.memory_budget import threads_within
 from perfcap.app.people_files import CapturedScene, write_scene
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.association import Association, associate
@@ -215,7 +216,10 @@ def _perform(
     scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps, images)
     with progress_bars() as tell:
         config = settings_of(request)
-        found = capture(scene, config=config, until=until, progress=tell, checkpoint=work)
+        workers = threads_within(request.memory, inputs.clip.sizes, len(people))
+        found = capture(
+            scene, config=config, until=until, workers=workers, progress=tell, checkpoint=work
+        )
     return tuple(each.to(like.cpu()) for each in found)
 
 

@@ -23,7 +23,8 @@ from perfcap.pipeline.stage import Stage
 def describe(request: Capture) -> dict[str, Any]:
     """The request as plain values."""
     values = {k: getattr(request, k) for k in request.__dataclass_fields__}
-    del values["resume"], values["report"], values["overwrite"]
+    for name in ("resume", "report", "overwrite", "memory"):  # the result does not depend on them
+        del values[name]
     if len(request.actor) == 1:
         values["actor"] = request.actor[0]
     if request.people is None:

@@ -63,6 +63,9 @@ class Capture(Views):
     """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
     device: str = "auto"
     """Where to compute: auto, cpu, cuda, ..."""
+    memory: str | None = None
+    """Main memory that may be taken, such as 2G: fewer threads then look at large images at once.
+    The result has the same bits."""
     overlay: bool = True
     """Write overlay.mp4 and textured.mp4."""
     report: bool = False

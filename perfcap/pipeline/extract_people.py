@@ -156,7 +156,7 @@ class PeopleSource(SilhouetteSource):
         return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt, *where)
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
-        images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
+        images = self._samples(view, frames)
         layers = list(ordered_map(partial(self.layers, view), frames, self.workers))
         plate, scene = self.settings.frame.plate, self.settings.scene
         found = survey(images, [_masks(each) for each in layers], plate, scene, self.workers)

@@ -127,6 +127,9 @@ class SilhouetteSource:
         self.actor, self.sight, self.reader, self.known = actor, sight, reader, known
         self.network = network if settings.frame.network > 0 else None
         self.motion, self.settings, self.workers = motion, settings, workers
+        # of the stretch that is worked on, by frame: images where they are few, and drawn models
+        self._images: dict[int, Image] = {}
+        self._drawn: dict[tuple[int, int], NDArray[np.uint8]] = {}
 
     @property
     def block_count(self) -> int:
@@ -156,6 +159,7 @@ class SilhouetteSource:
 
     def scene(self, view: int, span: range) -> Scene:
         """What frames of a stretch share, and how far a network is to be trusted in them."""
+        self._images, self._drawn = {}, {}
         if self.known is not None and all(self.known.knows(view, frame) for frame in span):
             return Scene(None, float("nan"), 0)  # nobody will ask
         samples = sample_frames(span.start, span.stop, self.settings.scene.samples)
@@ -168,18 +172,22 @@ class SilhouetteSource:
     def block(
         self, view: int, wanted: range, scene: Scene, last: FrameBlock | None = None
     ) -> FrameBlock:
-        """Frames of a view in a row, with those around them.
+        """Frames of a view in a row, with those around them, after that of its ``scene``.
 
         Those that the ``last`` block has are not read again: a video would be decoded anew from
         its key frame on.
         """
         shown = range(max(wanted.start - 1, 0), min(wanted.stop + 1, self.motion.frames))
-        images: list[Image] = []
-        if last is not None:  # copies: a part of an array keeps all of it
-            kept = range(shown.start - last.shown.start, len(last.shown))
-            images = [last.images[i].copy() for i in kept]
-        images.extend(self.reader.read_view(view, shown.start + len(images), shown.stop))
-        return FrameBlock(view, wanted, shown, images, scene)
+        images = {frame: self._images[frame] for frame in shown if frame in self._images}
+        if last is not None and not images:  # copies: a part of an array keeps all of it
+            both = range(shown.start, last.shown.stop)
+            images = {frame: last.images[frame - last.shown.start].copy() for frame in both}
+        missing = [frame for frame in shown if frame not in images]
+        if missing:
+            first, stop = missing[0], missing[-1] + 1
+            read = self.reader.read_view(view, first, stop)
+            images.update(zip(range(first, stop), read, strict=True))
+        return FrameBlock(view, wanted, shown, [images[frame] for frame in shown], scene)
 
     def segment(self, block: FrameBlock, known: Collection[int] = ()) -> list[Segmentation]:
         """The person in the wanted frames of a block, but in those that are known."""
@@ -214,10 +222,21 @@ class SilhouetteSource:
         return learn_trust(pairs, self.settings.frame.network)
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
-        images = [self.reader.read_view(view, f, f + 1)[0] for f in frames]
+        images = self._samples(view, frames)
         models = list(ordered_map(partial(self._draw, view), frames, self.workers))
+        self._drawn = {
+            (view, frame): np.packbits(model) for frame, model in zip(frames, models, strict=True)
+        }
         plate, scene = self.settings.frame.plate, self.settings.scene
         return survey(images, models, plate, scene, self.workers)
+
+    def _samples(self, view: int, frames: list[int]) -> list[Image]:
+        """Images of frames, increasing; blocks show them too where they are frames in a row."""
+        if len(frames) < frames[-1] + 1 - frames[0]:
+            return [self.reader.read_view(view, f, f + 1)[0] for f in frames]
+        images = list(self.reader.read_view(view, frames[0], frames[-1] + 1))
+        self._images = dict(zip(frames, images, strict=True))
+        return images
 
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
         """The model's silhouette; that of frames around a block does not matter."""
@@ -226,6 +245,9 @@ class SilhouetteSource:
         return np.zeros(self.sight.cameras.size[view], np.bool_)
 
     def _draw(self, view: int, frame: int) -> Mask:
+        size, drawn = self.sight.cameras.size[view], self._drawn.get((view, frame))
+        if drawn is not None:
+            return np.unpackbits(drawn, count=size[0] * size[1]).reshape(size).view(np.bool_)
         span = slice(frame, frame + 1)
         with torch.no_grad():
             vertices = self.actor.surface(self.motion[span])

@@ -128,7 +128,8 @@ def test_the_number_of_workers_changes_nothing(
     monkeypatch.setattr(Sight, "_drawn", watched)
     reader = Counted(take["clip"])  # type: ignore[arg-type]
     alone = run(take, reader, workers=1)
-    assert reader.read[9] == reader.read[10] == reader.read[1]  # the first two are in two blocks
+    # once for a pass, however many blocks show it, and for the look at the clip before
+    assert max(reader.read.values()) <= 4 and reader.read[9] == reader.read[1]
     assert drawn["made"] > 10 * performance.frames and most <= 3
     assert torch.equal(alone.motion.angles, performance.motion.angles)
     assert alone.surface is not None and performance.surface is not None

@@ -12,7 +12,8 @@ from perfcap.errors import InputError
 from perfcap.segment.background import Lighting, Plate
 from perfcap.segment.baselines import box_grabcut
 from perfcap.segment.evidence import Backdrop, Pixels, learn_colors, log_ratio
-from perfcap.segment.grabcut import segment, settle_mixed
+from perfcap.segment.grabcut import segment
+from perfcap.segment.mixed_pixels import settle_mixed
 from perfcap.segment.scene import survey
 from perfcap.segment.settings import MODEL_ONLY, PAPER, GrabCutSettings
 from perfcap.segment.trimap import build_trimap
