@@ -127,8 +127,9 @@ class SilhouetteSource:
         self.actor, self.sight, self.reader, self.known = actor, sight, reader, known
         self.network = network if settings.frame.network > 0 else None
         self.motion, self.settings, self.workers = motion, settings, workers
-        # of the stretch that is worked on, by frame: images where they are few, and drawn models
-        self._images: dict[int, Image] = {}
+        # of the stretch that is worked on, by view and frame: images where they are few, and drawn
+        # models
+        self._images: dict[tuple[int, int], Image] = {}
         self._drawn: dict[tuple[int, int], NDArray[np.uint8]] = {}
 
     @property
@@ -172,13 +173,14 @@ class SilhouetteSource:
     def block(
         self, view: int, wanted: range, scene: Scene, last: FrameBlock | None = None
     ) -> FrameBlock:
-        """Frames of a view in a row, with those around them, after that of its ``scene``.
+        """Frames of a view in a row, with those around them.
 
         Those that the ``last`` block has are not read again: a video would be decoded anew from
         its key frame on.
         """
         shown = range(max(wanted.start - 1, 0), min(wanted.stop + 1, self.motion.frames))
-        images = {frame: self._images[frame] for frame in shown if frame in self._images}
+        known = {frame: self._images.get((view, frame)) for frame in shown}
+        images = {frame: image for frame, image in known.items() if image is not None}
         if last is not None and not images:  # copies: a part of an array keeps all of it
             both = range(shown.start, last.shown.stop)
             images = {frame: last.images[frame - last.shown.start].copy() for frame in both}
@@ -235,7 +237,7 @@ class SilhouetteSource:
         if len(frames) < frames[-1] + 1 - frames[0]:
             return [self.reader.read_view(view, f, f + 1)[0] for f in frames]
         images = list(self.reader.read_view(view, frames[0], frames[-1] + 1))
-        self._images = dict(zip(frames, images, strict=True))
+        self._images = {(view, f): image for f, image in zip(frames, images, strict=True)}
         return images
 
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
