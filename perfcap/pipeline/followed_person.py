@@ -144,7 +144,8 @@ class PersonState:
         self.history: list[Motion] = []
         self.before: _Before | None = None
         own = np.array(person.actor.skeleton.rig.without_clavicles)
-        self.parts = torch.from_numpy(own[self.solver.owner.numpy(force=True)])
+        parts = torch.from_numpy(own[self.solver.owner.numpy(force=True)])
+        self.parts = parts.to(person.motion.angles.device)
         self.features: dict[int, Features] = {}  # of the views in the last frame
 
     def predicted(self) -> Motion:
@@ -218,7 +219,12 @@ class PersonState:
             texture = self.before.texture(self.solver, [view.moved for view in views])
         contours = [view.contour for view in views]
         seen = FrameView(cameras, contours, [view.mask for view in views], texture, visible)
-        pose = self.solver.pose(self.actor, frame, seen, predicted, seed)
+        if self.history and not any(view.mask.any() for view in views):
+            # nobody sees them: they stay where they were, and do not walk off for ever
+            none = predicted.angles.new_zeros(joints)
+            pose = FramePose(self.history[-1], none, 0, predicted.frame_dim)
+        else:
+            pose = self.solver.pose(self.actor, frame, seen, predicted, seed)
         with torch.no_grad():
             posed = self.actor.surface(pose.motion)[0]
         if self.surface is None:

@@ -7,7 +7,7 @@ given to people by where their poses and surfaces were, then each is solved on t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from perfcap.pipeline.followed_person import (
 )
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.local_global import FramePose
+from perfcap.pipeline.surface import StoredSurface
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Scene, SequenceSettings
 from perfcap.segment.silhouettes import decode_labels, encode_labels
@@ -45,13 +46,13 @@ class Followed:
 
     Attributes:
         motion: (F,).
-        vertices: of the surface, (F, V, 3) m, float32.
+        surface: of every frame.
         evidence: silhouettes.
         tracking: how it went.
     """
 
     motion: Motion
-    vertices: Tensor
+    surface: StoredSurface
     evidence: Evidence
     tracking: Tracking
 
@@ -91,16 +92,22 @@ def follow(
     walk = _Walk(people, images, config, silhouettes, refined, workers)
     kept = checkpoint.kept("follow_frames")
     found: list[_Frame] = []
+    kept_surfaces = [StoredSurface.empty(frames, len(each.actor.vertices)) for each in people]
     codec = _codec([each.motion for each in people])
     for result in kept.rest(codec, walk.frame, lambda done: range(done, frames), frames):
         walk.go_on(len(found), result)
-        found.append(result)
+        for whole, surface in zip(kept_surfaces, result.surfaces, strict=True):
+            whole.write(len(found), surface[None])
+        found.append(replace(result, surfaces=()))
         progress(len(found), frames)
         give_back()
-    return tuple(_collected(people, found, number) for number in range(len(people)))
+    pairs = enumerate(kept_surfaces)
+    return tuple(_collected(people, found, number, surface) for number, surface in pairs)
 
 
-def _collected(people: Sequence[Follower], found: Sequence[_Frame], number: int) -> Followed:
+def _collected(
+    people: Sequence[Follower], found: Sequence[_Frame], number: int, surface: StoredSurface
+) -> Followed:
     person, count = people[number], len(people)
     views = [
         [frame.masks[view * count + number] for frame in found]
@@ -111,8 +118,7 @@ def _collected(people: Sequence[Follower], found: Sequence[_Frame], number: int)
     evidence = Evidence.collect(views, person.heights, number + 1 if count > 1 else None)
     released = np.array([pose.released / pose.unknowns for pose in poses])
     errors = torch.stack([pose.errors for pose in poses]).double().numpy(force=True)
-    vertices = torch.stack([frame.surfaces[number] for frame in found])
-    return Followed(motion, vertices, evidence, Tracking(errors, released))
+    return Followed(motion, surface, evidence, Tracking(errors, released))
 
 
 class _Walk:

@@ -397,7 +397,7 @@ class FrameSolver:
         spread = motion.angles.new_tensor(
             [*[place] * 3, *[turn] * 3, *[bend] * (motion.frame_dim - 6)]
         )[columns]
-        random = torch.Generator().manual_seed(seed)
+        random = torch.Generator(far.device).manual_seed(seed)
         start = torch.zeros_like(far), far
         found = search_particles(energy, start, spread, random, self.search.particles)
         return posed(found.value[None])

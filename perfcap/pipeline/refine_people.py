@@ -26,7 +26,7 @@ from perfcap.pipeline.refine import Refinement, Refiner, StageContext
 from perfcap.pipeline.refine_pose import PoseRefinement
 from perfcap.pipeline.refine_surface import SurfaceRefinement
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.surface import SkinnedSurface, StoredSurface, SurfaceFrames
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.segment import SequenceSettings
 
 
@@ -143,7 +143,7 @@ def _refinement(one: Refiner, given: Motion, found: Followed, refined: bool) -> 
     """What images made of a motion (F,), and how well it overlaps its masks."""
     actor = one.problem.actor
     skinned = SkinnedSurface(actor, found.motion)
-    shown: SurfaceFrames = StoredSurface(found.vertices) if refined else skinned
+    shown: SurfaceFrames = found.surface if refined else skinned
     surfaces = SkinnedSurface(actor, given), skinned, shown
     before, posed, after = (
         clip_overlaps(surface, one.sight, found.evidence, one.workers) for surface in surfaces

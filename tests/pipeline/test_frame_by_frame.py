@@ -17,7 +17,7 @@ from perfcap.detect.association import associate
 from perfcap.errors import InputError
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.followed_person import predict
-from perfcap.pipeline.images import Images
+from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.local_global import (
     GlobalConfig,
     released_joints,
@@ -132,6 +132,27 @@ def test_one_person_without_surface() -> None:
     )  # fmt: skip
     assert errors(found, 0).max() < 45
     assert found.refinement is not None and found.refinement.surface is None
+
+
+class GoesBlank(PaintedCrowd):
+    """Images that show nothing from the fourth frame on."""
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        found = super().read_view(view, start, stop).copy()
+        found[max(0, 3 - start) :] = 127
+        return found
+
+
+def test_who_is_not_seen_stays() -> None:
+    scene = perfcap.Scene(
+        CROWD.cameras, tuple(cast()), RATE, Images(GoesBlank(CROWD), CROWD.cameras)
+    )
+    config = replace(LIU, frames=QUICK)
+    for each in perfcap.capture(scene, config=config, until=Stage.REFINE_POSE, workers=1):
+        assert not torch.equal(each.motion.angles[1], each.motion.angles[2])
+        for frame in (3, 4):
+            assert torch.equal(each.motion.angles[frame], each.motion.angles[2])
+            assert torch.equal(each.motion.translation[frame], each.motion.translation[2])
 
 
 # --- What is released -----------------------------------------------------------------------------
