@@ -13,18 +13,21 @@ from synthetic import actor
 
 import perfcap
 from perfcap.actor.motion import Motion
+from perfcap.actor.surface_points import LimbPoints
 from perfcap.detect.association import associate
 from perfcap.errors import InputError
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.followed_person import predict
+from perfcap.pipeline.followed_person import Moved, _Before, predict
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.local_global import (
+    FrameSolver,
     GlobalConfig,
     released_joints,
     released_unknowns,
 )
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import LIU
+from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.solve.particles import ParticleSettings
 
@@ -153,6 +156,68 @@ def test_who_is_not_seen_stays() -> None:
         for frame in (3, 4):
             assert torch.equal(each.motion.angles[frame], each.motion.angles[2])
             assert torch.equal(each.motion.translation[frame], each.motion.translation[2])
+
+
+# --- What the last frame says of the next one -----------------------------------------------------
+
+BODY = CROWD.actors[0]
+SIGHT = Sight(CROWD.cameras, torch.from_numpy(BODY.template.faces.copy()), BODY.template.weld()[0])
+POSES = CROWD.motions[0]
+
+
+def solver() -> FrameSolver:
+    return FrameSolver(BODY, SIGHT, [110.0] * 5, QUICK.local, QUICK.search)
+
+
+def before(others: float = 0.0) -> _Before:
+    """The first frame, of which the left share of the person in view 0 is somebody else's."""
+    surface = BODY.surface(POSES[:1])
+    (drawn,) = SIGHT.look(surface, slice(0, 1))
+    labels = [each.mask.astype(np.uint8) for each in drawn]
+    columns = np.flatnonzero(labels[0].any(0))
+    hidden = columns[: round(others * len(columns))]
+    labels[0][:, hidden] *= 2
+    return _Before(POSES[:1], surface[0], drawn, labels, 1)
+
+
+@pytest.mark.parametrize("others", [0.0, 1.0])
+def test_hidden_limbs_are_those_behind_somebody(others: float) -> None:
+    one = solver()
+    seen = before(others).visible(one.owner, one.faces, len(RIG.joints), 0.5)
+    drawn = before().drawn[0].labels.label(one.owner[one.faces].sort(-1).values[:, 1], -1)
+    shown = np.isin(np.arange(len(RIG.joints)), drawn.numpy())
+    np.testing.assert_array_equal(seen[0], ~shown | (others == 0))
+    assert seen[1:].all()
+    half = before(0.5).visible(one.owner, one.faces, len(RIG.joints), 0.5)[0]
+    assert 0 < half.sum() < len(half)
+
+
+def test_texture_moves_with_its_limb() -> None:
+    one, last, view = solver(), before(), 2
+    rows, columns = np.nonzero(last.drawn[view].seen)
+    corner = last.drawn[view].labels.corner
+    chosen = np.random.default_rng(0).permutation(len(rows))[:40]
+    pixels = np.stack([columns[chosen] + corner[1], rows[chosen] + corner[0]], 1).astype(float)
+    nowhere = np.zeros((1, 2))  # not on the person
+    places = np.concatenate([pixels, nowhere])
+    moved: list[Moved | None] = [None] * 5
+    moved[view] = Moved(places, places)
+    texture = last.texture(one, moved)
+    assert texture is not None and len(texture) == len(pixels)
+    cameras = CROWD.cameras.every_frame(FRAMES)
+    # where they were seen, they are
+    assert texture.misses(BODY, cameras.frames(slice(0, 1)), POSES[:1]).max() < 0.02
+    later = cameras.frames(slice(3, 4))
+    assert texture.misses(BODY, later, POSES[3:4]).median() > 2
+    # and lines are those of the pixels
+    lines = texture.lines(cameras.frames(slice(0, 1)))
+    points = LimbPoints(BODY, texture.places, texture.joints)(POSES[:1])[0]
+    apart = torch.linalg.cross(points, lines[:, :3]) - lines[:, 3:]
+    assert apart.norm(dim=-1).max() < 1e-3
+
+
+def test_nothing_moved() -> None:
+    assert before().texture(solver(), [None] * 5) is None
 
 
 # --- What is released -----------------------------------------------------------------------------
