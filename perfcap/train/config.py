@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from perfcap.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,24 @@ class LoopConfig:
     seed: int = 0
     evaluate_every: int = 200  # steps
     save_every: int = 100  # steps
+
+    def require_sound(self) -> None:
+        """Refuse what learns nothing.
+
+        Raises:
+            InputError: a count below 1, or a number that is out of its range.
+        """
+        for name in ("steps", "batch", "evaluate_every", "save_every"):
+            if getattr(self, name) < 1:
+                raise InputError(f"loop.{name}: is {getattr(self, name)}; expected 1 or more")
+        for name in ("learning_rate", "clip"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"loop.{name}: is {getattr(self, name)}; expected above zero")
+        if not (0 <= self.average < 1 and 0 <= self.weight_decay < math.inf and self.warmup >= 0):
+            raise InputError(
+                f"loop: average, weight_decay and warmup are {self.average}, {self.weight_decay} "
+                f"and {self.warmup}; expected 0 to below 1, and from 0 on"
+            )
 
 
 @dataclass(frozen=True)

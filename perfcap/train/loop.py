@@ -67,8 +67,9 @@ def train(
         watch: given all numbers that are logged, such as a TensorBoard writer.
 
     Raises:
-        InputError: a checkpoint of another configuration, or a loss that is not finite.
+        InputError: settings that learn nothing, a checkpoint of others, or a loss that is not finite.
     """
+    config.require_sound()
     state = _State(task, config, described)
     if resume and (folder / LAST).is_file():
         state.restore(load_checkpoint(folder / LAST))

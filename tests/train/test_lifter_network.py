@@ -1,6 +1,7 @@
 """The lifter: what it sees, how it learns, that training resumes to the same numbers."""
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -137,6 +138,20 @@ def test_another_configuration_does_not_resume(library: MotionLibrary, tmp_path:
     train(task(library), config, tmp_path, {"a": 1})
     with pytest.raises(InputError, match="another configuration"):
         train(task(library), config, tmp_path, {"a": 2}, resume=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"steps": 0}, {"batch": 0}, {"save_every": 0}, {"evaluate_every": -1}),
+        *({"learning_rate": -1.0}, {"learning_rate": math.nan}, {"clip": 0.0}),
+        *({"average": 1.5}, {"average": math.nan}, {"weight_decay": -5.0}, {"warmup": -1}),
+    ],
+)
+def test_settings_that_learn_nothing_are_refused(change: dict[str, float]) -> None:
+    LoopConfig().require_sound()
+    with pytest.raises(InputError, match=r"loop.*expected"):
+        LoopConfig(**change).require_sound()  # type: ignore[arg-type]
 
 
 def test_a_loss_that_is_not_finite_stops(
