@@ -15,12 +15,14 @@ import perfcap
 from perfcap.actor.motion import Motion
 from perfcap.actor.surface_points import LimbPoints
 from perfcap.detect.association import associate
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.followed_person import Moved, _Before, predict
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.local_global import (
     FrameSolver,
+    FrameView,
     GlobalConfig,
     released_joints,
     released_unknowns,
@@ -29,6 +31,7 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import LIU
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
+from perfcap.segment import extract_contour
 from perfcap.solve.particles import ParticleSettings
 
 FRAMES = 5
@@ -218,6 +221,27 @@ def test_texture_moves_with_its_limb() -> None:
 
 def test_nothing_moved() -> None:
     assert before().texture(solver(), [None] * 5) is None
+
+
+def test_search_finds_an_arm_by_silhouettes() -> None:
+    surface = BODY.surface(POSES[:1])
+    masks = [each.mask for each in SIGHT.look(surface, slice(0, 1))[0]]
+    cameras = CROWD.cameras.every_frame(1)
+    none = extract_contour(np.zeros((200, 200), np.bool_))
+    seen = FrameView(cameras, [none] * 5, masks, None, np.ones((5, len(RIG.joints)), np.bool_))
+    joints = np.array([name in ("l_shoulder", "l_elbow") for name in RIG.joints])
+    off = torch.tensor([0.7 * (hinge.joint == "l_shoulder") for hinge in RIG.hinges])
+    start = replace(POSES[:1], angles=POSES[:1].angles + off)
+    one = FrameSolver(BODY, SIGHT, [110.0] * 5, QUICK.local, GlobalConfig())
+    chosen = released_unknowns(RIG, joints)
+    found = one._globally(BODY, seen, start, start, joints, chosen, seed=0)
+    wrist = LANDMARKS.index("l_wrist")
+    truth = BODY.joints(POSES[:1])[0, wrist]
+    before, after = ((BODY.joints(m)[0, wrist] - truth).norm() for m in (start, found))
+    assert before > 0.2 and after < 0.3 * before
+    others = [i for i in range(len(RIG.hinges)) if i + 6 not in chosen]
+    assert torch.equal(found.angles[:, others], start.angles[:, others])
+    assert torch.equal(found.translation, start.translation)
 
 
 # --- What is released -----------------------------------------------------------------------------

@@ -63,6 +63,13 @@ def test_each_is_the_best_of_the_other() -> None:
     assert match_features(before, after, 1.0).tolist() == [[0, 1], [2, 0]]
 
 
+def test_nobody_is_the_best_of_two() -> None:
+    unit = np.eye(128, dtype=np.float32) * 100
+    before = Features(np.zeros((2, 2)), np.stack([0.9 * unit[0], unit[0]]))
+    after = Features(np.zeros((2, 2)), unit[:2])
+    assert match_features(before, after, 1.0).tolist() == [[1, 0]]
+
+
 def test_nothing_to_find() -> None:
     nobody = np.zeros((140, 160), np.bool_)
     none = find_features(picture(), nobody)
