@@ -17,17 +17,19 @@ from perfcap.actor.surface_points import LimbPoints
 from perfcap.detect.association import associate
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.pipeline.autoregression import predict
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.followed_person import Moved, _Before, predict
+from perfcap.pipeline.followed_person import Moved, _Before
+from perfcap.pipeline.frame_view import FrameView
 from perfcap.pipeline.images import Frames, Images
-from perfcap.pipeline.local_global import (
-    FrameSolver,
-    FrameView,
+from perfcap.pipeline.local_global import FrameSolver
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.pose_search import (
     GlobalConfig,
+    PoseSearch,
     released_joints,
     released_unknowns,
 )
-from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import LIU
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
@@ -232,9 +234,9 @@ def test_search_finds_an_arm_by_silhouettes() -> None:
     joints = np.array([name in ("l_shoulder", "l_elbow") for name in RIG.joints])
     off = torch.tensor([0.7 * (hinge.joint == "l_shoulder") for hinge in RIG.hinges])
     start = replace(POSES[:1], angles=POSES[:1].angles + off)
-    one = FrameSolver(BODY, SIGHT, [110.0] * 5, QUICK.local, GlobalConfig())
+    wider = PoseSearch(BODY, [110.0] * 5, GlobalConfig())
+    found = wider.search(BODY, seen, (start, start), joints, seed=0)
     chosen = released_unknowns(RIG, joints)
-    found = one._globally(BODY, seen, start, start, joints, chosen, seed=0)
     wrist = LANDMARKS.index("l_wrist")
     truth = BODY.joints(POSES[:1])[0, wrist]
     before, after = ((BODY.joints(m)[0, wrist] - truth).norm() for m in (start, found))
