@@ -67,7 +67,8 @@ def train(
         watch: given all numbers that are logged, such as a TensorBoard writer.
 
     Raises:
-        InputError: settings that learn nothing, a checkpoint of others, a loss that is not finite.
+        InputError: settings that learn nothing, a checkpoint of others, or a loss that is not
+            finite.
     """
     config.require_sound()
     state = _State(task, config, described)
