@@ -1,7 +1,9 @@
 """People followed from frame to frame by silhouettes (Liu et al. 2013, Algorithms 1 and 2).
 
-Detections say where everybody is in the first frame, and nothing afterwards: a frame's pixels are
-given to people by where their poses and surfaces were, then each is solved on their own.
+Detections say where everybody is in the first frame. Poses do not look at them afterwards: a
+frame's pixels are given to people by where their poses and surfaces were, then each is solved on
+their own. The background and the colours of people are learnt once for a stretch of frames, where
+the motion from detections has them; the paper has silhouettes given, and colours of two frames.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ MONOPERFCAP = CaptureConfig(
 MUVS = CaptureConfig(MUVS_POSE)
 # raw images without silhouettes, as Rhodin et al. 2016; the weights are ours
 RHODIN = CaptureConfig(contours=ContoursConfig(enabled=True), segment=False)
-# poses and surfaces frame by frame, as Liu et al. 2013; detections count in the first frame
+# poses and surfaces frame by frame, as Liu et al. 2013; of detections, poses see the first frame's
 LIU = CaptureConfig(frames=FramesConfig())
 PRESETS = {
     "default": CaptureConfig(),
