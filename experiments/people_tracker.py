@@ -94,9 +94,9 @@ def run(config: Experiment) -> Report:
     return Report(
         (Table("people followed, mm; IoU in %", columns, tuple(rows)),),
         (
-            "But for windows, poses see the first frame's detections alone; background and colours of "
-            "people are learnt with all. +-: deviation of the mean "
-            "of frames. Limbs off: mm, median over frames of the worst. s: CPU a frame and person.",
+            "But for windows, poses see the first frame's detections alone; background and colours "
+            "of people are learnt with all. +-: deviation of the mean of frames. Limbs off: mm, "
+            "median over frames of the worst. s: CPU a frame and person.",
         ),
     )
 

@@ -182,7 +182,7 @@ class PersonState:
     ) -> PersonView:  # fmt: skip
         """The person in a view of the next frame."""
         labels = decode_labels(record.png)
-        mask = _own(labels, label) if self.config.labels else labels > 0
+        mask = self._shown(labels, label)
         contour = (
             contour_of(mask, record.confidence) if self.config.labels else extract_contour(mask)
         )
@@ -190,12 +190,17 @@ class PersonState:
             return PersonView(contour, mask, None)
         old = self.features.get(view)
         if old is None:
-            old = find_features(before, self.before.mask(view))
+            old = find_features(before, self._shown(self.before.labels[view], label))
         new = find_features(image, mask)
         self.features[view] = new
         reach = 0.01 * self.config.reach * self.heights[view]
         pairs = match_features(old, new, reach)
         return PersonView(contour, mask, Moved(old.points[pairs[:, 0]], new.points[pairs[:, 1]]))
+
+    def _shown(self, labels: Labels, label: int) -> Mask:
+        """Where a person is looked for, (H, W), among labels of everybody."""
+        shown: Mask = labels == label if self.config.labels else labels > 0
+        return shown
 
     def solve(
         self, frame: int, views: Sequence[PersonView], predicted: Motion, seed: int
@@ -207,9 +212,7 @@ class PersonState:
         visible = np.ones((len(views), joints), np.bool_)
         texture: Texture | None = None
         if self.before is not None:
-            visible = self.before.visible(
-                self.solver.owner, self.solver.faces, joints, self.config.search.visible
-            )
+            visible = self.before.visible(self.solver.limbs, joints, self.config.search.visible)
             texture = self.before.texture(self.solver, [view.moved for view in views])
         contours = [view.contour for view in views]
         seen = FrameView(cameras, contours, [view.mask for view in views], texture, visible)
@@ -277,19 +280,19 @@ class _Before:
     labels: Sequence[Labels]
     label: int
 
-    def mask(self, view: int) -> Mask:
-        """The person in a view."""
-        return _own(self.labels[view], self.label)
-
-    def visible(self, owner: Tensor, faces: Tensor, joints: int, share: float) -> NDArray[np.bool_]:
-        """Whether at least a share of each joint's limb was not hidden by others, (C, J).
+    def visible(self, limbs: Tensor, joints: int, share: float) -> NDArray[np.bool_]:
+        """Whether at least a share of each of J joints' limbs was not hidden by others, (C, J).
 
         What is outside of the image was not hidden by anybody.
+
+        Args:
+            limbs: the joint that each triangle follows, (T,).
+            joints: J.
+            share: of the pixels of a limb.
         """
-        limbs = owner[faces].sort(-1).values[:, 1].cpu()
         rows = []
         for drawn, labels in zip(self.drawn, self.labels, strict=True):
-            limb = drawn.labels.label(limbs, -1).numpy()
+            limb = drawn.labels.label(limbs.cpu(), -1).numpy()
             there, part = limb >= 0, labels[drawn.part]
             others = there & (part > 0) & (part != self.label)
             total = np.bincount(limb[there], minlength=joints)
@@ -333,8 +336,3 @@ class _Before:
             points, triangles, torch.full_like(triangles, view),
             torch.from_numpy(pairs.now[kept]).to(like),
         )  # fmt: skip
-
-
-def _own(labels: Labels, label: int) -> Mask:
-    own: Mask = labels == label
-    return own

@@ -110,6 +110,8 @@ class FrameSolver:
         self.method = LevenbergMarquardt(max_steps=local.max_steps)
         self.owner = actor.skin.rows()[2]
         self.faces = torch.as_tensor(actor.template.faces.copy())
+        # of each triangle: two of its corners follow it at least, where two follow one
+        self.limbs = self.owner[self.faces].sort(-1).values[:, 1]
 
     def pose(
         self, actor: Actor, frame: int, seen: FrameView, predicted: Motion, seed: int
@@ -190,8 +192,7 @@ class FrameSolver:
             view: in which they are seen again, (N,).
             pixels: where, (N, 2) px.
         """
-        # two of a triangle's corners follow it at least, where two follow one
-        joints = self.owner[self.faces[triangles]].sort(-1).values[:, 1]
+        joints = self.limbs[triangles]
         return Texture(_at_rest(self.actor, motion, points, joints), joints, view, pixels)
 
     def _texture(self, texture: Texture, cameras: Camera, total: float) -> LineDistance:

@@ -69,13 +69,7 @@ def refine_people(
         workers: threads; all cores when None.
         checkpoint: keeps finished blocks of these.
     """
-    own = [
-        Refiner.of(
-            *(each.problem, each.motion, images, config),
-            *(each.stage, workers, each.checkpoint),
-        )
-        for each in people
-    ]
+    own = _refiners(people, images, config, workers)
     deviations = [part_deviations(each.problem, each.motion) for each in people]
 
     def extract(
@@ -114,13 +108,7 @@ def follow_people(
     Arguments are those of ``refine_people``; ``config.frames`` says how.
     """
     assert config.frames is not None
-    own = [
-        Refiner.of(
-            *(each.problem, each.motion, images, config),
-            *(each.stage, workers, each.checkpoint),
-        )
-        for each in people
-    ]
+    own = _refiners(people, images, config, workers)
     followers = [
         Follower(
             one.problem.actor,
@@ -137,6 +125,19 @@ def follow_people(
         found = follow(followers, images, *settings, workers, tell, checkpoint)
     rows = zip(own, people, found, strict=True)
     return tuple(_refinement(one, each.motion, result, refined) for one, each, result in rows)
+
+
+def _refiners(
+    people: Sequence[Moving], images: Images, config: CaptureConfig, workers: int | None
+) -> list[Refiner]:
+    """What refines each of them alone."""
+    return [
+        Refiner.of(
+            *(each.problem, each.motion, images, config),
+            *(each.stage, workers, each.checkpoint),
+        )
+        for each in people
+    ]
 
 
 def _refinement(one: Refiner, given: Motion, found: Followed, refined: bool) -> Refinement:

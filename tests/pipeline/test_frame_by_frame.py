@@ -188,12 +188,12 @@ def before(others: float = 0.0) -> _Before:
 @pytest.mark.parametrize("others", [0.0, 1.0])
 def test_hidden_limbs_are_those_behind_somebody(others: float) -> None:
     one = solver()
-    seen = before(others).visible(one.owner, one.faces, len(RIG.joints), 0.5)
-    drawn = before().drawn[0].labels.label(one.owner[one.faces].sort(-1).values[:, 1], -1)
+    seen = before(others).visible(one.limbs, len(RIG.joints), 0.5)
+    drawn = before().drawn[0].labels.label(one.limbs, -1)
     shown = np.isin(np.arange(len(RIG.joints)), drawn.numpy())
     np.testing.assert_array_equal(seen[0], ~shown | (others == 0))
     assert seen[1:].all()
-    half = before(0.5).visible(one.owner, one.faces, len(RIG.joints), 0.5)[0]
+    half = before(0.5).visible(one.limbs, len(RIG.joints), 0.5)[0]
     assert 0 < half.sum() < len(half)
 
 
