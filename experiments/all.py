@@ -21,6 +21,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "feet": (),
     "fast_motion": ("--clips", "2", "--views", "1", "4", "--frames", "50"),
     "angle_limits": ("--clips", "1", "--views", "4", "--sequences", "dev_dance", "--unseen", "2"),
+    "hands": ("--step", "60"),
     "joint_table": ("--clips", "3", "--frames", "60"),
     "leg_swaps": ("--seeds", "1", "--frames", "40"),
     "multi_view": (),

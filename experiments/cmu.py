@@ -50,21 +50,36 @@ def landmark_rest(root: Path, clip: str) -> dict[str, Tensor]:
 
 def landmarks(root: Path, clip: str, step: int = 2) -> Tensor:
     """Landmarks of a clip in the world, (F, 16, 3), metres, at 60 / step Hz."""
-    data = np.load(root / "clips.npz", allow_pickle=False)
-    names, parents = list(data["joint_names"]), data["parents"]
-    euler = np.radians(data[f"{clip}/euler_zyx_deg"][::step].astype(float))
-    offsets = data[f"{clip}/offsets_m"].astype(float)
-    local = _euler_zyx(euler)
-    rotation, places = local.copy(), np.zeros((*euler.shape[:2], 3))
-    for joint, parent in enumerate(parents):
-        if parent < 0:
-            places[:, joint] = data[f"{clip}/root_m"][::step]
-            continue
-        rotation[:, joint] = rotation[:, parent] @ local[:, joint]
-        places[:, joint] = places[:, parent] + rotation[:, parent] @ offsets[joint]
+    names, rotation, places = _walk(root, clip, step)
     points = {name: places[:, names.index(_SOURCE[name])] for name in LANDMARKS}
     points["head_top"] = points["head_top"] + rotation[:, names.index("Head")] @ _CROWN
     return torch.tensor(np.stack([points[name] for name in LANDMARKS], 1))
+
+
+def arms(root: Path, clip: str, side: str, step: int = 2) -> tuple[Tensor, ...]:
+    """Where an arm points, and its thumb, seen from the shoulder girdle.
+
+    Args:
+        root: folder of the library.
+        clip: its name.
+        side: "l", or "r", which is mirrored to be a left one.
+        step: every so many frames.
+
+    Returns:
+        Directions of the upper arm, of the forearm and of the side of the hand on which its thumb
+        lies, each (F, 3), x left, y up, z ahead.
+    """
+    names, rotation, _ = _walk(root, clip, step)
+    sign, word = (1.0, "Left") if side == "l" else (-1.0, "Right")
+    girdle = rotation[:, names.index(f"{word}Shoulder")]
+    mirror = np.array([sign, 1.0, 1.0])
+
+    def seen(joint: str, axis: tuple[float, float, float]) -> Tensor:
+        turned = girdle.swapaxes(-1, -2) @ rotation[:, names.index(word + joint)]
+        return torch.tensor(turned @ np.array(axis) * mirror)
+
+    along = (sign, 0.0, 0.0)
+    return seen("Arm", along), seen("ForeArm", along), seen("Hand", (0.0, 0.0, 1.0))
 
 
 def skeleton(root: Path, clip: str) -> Skeleton:
@@ -78,6 +93,23 @@ def place(motion: Motion, skeleton: Skeleton, floor: float = 0.0) -> Motion:
     centre = motion.translation.mean(0) * torch.tensor([1.0, 0.0, 1.0]).to(points)
     drop = torch.tensor([0.0, 1.0, 0.0]).to(points) * (points[..., 1].min() - floor)
     return Motion(motion.translation - centre - drop, motion.rotation, motion.angles)
+
+
+def _walk(root: Path, clip: str, step: int) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names of the joints, their rotations (F, 31, 3, 3) and places (F, 31, 3) in the world."""
+    data = np.load(root / "clips.npz", allow_pickle=False)
+    names, parents = list(data["joint_names"]), data["parents"]
+    euler = np.radians(data[f"{clip}/euler_zyx_deg"][::step].astype(float))
+    offsets = data[f"{clip}/offsets_m"].astype(float)
+    local = _euler_zyx(euler)
+    rotation, places = local.copy(), np.zeros((*euler.shape[:2], 3))
+    for joint, parent in enumerate(parents):
+        if parent < 0:
+            places[:, joint] = data[f"{clip}/root_m"][::step]
+            continue
+        rotation[:, joint] = rotation[:, parent] @ local[:, joint]
+        places[:, joint] = places[:, parent] + rotation[:, parent] @ offsets[joint]
+    return names, rotation, places
 
 
 def _euler_zyx(angles: np.ndarray) -> np.ndarray:
