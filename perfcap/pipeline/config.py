@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from perfcap.errors import InputError
+
 # Deviation of predicted 3D joints from the truth, relative to the root, in metres, in the order
 # of the landmarks: networks predict hips best and the ends of limbs worst.
 _DEVIATION_3D = (
@@ -146,6 +148,12 @@ class PoseConfig:
     prior: PriorConfig = field(default_factory=PriorConfig)
     contact: ContactConfig = field(default_factory=ContactConfig)
     bones: BoneConfig = field(default_factory=BoneConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("window", "batch", "initial_batch"):
+            count = getattr(self, name)
+            if not isinstance(count, int) or isinstance(count, bool) or count < 1:
+                raise InputError(f"{name} is {count!r}, expected a whole number of 1 or more")
 
 
 # Xu et al. 2018, Sec. 4: E_2d + 0.1 E_3d + 50 E_d, lambda_t = 1 per mm, lambda_R = lambda_Theta
