@@ -49,8 +49,7 @@ from perfcap.temporal.window import Blender, Window, mean_vectors, partition
 class JointConfig:
     """Weights and sizes of the joint refinement, in the units of ``RefineSurfaceConfig``.
 
-    A silhouette counts as the contour pairs there do: by its energy for an outline that is a
-    little off everywhere, which is inverse to the band.
+    A silhouette counts as contour pairs there: by its energy for an outline that is off everywhere.
     """
 
     nodes: int = 40  # of the deformation graph: every frame's block is dense in them
@@ -238,10 +237,11 @@ class _Terms:
 def _problem(start: Performance, detections: Detections | None) -> ClipProblem:
     """The problem of the motion, adapted to what the capture found."""
     seen = start.detections if detections is None else detections
-    if seen.joints2d.shape != start.detections.joints2d.shape:
+    shape = (start.frames, *start.detections.joints2d.shape[1:])
+    if seen.joints2d.shape != shape or start.detections.frame_count != start.frames:
         raise InputError(
-            f"detections have joints {tuple(seen.joints2d.shape)} but the capture those of shape "
-            f"{tuple(start.detections.joints2d.shape)}; give the same frames and views"
+            f"detections have joints {tuple(seen.joints2d.shape)} but the motion {start.frames} "
+            f"frames; expected {shape}, here and in the capture: the same frames and views"
         )
     if not isinstance(start.config, CaptureConfig):
         raise InputError("start is a retargeted motion, which no camera saw; expected a capture")

@@ -152,7 +152,7 @@ class Performance:
     trust: Trust | None = None
 
     def __post_init__(self) -> None:
-        counts = {"motion": self.frames, "detections": self.detections.frame_count}
+        counts = {"motion": self.frames}
         counts |= {} if self.contact is None else {"contact": len(self.contact)}
         counts |= {} if self.trust is None else {"trust": len(self.trust.value)}
         counts |= {"windows": self.windows[-1].window.stop} if self.windows else {}
