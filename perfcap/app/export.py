@@ -22,6 +22,7 @@ from perfcap.pipeline.surroundings import axis, upright
 FOLDER = "export"  # in the folder of the capture
 _UNNAMED = "capture"
 _MARKED = ("trc", "c3d")  # formats of markers
+_SURFACED = ("glb", "usd", "usdz")  # that can leave the captured surface out
 _LONGEST = 100  # bytes of a name: files get endings, and file systems refuse 255
 
 
@@ -79,6 +80,7 @@ def _require_use(request: Export, formats: Mapping[str, Format]) -> None:
     given = {
         "--up": (request.up is not None, free),
         "--unit": (request.unit is not None, free),
+        "--no-surface": (not request.surface, not formats.keys().isdisjoint(_SURFACED)),
         "--order": (request.order != "auto", "bvh" in formats),
         "--markers": (request.markers != "landmarks", not formats.keys().isdisjoint(_MARKED)),
     }

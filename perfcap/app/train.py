@@ -36,7 +36,7 @@ def run_train_lifter(request: TrainLifter) -> int:
         InputError: bad input, in one line.
     """
     config, out = request.config, request.out
-    config.loop.require_sound()
+    config.require_sound()
     library = MotionLibrary.read(request.motion)
     others = [_lifter(path, config.lifter) for path in request.together_with]
     make_folder(out, request.resume)

@@ -59,8 +59,9 @@ def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
 
 def read_toml(path: Path, what: str, limit: int = TEXT_LIMIT) -> dict[str, Any]:
     """The values of a TOML file."""
+    text = read_text(path, what, limit)  # its own refusal is a ValueError, too
     try:
-        return tomllib.loads(read_text(path, what, limit))
+        return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{path}: is nested too deep; expected {what}") from None
     except ValueError as error:

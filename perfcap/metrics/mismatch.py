@@ -17,6 +17,7 @@ _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 
 _FEWEST = 10  # frames that tell a rate
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
+_OTHER = 0.25  # m, after one rigid motion: another clip, whose place is most of the error
 _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
 
 
@@ -76,7 +77,7 @@ def _explained(
             "right are the person's own"
         )
     turn, left = _turned(estimate, truth, valid)
-    if left / now < _LEFT and turn > _TURN:
+    if left / now < _LEFT and turn > _TURN and left < _OTHER:
         yield (
             f"after one rotation of all frames by {turn:.0f} degrees {left / now:.0%} of the error "
             "is left; give the truth in the world of the cameras"

@@ -10,6 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from perfcap.errors import InputError
+from perfcap.setting_checks import (
+    require_counts,
+    require_parts,
+    require_shares,
+    require_sizes,
+)
+
 # Deviation of predicted 3D joints from the truth, relative to the root, in metres, in the order
 # of the landmarks: networks predict hips best and the ends of limbs worst.
 _DEVIATION_3D = (
@@ -26,6 +34,9 @@ class ReprojectionConfig:
     deviation: float = 1.0  # percent of the person's height in the image
     scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
 
+    def __post_init__(self) -> None:
+        require_sizes(self, "deviation")
+
 
 @dataclass(frozen=True)
 class PositionConfig:
@@ -35,6 +46,14 @@ class PositionConfig:
     deviation: tuple[float, ...] = _DEVIATION_3D  # m
     scale: float | None = 4.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
     gate: float = 0.4  # PCK error, in head lengths, from which a frame's 3D pose is not used
+
+    def __post_init__(self) -> None:
+        if len(self.deviation) != len(_DEVIATION_3D) or not all(d > 0 for d in self.deviation):
+            raise InputError(
+                f"deviation of PositionConfig is {self.deviation}, expected metres above zero, one "
+                f"for each of the {len(_DEVIATION_3D)} landmarks"
+            )
+        require_sizes(self, "gate")
 
 
 @dataclass(frozen=True)
@@ -48,6 +67,11 @@ class TrajectoryConfig:
     translation: float = 500.0  # per m
     rotation: float = 200.0  # per rad
     angles: float = 100.0  # per rad
+
+    def __post_init__(self) -> None:
+        require_counts(self, "rank")
+        require_sizes(self, "edge")
+        require_shares(self, "step")
 
 
 @dataclass(frozen=True)
@@ -65,6 +89,10 @@ class EvidenceConfig:
     strength: float = 10.0  # cosines that the weights of the first solve count as
     tolerance: float = 1e-2  # relative decrease that ends a window of the first solve
 
+    def __post_init__(self) -> None:
+        require_counts(self, "rank")
+        require_sizes(self, "edge", "share", "strength")
+
 
 @dataclass(frozen=True)
 class PathConfig:
@@ -74,6 +102,10 @@ class PathConfig:
     rank: int = 10  # cosines of a window
     deviation: float = 0.02  # m, of a joint from its path
     scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
+
+    def __post_init__(self) -> None:
+        require_counts(self, "rank")
+        require_sizes(self, "deviation")
 
 
 @dataclass(frozen=True)
@@ -89,6 +121,9 @@ class PriorConfig:
     beyond: float = 0.1  # rad, outside of the usual ranges, of one view
     weight: float = 1.0
     poses: float = 0.2  # of the mixture of recorded poses, in windows of two views without 3D
+
+    def __post_init__(self) -> None:
+        require_sizes(self, "deviation", "alone", "beyond")
 
 
 @dataclass(frozen=True)
@@ -108,6 +143,10 @@ class ContactConfig:
     margin: float = 0.007  # m, below the floor as found, whose height is the mean of noisy feet
     support: float = 0.35  # share of slow points on the plane that makes it a floor
 
+    def __post_init__(self) -> None:
+        require_sizes(self, "deviation", "depth")
+        require_shares(self, "support")
+
 
 @dataclass(frozen=True)
 class BoneConfig:
@@ -117,6 +156,10 @@ class BoneConfig:
     size: float = 0.08  # deviation of the log size of people
     own: float = 0.06  # deviation of one bone's log length at a given size
     max_steps: int = 40
+
+    def __post_init__(self) -> None:
+        require_counts(self, "frames")
+        require_sizes(self, "size", "own")
 
 
 @dataclass(frozen=True)
@@ -146,6 +189,24 @@ class PoseConfig:
     prior: PriorConfig = field(default_factory=PriorConfig)
     contact: ContactConfig = field(default_factory=ContactConfig)
     bones: BoneConfig = field(default_factory=BoneConfig)
+
+    def __post_init__(self) -> None:
+        require_counts(self, "window", "batch", "initial_batch")
+        require_counts(self, "overlap", "widened_steps", least=0)
+        require_sizes(self, "initial_widening")
+        require_shares(self, "clean", most=float("inf"))
+        require_shares(self, "cleanest")
+        require_parts(
+            self,
+            reprojection=ReprojectionConfig,
+            position=PositionConfig,
+            trajectory=TrajectoryConfig,
+            evidence=EvidenceConfig,
+            prior=PriorConfig,
+            contact=ContactConfig,
+            bones=BoneConfig,
+            **({} if self.paths is None else {"paths": PathConfig}),
+        )
 
 
 # Xu et al. 2018, Sec. 4: E_2d + 0.1 E_3d + 50 E_d, lambda_t = 1 per mm, lambda_R = lambda_Theta

@@ -126,13 +126,15 @@ class Evidence:
             "given_masks": [frame for frame, row in rows if any(r.given for r in row)],
             "doubtful_masks": (self.doubtful + first_frame).tolist(),
             "scene_cuts": [frame for frame, row in rows if any(r.cut for r in row)],
-            "nobody_in_view": [frame for frame, row in rows if not any(r.person for r in row)],
+            "nobody_in_view": [
+                frame for frame, row in rows if not any(r.person or r.given for r in row)
+            ],
             "cropped": [frame for frame, row in rows if any(r.cropped for r in row)],
             "blank_images": [frame for frame, row in rows if any(r.blank for r in row)],
             "no_contour": [
                 frame
                 for (frame, row), trust in zip(rows, self.confidence, strict=True)
-                if any(r.person for r in row) and not any(map(len, trust))
+                if any(r.person or r.given for r in row) and not any(map(len, trust))
             ],
             "mask_confidence": [
                 round(float(np.mean([_mean(trust) for trust in row])), 3) for row in self.confidence

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ from perfcap.io.doctor.evidence import Scene
 
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_APART = 0.1  # of the person's height: more than detectors differ in the median
 _NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _NO_POSE = (
@@ -36,6 +38,28 @@ _BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
+
+
+def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) -> None:
+    """Warn of views whose joints are far from those that the capture had, and not learned.
+
+    Args:
+        given: (F, C), in the pixels of the capture.
+        kept: (F, C), those of the capture.
+        height: of the person, (C,), pixels.
+    """
+    if given.joints2d.requires_grad:
+        return
+    both = (given.confidence2d > 0) & (kept.confidence2d > 0)
+    apart = (given.joints2d - kept.joints2d).detach().norm(dim=-1) / height[:, None]
+    usual = apart.where(both, torch.nan).transpose(0, 1).flatten(1).nanmedian(1).values  # C
+    far = (usual > _APART).nonzero().flatten().tolist()
+    if far:
+        warnings.warn(
+            f"detections of views {far} are {float(usual[far].max()):.0%} of the person's height "
+            "from those of the capture; check that they are of the same frames and in its pixels",
+            stacklevel=3,
+        )
 
 
 def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:

@@ -171,8 +171,16 @@ def capture(
             both energies of an author's own and a level world, or a scene and what it has.
     """
     if isinstance(actor, Scene):
-        if not (cameras is None and detections is None and rate is None):
-            raise InputError("a Scene has its own cameras, detections and rate; leave others out")
+        own = {"cameras": cameras, "detections": detections, "rate": rate, "images": None}
+        given = [name for name, value in {**own, **options}.items() if value is not None]
+        twice = [name for name in given if name in (*own, "solve_bones")]
+        if twice:
+            raise InputError(
+                f"a Scene has its own cameras, detections, rate and images, and each Person "
+                f"solve_bones; got {', '.join(twice)} again: leave out what is here"
+            )
+        for name in ("images", "solve_bones"):
+            options.pop(name, None)  # given as None
         return capture_scene(_capture_person, actor, config, **options)
     if cameras is None or detections is None or rate is None:
         raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")

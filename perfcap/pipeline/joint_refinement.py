@@ -21,6 +21,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_usable
+from perfcap.pipeline.input_doubts import warn_of_other_joints
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, person_height
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
@@ -46,10 +47,9 @@ from perfcap.temporal.window import Blender, Window, mean_vectors, partition
 
 @dataclass(frozen=True)
 class JointConfig:
-    """Weights and sizes of the joint refinement.
+    """Weights and sizes of the joint refinement, in the units of ``RefineSurfaceConfig``.
 
-    Units as in ``RefineSurfaceConfig``. A silhouette counts as the contour pairs there do: by its
-    energy for an outline that is a little off everywhere, which is inverse to the band.
+    A silhouette counts as contour pairs there: by its energy for an outline that is off everywhere.
     """
 
     nodes: int = 40  # of the deformation graph: every frame's block is dense in them
@@ -130,16 +130,15 @@ def refine_jointly(
     One ``Objective`` holds the reprojected and 3D joints, the soft silhouettes of all views, the
     rigidity of the deformation graph and the trajectory prior (Xu et al. 2018, Eq. 3, 16 and 18,
     with coverage in place of contour pairs). Where masks, detections, cameras, the actor, or
-    whatever made them require gradients, the result carries them through the solve. Masks that lie
-    elsewhere than the captured person are warned of, unless they are being learned.
+    whatever made them require gradients, the result carries them through the solve. Masks and
+    joints far from the captured person are warned of, unless they are being learned.
 
     Args:
         start: a capture of the clip: its actor, joints and motion are where this begins.
         masks: of the person, (F, C, H, W), bool or soft from 0 to 1; of any one size.
         cameras: the views in pixels of the masks, (C,) or (F, C); those of the capture, made as
             large as the masks, if not given.
-        detections: (F, C, 16), where gradients are to reach them; those of the capture if not
-            given.
+        detections: (F, C, 16), where gradients are to reach them; else those of the capture.
         config: weights, sizes and method.
         trust: how much each pixel counts, 0 to 1, of a shape that broadcasts to the masks.
         adjoint: how the solves are differentiated: ``Implicit("products")`` where something
@@ -238,14 +237,16 @@ class _Terms:
 def _problem(start: Performance, detections: Detections | None) -> ClipProblem:
     """The problem of the motion, adapted to what the capture found."""
     seen = start.detections if detections is None else detections
-    if seen.joints2d.shape != start.detections.joints2d.shape:
+    shape = (start.frames, *start.detections.joints2d.shape[1:])
+    if seen.joints2d.shape != shape or start.detections.frame_count != start.frames:
         raise InputError(
-            f"detections have joints {tuple(seen.joints2d.shape)} but the capture those of shape "
-            f"{tuple(start.detections.joints2d.shape)}; give the same frames and views"
+            f"detections have joints {tuple(seen.joints2d.shape)} but the motion {start.frames} "
+            f"frames; expected {shape}, here and in the capture: the same frames and views"
         )
     if not isinstance(start.config, CaptureConfig):
         raise InputError("start is a retargeted motion, which no camera saw; expected a capture")
     unit, pose = 0.01 * person_height(seen).detach(), start.config.pose
+    warn_of_other_joints(seen, start.detections.to(unit), 100 * unit)
     prepared = prepare(start.actor, start.cameras, seen, pose.position.gate).detections
     problem = ClipProblem(start.actor, start.cameras, prepared, pose, unit, start.rate)
     return adapted(problem, start.motion)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -35,7 +36,7 @@ class Scene:
 
     Attributes:
         cameras: C views, (C,) or (F, C), in pixels of the detections.
-        people: one or more.
+        people: one or more, in any iterable.
         rate: frames a second.
         images: the frames that were detected in; None for joints alone.
     """
@@ -46,6 +47,16 @@ class Scene:
     images: Images | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.people, Iterable):
+            kind = type(self.people).__name__
+            raise InputError(f"scene: people are a {kind}, expected a tuple of Person")
+        object.__setattr__(self, "people", tuple(self.people))  # of a generator, and read often
+        for number, each in enumerate(self.people):
+            if not isinstance(each, Person):
+                raise InputError(
+                    f"scene: people[{number}] is a {type(each).__name__}, expected a Person: "
+                    "Person(actor, detections)"
+                )
         if not self.people:
             raise InputError("scene: has nobody in it; expected one person or more")
         shapes = {tuple(each.detections.confidence2d.shape) for each in self.people}

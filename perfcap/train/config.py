@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_counts, require_shares
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,30 @@ class TrainLifterConfig:
     lifter: LifterConfig = field(default_factory=LifterConfig)
     data: LiftingData = field(default_factory=LiftingData)
     loss: LiftingLoss = field(default_factory=LiftingLoss)
+
+    def require_sound(self) -> None:
+        """Refuse what no lifter can be made of.
+
+        Raises:
+            InputError: a size, a share, a weight or a range that is none.
+        """
+        self.loop.require_sound()
+        require_counts(self.lifter, "channels")
+        taps = self.lifter.dilations
+        if not taps or min(taps) < 1:
+            raise InputError(f"lifter.dilations: are {taps}; expected one or more of 1 or more")
+        require_shares(self, "dense")
+        require_shares(self.lifter, "dropout")
+        noise = ("keep", "outliers", "swaps", "gaps", "blinks", "absent", "hidden")
+        require_shares(self.data.noise, *noise)
+        require_shares(self.data, "recombined")
+        require_shares(self.data.noise, "offset", "drift", "jitter", "spread", most=math.inf)
+        require_shares(self.data, "roll", "size", "bone", "loosened", "swung", most=math.inf)
+        require_shares(self.loss, "velocity", "spread", most=math.inf)
+        for name in ("rate", "distance"):
+            low, high = getattr(self.data, name)
+            if not 0 < low <= high < math.inf:
+                raise InputError(f"data.{name}: is {low} {high}; expected FROM TO, above zero")
 
 
 # --------------------------------------------------------------------------------------------------

@@ -137,6 +137,7 @@ def test_folders_of_a_dot_have_names(
         (("--to", "glb", "--unit", "cm"), "--unit: means nothing to glb"),
         (("--to", "glb", "csv", "--order", "ZXY"), "--order: means nothing to glb, csv"),
         (("--to", "bvh", "--markers", "bones"), "--markers: means nothing to bvh"),
+        (("--to", "bvh", "--no-surface"), "--no-surface: means nothing to bvh"),
     ],
 )
 def test_wrong_calls_are_one_line_and_write_nothing(

@@ -6,6 +6,7 @@ import pytest
 
 from perfcap.errors import InputError
 from perfcap.io.actor_import import ActorMapping, read_mapping
+from perfcap.io.files import read_toml
 
 
 def test_lines_name_bones(tmp_path: Path) -> None:
@@ -32,3 +33,9 @@ def test_other_lines_are_refused(tmp_path: Path, text: str, message: str) -> Non
     with pytest.raises(InputError, match=message) as caught:
         read_mapping(path)
     assert "map.toml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_missing_is_not_called_no_toml(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file") as caught:
+        read_toml(tmp_path / "none.toml", "a mapping file")
+    assert "is not TOML" not in str(caught.value)

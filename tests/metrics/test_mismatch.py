@@ -90,3 +90,10 @@ def test_joints_that_are_missing_take_no_part(joints: Tensor) -> None:
     assert told(joints, holes, valid) == ()
     assert any("rotation" in line for line in told(joints, holes @ turn.mT, valid))
     assert told(joints, holes, torch.zeros_like(valid)) == ()
+
+
+def test_another_clip_elsewhere_is_no_rotation(joints: Tensor) -> None:
+    """Its place is most of the error, which any rigid motion takes away."""
+    other = joints.flip(-2) + torch.tensor([0.0, 1.0, 8.0]).to(joints)
+    lines = told(joints, other)
+    assert lines and not any("rotation" in line or "mirror" in line for line in lines)

@@ -87,6 +87,17 @@ def test_masks_of_other_frames_are_refused(start: Performance, masks: torch.Tens
         refine_jointly(start, masks, detections=other, config=QUICK)
 
 
+def test_detections_of_other_frames_are_named(start: Performance, masks: torch.Tensor) -> None:
+    seen = start.detections
+    shorter = replace(start, detections=seen.frames(slice(2)))
+    for given in (None, seen):
+        with pytest.raises(InputError, match="but the motion 3 frames; expected"):
+            refine_jointly(shorter, masks, detections=given, config=QUICK)
+    moved = replace(seen, joints2d=seen.joints2d + torch.tensor([12.0, 0.0]))
+    with pytest.warns(UserWarning, match=r"detections of views \[0, 1\] are \d+% of the person's"):
+        refine_jointly(start, masks, detections=moved, config=QUICK)
+
+
 def test_gradients_reach_cameras_alone(start: Performance, masks: torch.Tensor) -> None:
     """Without the graph of the solve nothing would reach them, and an actor's only in part."""
     shift = VIEWS.translation.clone().requires_grad_()

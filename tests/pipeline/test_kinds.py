@@ -88,7 +88,7 @@ def test_settings_of_the_layer(take: Take, settings: Any, message: str) -> None:
 
 def test_a_scene_has_its_own(take: Take) -> None:
     scene = Scene(take.cameras, (Person(take.actor, take.detections),), take.rate)
-    with pytest.raises(InputError, match="a Scene has its own cameras, detections and rate"):
+    with pytest.raises(InputError, match="got cameras, detections, rate again"):
         capture(scene, take.cameras, take.detections, 2 * take.rate)  # type: ignore[call-overload]
 
 

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from perfcap.pipeline.evidence import RECORDS, Evidence, MaskRecord
+from perfcap.pipeline.extract_silhouettes import given_record
+from perfcap.pipeline.result_doubts import _of_frames, overlap_doubts
 from perfcap.pipeline.result_doubts import mask_doubts as told_of
-from perfcap.pipeline.result_doubts import overlap_doubts
 from perfcap.segment import FrameReport
 from perfcap.segment.silhouettes import encode_labels
 
@@ -82,3 +83,12 @@ def test_masks_of_somebody_else_are_told(overlap: float, told: bool) -> None:
     lines = list(overlap_doubts(np.array([overlap] * 6 + [0.0, 0.9])))
     assert bool(lines) == told
     assert not told or f"by {overlap:.0%} only" in lines[0]
+
+
+def test_given_masks_that_are_empty_are_said_to_be_empty() -> None:
+    """Nobody knows whether the person is outside the image."""
+    nothing = given_record(np.zeros((4, 5), np.bool_))
+    found = Evidence.collect([[nothing, nothing]], torch.ones(1))
+    assert found.report()["nobody_in_view"] == []
+    assert found.report()["no_contour"] == [0, 1]
+    assert any("the masks are empty" in line for line in _of_frames(found))

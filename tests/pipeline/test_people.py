@@ -73,3 +73,20 @@ def test_several_people_have_one_world() -> None:
 def test_an_actor_needs_detections() -> None:
     with pytest.raises(TypeError, match="a scene, or an actor with cameras"):
         perfcap.capture(CROWD.actors[0])  # type: ignore[call-overload]
+
+
+def test_a_scene_has_its_own_images_and_bone_lengths() -> None:
+    for twice in ({"solve_bones": True}, {"images": object()}):
+        with pytest.raises(InputError, match=f"got {next(iter(twice))} again: leave out"):
+            perfcap.capture(scene(), **twice)  # type: ignore[call-overload]
+
+
+def test_people_of_a_scene_are_any_iterable_of_persons() -> None:
+    people = scene().people
+    given = (each for each in people)
+    assert replace(scene(), people=given).people == people  # type: ignore[arg-type]
+    for wrong in (people[0].actor, 2):
+        with pytest.raises(InputError, match=r"expected a (tuple of )?Person"):
+            replace(scene(), people=wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"people\[0\] is a Actor, expected a Person"):
+        replace(scene(), people=(people[0].actor,))  # type: ignore[arg-type]
