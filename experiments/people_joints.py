@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import report
+import torch
 from people_takes import Crowd, people_of, shuffled
 from recordings import Recording
 from report import RESULTS, Report, Table
@@ -19,12 +21,16 @@ from perfcap.detect.association import associate
 from perfcap.geometry.triangulation import triangulate
 from perfcap.io.calibration import match_image
 from perfcap.io.clip import Clip
-from perfcap.metrics import joint_errors
+from perfcap.metrics import joint_errors, skin_gap
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.keep_apart import ApartConfig
 from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import CaptureConfig
+from perfcap.render.projected_mesh import vertex_normals
 
+DEEP = 0.005  # m: skins in each other by less are as they may be
 _FEWER = {6: ((0, 2, 4, 5), (0, 3)), 5: ((0, 1, 3), (0, 3))}
 
 
@@ -44,7 +50,7 @@ class Experiment:
 
 def run(config: Experiment) -> Report:
     """All tables."""
-    rows, given = [], []
+    rows, given, touching = [], [], []
     for name in config.sequences:
         people = people_of(config.data, name)
         crowd = shuffled(people)
@@ -53,6 +59,7 @@ def run(config: Experiment) -> Report:
         for chosen in sets:
             found, spent = _captured(crowd.select(chosen), people)
             rows += _rows(found, people, len(chosen), spent)
+            touching.append((name, len(chosen), *_touching(crowd.select(chosen), people, found)))
             if config.overlays and chosen == views:
                 _overlay(found, people)
         given += [_given(each, views) for each in people]
@@ -64,6 +71,19 @@ def run(config: Experiment) -> Report:
             Table(
                 "the same with identity given as in the file, all views, mm", titles, tuple(given)
             ),
+            Table(
+                "skins more than 5 mm in each other: frames, and the deepest, mm",
+                (
+                    "take",
+                    "views",
+                    "not kept apart",
+                    "deepest",
+                    "kept apart",
+                    "deepest",
+                    "moved, mm",
+                ),
+                tuple(touching),
+            ),
         ),
         (
             "Actors are given, in no order: nobody says how many people there are, who is who in "
@@ -72,14 +92,16 @@ def run(config: Experiment) -> Report:
     )
 
 
-def _captured(crowd: Crowd, people: Sequence[Recording]) -> tuple[tuple[Performance, ...], float]:
+def _captured(
+    crowd: Crowd, people: Sequence[Recording], config: CaptureConfig | None = None
+) -> tuple[tuple[Performance, ...], float]:
     """Everybody, in the order of ``people``, whose actors are found by bone lengths."""
     start = time.process_time()
     found = associate(crowd.cameras, crowd.candidates, crowd.rate)
     actors = [person.actor for person in people]
     tracks = match_actors(actors, found, [person.name for person in people]).tracks
     cast = tuple(Person(a, found.people[k]) for a, k in zip(actors, tracks, strict=True))
-    results = capture(Scene(crowd.cameras, cast, crowd.rate))
+    results = capture(Scene(crowd.cameras, cast, crowd.rate), config=config)
     return results, time.process_time() - start
 
 
@@ -96,6 +118,29 @@ def _rows(
         ratio = round(float(e.jerk / e.jerk_truth), 2)
         rows.append((person.name, number, views, *values, str(ratio), spent))
     return rows
+
+
+def _touching(
+    crowd: Crowd, people: Sequence[Recording], apart: Sequence[Performance]
+) -> tuple[float, ...]:
+    """Frames with skins in each other, and how deep, without and with keeping people apart."""
+    free, _ = _captured(crowd, people, CaptureConfig(apart=ApartConfig(enabled=False)))
+    row: list[float] = []
+    for found in (free, apart):
+        deep = np.array([_deepest(found, frame) for frame in range(found[0].frames)])
+        row += [int((deep > DEEP).sum()), 1000 * float(deep.max())]
+    far = [(a.joints() - b.joints()).norm(dim=-1).max() for a, b in zip(free, apart, strict=True)]
+    return (*row, 1000 * float(max(far)))
+
+
+def _deepest(found: Sequence[Performance], frame: int) -> float:
+    """How deep anybody is in anybody else, m."""
+    skins = []
+    for each in found:
+        vertices = each.actor.surface(each.motion[frame : frame + 1])[0].double()
+        faces = torch.as_tensor(each.actor.template.faces.copy())
+        skins.append((vertices.numpy(), vertex_normals(vertices, faces).numpy()))
+    return max(0.0, *(-skin_gap(one, other) for one, other in combinations(skins, 2)))
 
 
 def _given(person: Recording, views: Sequence[int]) -> tuple[object, ...]:

@@ -10,6 +10,7 @@ from perfcap.energy.prior import BoneLengthPrior, PoseMixture, PosePrior, Shared
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.rigidity import Rigidity
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
+from perfcap.energy.skin_contact import SkinContact
 from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory, TrajectoryChange
 from perfcap.energy.uncertain_views import UncertainViews
@@ -28,6 +29,7 @@ __all__ = [
     "Rigidity",
     "SharedPrior",
     "SilhouetteOverlap",
+    "SkinContact",
     "Tether",
     "Trajectory",
     "TrajectoryChange",

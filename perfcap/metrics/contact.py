@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.geometry.signed_gap import Mesh, signed_gap
 from perfcap.metrics.missing import frame_mean
 from perfcap.rates import frame_rate
 
 CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
 CONTACT_SPEED = 0.3  # m/s
-Mesh = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 _MILLIMETRES = 1000.0
 _UNIT = 1e-3  # that the length of a direction may be off
@@ -119,9 +116,6 @@ def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
 
 # --- How near the skins of two people come, and how deep one is in the other ----------------------
 
-_DEEP = 0.12  # m: what is deeper is no contact but another person's middle
-_FACING = 0.6  # share of a way that must lead against the normal of where it ends
-
 
 def skin_gap(one: Mesh, other: Mesh) -> float:
     """Smallest distance between two surfaces, m; negative by how deep one is in the other.
@@ -130,12 +124,5 @@ def skin_gap(one: Mesh, other: Mesh) -> float:
         one: vertices (V, 3) m and outward normals (V, 3).
         other: the same of somebody else.
     """
-    return min(_gap(one, other), _gap(other, one))
-
-
-def _gap(one: Mesh, other: Mesh) -> float:
-    """Smallest signed distance of the vertices of one from the surface of the other, m."""
-    distance, index = cKDTree(other[0]).query(one[0])
-    along = np.einsum("vk,vk->v", one[0] - other[0][index], other[1][index])
-    inside = (along < -_FACING * distance) & (distance < _DEEP)
-    return float(np.where(inside, -distance, distance).min())
+    ways = (one, other), (other, one)
+    return min(float(signed_gap(a[0], b)[0].min()) for a, b in ways)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, overload
+
+import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
@@ -14,6 +17,7 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import Term
 from perfcap.pipeline.clock import Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.look import look, look_at_people
 from perfcap.pipeline.move import Moved, move
 from perfcap.pipeline.people import Scene
@@ -80,11 +84,17 @@ def _looked(
 ) -> tuple[Performance, ...]:
     """What images add to the motions, where there are any."""
     until, images = moved[0].until, scene.images
-    if images is None or not until.needs_images:
-        return tuple(each.unlooked() for each in moved)
-    people = [Moving(each.problem, each.motion, each.clock.stage, each.kept) for each in moved]
     configs = [each.start.config for each in moved]
     stage = partial(shared_stage, [each.clock for each in moved], tell)
+    if images is None or not until.needs_images:
+        with stage("keep_apart"), torch.no_grad():
+            actors = [each.problem.actor for each in moved]
+            apart = keep_apart(actors, [each.motion for each in moved], configs[0].apart)
+        return tuple(
+            replace(each, motion=motion).unlooked()
+            for each, motion in zip(moved, apart, strict=True)
+        )
+    people = [Moving(each.problem, each.motion, each.clock.stage, each.kept) for each in moved]
     looked = look_at_people(people, images, configs, until, stage, workers, checkpoint)
     return tuple(each.performance(found) for each, found in zip(moved, looked, strict=True))
 

@@ -11,6 +11,7 @@ from perfcap.actor.motion import Motion
 from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, StageContext, image_heights, refine
 from perfcap.pipeline.refine_contours import ContourRefinement, refine_contours
@@ -107,9 +108,12 @@ def look_at_people(
             for each, found in zip(people, contours, strict=True)
         ]
         if not config.segment:
+            with stage("keep_apart"):
+                actors, motions = zip(*((m.problem.actor, m.motion) for m in moved), strict=True)
+                apart = keep_apart(actors, motions, config.apart)
             return tuple(
-                Looked(each.motion, SkinnedSurface(each.problem.actor, each.motion), lines)
-                for each, lines in zip(moved, contours, strict=True)
+                Looked(motion, SkinnedSurface(actor, motion), lines)
+                for actor, motion, lines in zip(actors, apart, contours, strict=True)
             )
         together = refine_people if config.frames is None else follow_people
         refined = together(moved, images, config, until, stage, workers, checkpoint)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from perfcap.pipeline.config import MONOPERFCAP_POSE, MUVS_POSE, PoseConfig
 from perfcap.pipeline.followed_person import FramesConfig
+from perfcap.pipeline.keep_apart import ApartConfig
 from perfcap.pipeline.refine_contours import ContoursConfig
 from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
@@ -23,6 +24,7 @@ class CaptureConfig:
 
     ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.
     With ``frames``, people are followed from the first frame on instead of refined all at once.
+    ``apart`` keeps the skins of several people apart.
     """
 
     pose: PoseConfig = field(default_factory=PoseConfig)
@@ -32,6 +34,7 @@ class CaptureConfig:
     refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
     refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)
     frames: FramesConfig | None = None
+    apart: ApartConfig = field(default_factory=ApartConfig)
 
 
 # as published by Xu et al. 2018, as far as it is
@@ -46,7 +49,7 @@ MUVS = CaptureConfig(MUVS_POSE)
 # raw images without silhouettes, as Rhodin et al. 2016; the weights are ours
 RHODIN = CaptureConfig(contours=ContoursConfig(enabled=True), segment=False)
 # poses and surfaces frame by frame, as Liu et al. 2013; of detections, poses see the first frame's
-LIU = CaptureConfig(frames=FramesConfig())
+LIU = CaptureConfig(frames=FramesConfig(), apart=ApartConfig(enabled=False))
 PRESETS = {
     "default": CaptureConfig(),
     "liu2013": LIU,

@@ -6,7 +6,7 @@ As in Liu et al. 2013, Algorithm 2: once pixels are given to people, each is ref
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from perfcap.pipeline.extract_people import Seen, extract_people
 from perfcap.pipeline.followed_person import Follower
 from perfcap.pipeline.frame_by_frame import Followed, follow
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.overlap import clip_overlaps
 from perfcap.pipeline.pose_spread import part_deviations
 from perfcap.pipeline.presets import CaptureConfig
@@ -56,7 +57,7 @@ def refine_people(
     workers: int | None,
     checkpoint: Checkpoint,
 ) -> tuple[Refinement, ...]:
-    """Silhouettes of everybody, poses, silhouettes again, surfaces.
+    """Silhouettes of everybody, poses that are kept apart, silhouettes again, surfaces.
 
     A network that finds persons is not asked: it does not say whom it found.
 
@@ -88,6 +89,8 @@ def refine_people(
     poses = [
         one.pose(found, motion) for one, found, motion in zip(own, evidence, motions, strict=True)
     ]
+    with stage("keep_apart"):
+        poses = _apart(own, evidence, poses, config)
     motions = [pose.motion for pose in poses]
     evidence = extract("extract_silhouettes_again", motions, config.silhouettes.again)
     rows = zip(own, evidence, poses, strict=True)
@@ -125,6 +128,25 @@ def follow_people(
         found = follow(followers, images, *settings, workers, tell, checkpoint)
     rows = zip(own, people, found, strict=True)
     return tuple(_refinement(one, each.motion, result, refined) for one, each, result in rows)
+
+
+def _apart(
+    own: Sequence[Refiner],
+    evidence: Sequence[Evidence],
+    poses: Sequence[PoseRefinement],
+    config: CaptureConfig,
+) -> list[PoseRefinement]:
+    """Poses of people whose skins do not pass through each other."""
+    actors, motions = [one.problem.actor for one in own], [pose.motion for pose in poses]
+    result = []
+    parted = keep_apart(actors, motions, config.apart)
+    for one, found, pose, motion in zip(own, evidence, poses, parted, strict=True):
+        if motion is not pose.motion:
+            surface = SkinnedSurface(one.problem.actor, motion)
+            after = clip_overlaps(surface, one.sight, found, one.workers)
+            pose = replace(pose, motion=motion, after=after)
+        result.append(pose)
+    return result
 
 
 def _refiners(
