@@ -1,12 +1,100 @@
-"""Whether numbers of a configuration can be what they are called, by name."""
+"""Whether the numbers of a configuration can be what they are called, by name."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from functools import lru_cache
 from numbers import Integral, Real
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from torch import Tensor
 
 from perfcap.errors import InputError
+
+
+class Settings:
+    """Base of frozen dataclasses of settings: every field is what its annotation says.
+
+    Numbers are not NaN, and not below zero where their default is not; parts are of their kind;
+    tensors may stand for numbers, as weights that are learned.
+
+    Raises:
+        InputError: one is something else; it is named.
+    """
+
+    def __post_init__(self) -> None:
+        kinds = _kinds(type(self))  # type: ignore[arg-type]  # a class can be hashed
+        for name, (kind, least) in kinds.items():
+            value = getattr(self, name)
+            if not _fits(kind, value, least):
+                raise InputError(
+                    f"{name} of {type(self).__name__} is {value!r:.80}, expected "
+                    f"{_described(kind, least)}"
+                )
+
+
+@lru_cache
+def _kinds(settings: type) -> dict[str, tuple[Any, float]]:
+    """What each field is, and the least number that it may be."""
+    hints = get_type_hints(settings)
+    found = {}
+    for field in fields(settings):
+        below = isinstance(field.default, Real) and field.default < 0
+        known = field.default is not MISSING and below
+        found[field.name] = hints[field.name], -math.inf if known else 0.0
+    return found
+
+
+def _fits(kind: Any, value: object, least: float) -> bool:
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(_fits(each, value, least) for each in inner)
+    if origin is Literal:
+        return value in inner
+    if origin is tuple:
+        return isinstance(value, tuple | list) and _each_fits(inner, value, least)
+    if kind is bool:
+        return isinstance(value, bool)
+    if kind in (int, float):
+        if isinstance(value, Tensor):
+            return kind is float
+        known = isinstance(value, Integral if kind is int else Real)
+        return known and not isinstance(value, bool) and float(value) >= least  # type: ignore[arg-type]
+    if isinstance(kind, type) and (kind is NoneType or kind is str or is_dataclass(kind)):
+        return isinstance(value, kind)
+    return True
+
+
+def _each_fits(kinds: tuple[Any, ...], values: Sequence[object], least: float) -> bool:
+    if len(kinds) == 2 and kinds[1] is Ellipsis:
+        return all(_fits(kinds[0], value, least) for value in values)
+    pairs = zip(kinds, values, strict=False)
+    return len(kinds) == len(values) and all(_fits(kind, value, least) for kind, value in pairs)
+
+
+def _described(kind: Any, least: float) -> str:
+    above = "" if math.isinf(least) else f" of {least:g} or more"
+    simple = {int: f"a whole number{above}", float: f"a number{above}", bool: "True or False"}
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(_described(each, least) for each in get_args(kind))
+    if kind is NoneType:
+        return "None"
+    if get_origin(kind) is Literal:
+        *most, last = map(str, get_args(kind))
+        return f"{', '.join(most)} or {last}"
+    if kind in simple:
+        return simple[kind]
+    if get_origin(kind) is tuple:
+        inner = get_args(kind)
+        count = "numbers" if inner[-1] is Ellipsis else f"{len(inner)} numbers"
+        return f"a tuple of {count}{above}"
+    return getattr(kind, "__name__", str(kind))
+
+
+# --- What no annotation says ----------------------------------------------------------------------
 
 
 def require_counts(settings: Any, *names: str, least: int = 1) -> None:
@@ -18,18 +106,22 @@ def require_counts(settings: Any, *names: str, least: int = 1) -> None:
     for name in names:
         count = getattr(settings, name)
         if not isinstance(count, Integral) or isinstance(count, bool) or count < least:
-            raise InputError(f"{name} is {count!r}, expected a whole number of {least} or more")
+            raise InputError(
+                f"{_named(settings, name)} is {count!r}, expected a whole number of {least} or more"
+            )
 
 
-def require_sizes(settings: Any, *names: str) -> None:
+def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
     """Refuse fields that are no numbers above zero: residuals are divided by them.
+
+    Infinite ones switch a term off, where they need not be ``finite``.
 
     Raises:
         InputError: one is none.
     """
     for name in names:
         size = getattr(settings, name)
-        if not _number(size) or not size > 0:
+        if not _number(size) or not size > 0 or (finite and math.isinf(size)):
             raise InputError(f"{_named(settings, name)} is {size!r}, expected a number above zero")
 
 
@@ -44,18 +136,6 @@ def require_shares(settings: Any, *names: str, most: float = 1.0) -> None:
         if not _number(share) or not 0 <= share <= most:
             limit = "zero or above" if math.isinf(most) else f"from 0 to {most:g}"
             raise InputError(f"{_named(settings, name)} is {share!r}, expected a number {limit}")
-
-
-def require_parts(settings: Any, **kinds: type) -> None:
-    """Refuse fields that are of another kind.
-
-    Raises:
-        InputError: one is.
-    """
-    for name, kind in kinds.items():
-        part = getattr(settings, name)
-        if not isinstance(part, kind):
-            raise InputError(f"{name} is a {type(part).__name__}, expected a {kind.__name__}")
 
 
 def _number(value: object) -> bool:

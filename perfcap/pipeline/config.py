@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 from perfcap.errors import InputError
 from perfcap.setting_checks import (
+    Settings,
     require_counts,
-    require_parts,
     require_shares,
     require_sizes,
 )
@@ -27,7 +27,7 @@ _DEVIATION_3D = (
 
 
 @dataclass(frozen=True)
-class ReprojectionConfig:
+class ReprojectionConfig(Settings):
     """2D joint alignment (Xu et al. 2018, Eq. 4)."""
 
     weight: float = 1.0
@@ -35,11 +35,12 @@ class ReprojectionConfig:
     scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_sizes(self, "deviation")
 
 
 @dataclass(frozen=True)
-class PositionConfig:
+class PositionConfig(Settings):
     """3D joint alignment (Xu et al. 2018, Eq. 5 and 6)."""
 
     weight: float = 1.0
@@ -48,6 +49,7 @@ class PositionConfig:
     gate: float = 0.4  # PCK error, in head lengths, from which a frame's 3D pose is not used
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.deviation) != len(_DEVIATION_3D) or not all(d > 0 for d in self.deviation):
             raise InputError(
                 f"deviation of PositionConfig is {self.deviation}, expected metres above zero, one "
@@ -57,7 +59,7 @@ class PositionConfig:
 
 
 @dataclass(frozen=True)
-class TrajectoryConfig:
+class TrajectoryConfig(Settings):
     """Temporal prior over a window (Xu et al. 2018, Eq. 7)."""
 
     weight: float = 1.0
@@ -69,13 +71,14 @@ class TrajectoryConfig:
     angles: float = 100.0  # per rad
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_counts(self, "rank")
         require_sizes(self, "edge")
         require_shares(self, "step")
 
 
 @dataclass(frozen=True)
-class EvidenceConfig:
+class EvidenceConfig(Settings):
     """What the second solve of a window takes from the first: the prior, and the sizes of errors.
 
     The trajectory prior of the second solve is ``TrajectoryConfig`` with this rank and edge, and
@@ -90,12 +93,13 @@ class EvidenceConfig:
     tolerance: float = 1e-2  # relative decrease that ends a window of the first solve
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_counts(self, "rank")
         require_sizes(self, "edge", "share", "strength")
 
 
 @dataclass(frozen=True)
-class PathConfig:
+class PathConfig(Settings):
     """Paths of the joints as a few cosines with free coefficients (Huang et al. 2017, Eq. 8)."""
 
     weight: float = 1.0
@@ -104,12 +108,13 @@ class PathConfig:
     scale: float | None = 3.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_counts(self, "rank")
         require_sizes(self, "deviation")
 
 
 @dataclass(frozen=True)
-class PriorConfig:
+class PriorConfig(Settings):
     """Weak preference for the neutral pose; keeps unseen twists at rest.
 
     From one view it is steep outside of the ranges that are usual: there, poses that few people
@@ -123,11 +128,12 @@ class PriorConfig:
     poses: float = 0.2  # of the mixture of recorded poses, in windows of two views without 3D
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_sizes(self, "deviation", "alone", "beyond")
 
 
 @dataclass(frozen=True)
-class ContactConfig:
+class ContactConfig(Settings):
     """Feet that stand: a first solve shows the floor and the stances, the second solve keeps them.
 
     ``capture`` uses it; ``PoseRefiner`` does not.
@@ -144,12 +150,13 @@ class ContactConfig:
     support: float = 0.35  # share of slow points on the plane that makes it a floor
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_sizes(self, "deviation", "depth")
         require_shares(self, "support")
 
 
 @dataclass(frozen=True)
-class BoneConfig:
+class BoneConfig(Settings):
     """Bone lengths solved over the clip."""
 
     frames: int = 60  # spread over the clip
@@ -158,12 +165,13 @@ class BoneConfig:
     max_steps: int = 40
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_counts(self, "frames")
         require_sizes(self, "size", "own")
 
 
 @dataclass(frozen=True)
-class PoseConfig:
+class PoseConfig(Settings):
     """Everything of the skeleton motion."""
 
     window: int = 50  # frames (MPC-8)
@@ -191,22 +199,12 @@ class PoseConfig:
     bones: BoneConfig = field(default_factory=BoneConfig)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_counts(self, "window", "batch", "initial_batch")
         require_counts(self, "overlap", "widened_steps", least=0)
         require_sizes(self, "initial_widening")
         require_shares(self, "clean", most=float("inf"))
         require_shares(self, "cleanest")
-        require_parts(
-            self,
-            reprojection=ReprojectionConfig,
-            position=PositionConfig,
-            trajectory=TrajectoryConfig,
-            evidence=EvidenceConfig,
-            prior=PriorConfig,
-            contact=ContactConfig,
-            bones=BoneConfig,
-            **({} if self.paths is None else {"paths": PathConfig}),
-        )
 
 
 # Xu et al. 2018, Sec. 4: E_2d + 0.1 E_3d + 50 E_d, lambda_t = 1 per mm, lambda_R = lambda_Theta
@@ -255,7 +253,7 @@ _TURNS = {
 
 
 @dataclass(frozen=True)
-class RetargetConfig:
+class RetargetConfig(Settings):
     """Deviations of what a retargeted motion should keep of its source.
 
     Attributes:
@@ -292,3 +290,9 @@ class RetargetConfig:
     speed: float = 1500.0
     frames: int = 128
     steps: int = 40
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "limbs", "reach", "together", "near", "root", "feet", "depth")
+        require_sizes(self, "still", "speed")
+        require_counts(self, "frames", "steps")

@@ -26,6 +26,7 @@ from perfcap.render.label_map import barycentric_at
 from perfcap.segment import Contour, Matches, extract_contour
 from perfcap.segment.silhouettes import decode_labels
 from perfcap.segment.texture import Features, find_features, match_features
+from perfcap.setting_checks import Settings
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.uint8]
@@ -36,7 +37,7 @@ _REMEMBERED = 60  # frames from which the next pose is predicted
 
 
 @dataclass(frozen=True)
-class FramesConfig:
+class FramesConfig(Settings):
     """Settings of the frame-by-frame tracker.
 
     Attributes:

@@ -29,6 +29,7 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.render.soft_silhouette import SoftSilhouette
+from perfcap.setting_checks import Settings, require_counts, require_sizes
 from perfcap.solve import (
     Adjoint,
     Bounds,
@@ -46,7 +47,7 @@ from perfcap.temporal.window import Blender, Window, mean_vectors, partition
 
 
 @dataclass(frozen=True)
-class JointConfig:
+class JointConfig(Settings):
     """Weights and sizes of the joint refinement, in the units of ``RefineSurfaceConfig``.
 
     A silhouette counts as contour pairs there: by its energy for an outline that is off everywhere.
@@ -62,14 +63,11 @@ class JointConfig:
     method: Method = field(default_factory=lambda: LevenbergMarquardt(max_steps=8, tolerance=1e-3))
 
     def __post_init__(self) -> None:
-        several = isinstance(self.bands, tuple | list) and len(self.bands) > 0
-        if not several or not all(band > 0 for band in self.bands):
+        super().__post_init__()
+        if not self.bands or not all(band > 0 for band in self.bands):
             raise InputError(f"bands are {self.bands}, expected one above zero for each round")
-        if not isinstance(self.nodes, int) or self.nodes < 1:
-            raise InputError(f"nodes are {self.nodes}, expected a whole number of 1 or more")
-        for name, size in (("stretch", self.stretch), ("reach", self.reach)):
-            if not size > 0:
-                raise InputError(f"{name} is {size}, expected metres above zero")
+        require_counts(self, "nodes")
+        require_sizes(self, "stretch", "reach")
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from perfcap.energy.skin_contact import SkinContact
 from perfcap.geometry.signed_gap import Mesh, signed_gap
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.render.projected_mesh import vertex_normals
+from perfcap.setting_checks import Settings, require_sizes
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.compound import Compound, of_part
 
@@ -31,7 +32,7 @@ Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class ApartConfig:
+class ApartConfig(Settings):
     """How skins of several people are kept apart."""
 
     enabled: bool = True
@@ -41,6 +42,10 @@ class ApartConfig:
     max_steps: int = 10  # of the solver in each round
     depth: float = 0.002  # m of contact that count as much as
     moved: float = 0.02  # m by which joints and skin are moved
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "step", "depth", "moved")
 
 
 def keep_apart(

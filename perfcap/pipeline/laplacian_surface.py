@@ -21,6 +21,7 @@ from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.laplacian import laplacian
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.segment import Matches, Matching
+from perfcap.setting_checks import Settings, require_sizes
 
 Floats = NDArray[np.float64]
 Pairs = Callable[[Floats], Sequence[Matches]]  # of a surface (V, 3) with its silhouettes, ``[C]``
@@ -31,7 +32,7 @@ _MOST = 60  # steps of a solve
 
 
 @dataclass(frozen=True)
-class LaplacianConfig:
+class LaplacianConfig(Settings):
     """How a surface gives way to silhouettes.
 
     Attributes:
@@ -58,6 +59,10 @@ class LaplacianConfig:
     contour: ContourConfig = field(
         default_factory=lambda: ContourConfig(matching=Matching(support=(0.3, 0.6)))
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "pixel", "edge", "unit", "reach")
 
 
 class LaplacianSurface:

@@ -32,6 +32,7 @@ from perfcap.pipeline.pose_search import (
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.segment import Matches, Matching
+from perfcap.setting_checks import Settings, require_sizes
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, solve
 
 Mask = NDArray[np.bool_]
@@ -39,7 +40,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class LocalConfig:
+class LocalConfig(Settings):
     """The local solve (LIU-4 to 6).
 
     Attributes:
@@ -65,6 +66,10 @@ class LocalConfig:
     contour: ContourConfig = field(
         default_factory=lambda: ContourConfig(matching=Matching(support=(0.3, 0.6)))
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "outlier", "unit", *(() if self.scale is None else ("scale",)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,16 +17,16 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.rig import Rig
 from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
-from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.pipeline.frame_view import Flags, FrameView, Mask
 from perfcap.segment.silhouette_consistency import MISSED, CoarseSilhouette, Coverage
+from perfcap.setting_checks import Settings
 from perfcap.solve import Step
 from perfcap.solve.particles import ParticleSettings, search_particles
 
 
 @dataclass(frozen=True)
-class GlobalConfig:
+class GlobalConfig(Settings):
     """The search (LIU-7 to 9).
 
     Attributes:
@@ -56,11 +56,6 @@ class GlobalConfig:
     visible: float = 0.5
     spread: tuple[float, float, float] = (0.03, 0.1, 0.15)
     particles: ParticleSettings = field(default_factory=ParticleSettings)
-
-    def __post_init__(self) -> None:
-        """Refuse a word that nobody reads."""
-        if self.search not in ("never", "misaligned", "always"):
-            raise InputError(f"search is {self.search!r}; expected never, misaligned or always")
 
 
 def released_joints(rig: Rig, misaligned: Flags, share: float) -> Flags:

@@ -16,10 +16,11 @@ from perfcap.pipeline.surface_config import (
     RefineSurfaceConfig,
     SilhouetteConfig,
 )
+from perfcap.setting_checks import Settings
 
 
 @dataclass(frozen=True)
-class CaptureConfig:
+class CaptureConfig(Settings):
     """Everything of a capture, stage by stage.
 
     ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.

@@ -27,6 +27,7 @@ from perfcap.pipeline.track_motion import Progress
 from perfcap.pipeline.volume_colors import color_volume
 from perfcap.render.density import Splats
 from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk
+from perfcap.setting_checks import Settings, require_counts, require_sizes
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 from perfcap.temporal.window import Window, partition
 
@@ -35,7 +36,7 @@ _RIM = 8  # px around a crop, for the filters
 
 
 @dataclass(frozen=True)
-class ContoursConfig:
+class ContoursConfig(Settings):
     """Stage II of Rhodin et al. 2016; tuned on takes of ``experiments/contour_takes.py``."""
 
     enabled: bool = False
@@ -49,6 +50,11 @@ class ContoursConfig:
     max_steps: int = 20
     tolerance: float = 1e-4
     support: float = 0.15  # share of the contour on edges below which a frame is not believed
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_counts(self, "gaussians")
+        require_sizes(self, "height", "bend")
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 
 from perfcap.segment import Matching, SequenceSettings
 from perfcap.segment.settings import PAPER, SECOND_PASS
+from perfcap.setting_checks import Settings, require_counts, require_shares, require_sizes
 
 
 @dataclass(frozen=True)
-class SilhouetteConfig:
+class SilhouetteConfig(Settings):
     """Automatic silhouettes (Xu 2018, Sec. 5.1)."""
 
     first: SequenceSettings = field(default_factory=SequenceSettings)
@@ -22,7 +23,7 @@ class SilhouetteConfig:
 
 
 @dataclass(frozen=True)
-class ContourConfig:
+class ContourConfig(Settings):
     """Alignment of the model's contours with those of the silhouettes (Xu 2018, Eq. 11, 17)."""
 
     weight: float = 30.0  # independent observations that a frame's contour is worth
@@ -33,9 +34,14 @@ class ContourConfig:
     spacing: float = 3.0  # px between the model's contour points
     matching: Matching = field(default_factory=Matching)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "deviation", "spacing", *(() if self.scale is None else ("scale",)))
+        require_shares(self, "chance")
+
 
 @dataclass(frozen=True)
-class RefinePoseConfig:
+class RefinePoseConfig(Settings):
     """Silhouette-based pose refinement (Xu 2018, Eq. 10 to 12)."""
 
     rounds: int = 3  # correspondence searches (MPC-23)
@@ -48,9 +54,13 @@ class RefinePoseConfig:
     # held by their joints alone
     whole: bool = True
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_sizes(self, "deviation")
+
 
 @dataclass(frozen=True)
-class RefineSurfaceConfig:
+class RefineSurfaceConfig(Settings):
     """Silhouette-based surface refinement (Xu 2018, Eq. 16 to 18)."""
 
     nodes: int = 1000  # of the deformation graph (MPC-26)
@@ -64,6 +74,12 @@ class RefineSurfaceConfig:
     smoothing: int = 5  # frames of the centred window (MPC-31)
     settle: tuple[float, ...] = (1.0, 1.0)  # rigidity of rounds after it; the paper has none
     settle_smoothing: int = 3  # frames
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_counts(self, "nodes", "smoothing", "settle_smoothing")
+        require_sizes(self, "stretch", "reach")
+        require_shares(self, "folds")
 
 
 # Xu et al. 2018, Sec. 5: GrabCut from the model with the motion cue; single frames refined with

@@ -27,6 +27,7 @@ from perfcap.pipeline.liveliness import liveliest, require_motion
 from perfcap.pipeline.objective import kernel, neutral_angles, person_height, trajectory_prior
 from perfcap.pipeline.prepare import prepare
 from perfcap.rates import frame_rate
+from perfcap.setting_checks import Settings
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.covariance import shared_covariance
 
@@ -35,7 +36,7 @@ _UNKNOWN = 0.5  # frames of deviation, beyond which a clock is not found: others
 
 
 @dataclass(frozen=True)
-class ViewErrorConfig:
+class ViewErrorConfig(Settings):
     """How errors of views are found.
 
     Attributes:

@@ -26,6 +26,7 @@ from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.build_body import LENGTHS, Scales
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
+from perfcap.setting_checks import Settings
 from perfcap.solve import (
     Bounds,
     Coupling,
@@ -75,7 +76,7 @@ DETECTOR_OFFSETS = tuple(
 
 
 @dataclass(frozen=True)
-class ViewFitSettings:
+class ViewFitSettings(Settings):
     """How a body is fitted to views.
 
     Attributes:

@@ -21,6 +21,7 @@ from perfcap.energy.prior import PosePrior, SharedPrior
 from perfcap.rigging.surface_match import Matches, SurfaceMatch
 from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
 from perfcap.rigging.view_landmarks import SeenLandmarks
+from perfcap.setting_checks import Settings
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.kernels import GemanMcClure
 
@@ -31,7 +32,7 @@ _MOST_DEVIATIONS = 4.0
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class FitSettings(Settings):
     """How a body is fitted to a mesh; lengths in metres.
 
     Attributes:

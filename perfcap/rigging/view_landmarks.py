@@ -17,6 +17,7 @@ from perfcap.detect.look import Box
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.triangulation import triangulate
 from perfcap.render import ProjectedMesh, Texture, look_at, render
+from perfcap.setting_checks import Settings
 
 _PLAIN, _WALL = (178, 178, 178), (96, 108, 120)  # sRGB of a mesh without texture, and behind it
 
@@ -34,7 +35,7 @@ class JointDetector(Protocol):
 
 
 @dataclass(frozen=True)
-class ViewSettings:
+class ViewSettings(Settings):
     """What a detector is shown, and when its views agree.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment.trimap import Mask
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -27,7 +28,7 @@ _WEIGHT = 0.2  # share of a neighbourhood that must be visible to go by it
 
 
 @dataclass(frozen=True)
-class AlignmentSettings:
+class AlignmentSettings(Settings):
     """How a picture is bent onto another.
 
     Attributes:

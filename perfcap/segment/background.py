@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment import _background_numba
 from perfcap.segment.trimap import Box, Mask
+from perfcap.setting_checks import Settings
 from perfcap.workers import ordered_map
 
 Plane = NDArray[np.float32]
@@ -50,7 +51,7 @@ class Shade:
 
 
 @dataclass(frozen=True)
-class PlateSettings:
+class PlateSettings(Settings):
     """How plates are made and compared with.
 
     Attributes:

@@ -22,6 +22,7 @@ from perfcap.segment.trimap import (
     Labels,
     Mask,
 )
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -34,7 +35,7 @@ MIDDLE: Area = (0.2, 0.02, 0.8, 0.98)
 
 
 @dataclass(frozen=True)
-class CentralPersonSettings:
+class CentralPersonSettings(Settings):
     """How the person in the middle of a picture is found.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment import _color_numba
+from perfcap.setting_checks import Settings
 
 Colors = NDArray[np.float32]
 
@@ -19,7 +20,7 @@ _LOG_2PI = float(np.log(2 * np.pi))
 
 
 @dataclass(frozen=True)
-class ColorSettings:
+class ColorSettings(Settings):
     """How colours are modelled.
 
     Attributes:

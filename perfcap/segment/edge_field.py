@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.setting_checks import Settings
+
 Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class EdgeSettings:
+class EdgeSettings(Settings):
     """How edges are found.
 
     Attributes:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.segment import _label_field_numba
 from perfcap.segment.min_cut import solve_min_cut
+from perfcap.setting_checks import Settings
 
 Plane = NDArray[np.float32]
 Labels = NDArray[np.uint8]
@@ -32,7 +33,7 @@ _TURNS = 5  # of all labels, at most
 
 
 @dataclass(frozen=True)
-class FieldSettings:
+class FieldSettings(Settings):
     """Prices of neighbours with different labels.
 
     Attributes:

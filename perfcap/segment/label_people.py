@@ -20,6 +20,7 @@ from perfcap.segment.label_field import FieldSettings, LabelField
 from perfcap.segment.part_colors import PartColors, PartColorSettings
 from perfcap.segment.person_layer import PersonLayer, Surroundings
 from perfcap.segment.trimap import BACKGROUND, PROBABLE_FOREGROUND, Box, Mask, Trimap
+from perfcap.setting_checks import Settings
 
 # --- How probable each person is at each pixel, from solved poses and how sure they are -----------
 #
@@ -87,7 +88,7 @@ _SIDE = 2  # px around contested pixels whose labels are looked at, too
 
 
 @dataclass(frozen=True)
-class PeopleSettings:
+class PeopleSettings(Settings):
     """How the people of a foreground are told apart.
 
     Attributes:

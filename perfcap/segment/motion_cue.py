@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment.trimap import Mask
+from perfcap.setting_checks import Settings
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -26,7 +27,7 @@ _LEAST_RING = 100  # pixels
 
 
 @dataclass(frozen=True)
-class MotionSettings:
+class MotionSettings(Settings):
     """When a pixel counts as changed.
 
     Attributes:
@@ -90,7 +91,7 @@ def _change(image: Plane, other: Plane) -> Plane:
 
 
 @dataclass(frozen=True)
-class CutSettings:
+class CutSettings(Settings):
     """When two adjacent frames are of different shots: both measures exceed their limits.
 
     Attributes:

@@ -26,6 +26,7 @@ from perfcap.segment.plane_layers import (
 )
 from perfcap.segment.registration import Matrix, shrink
 from perfcap.segment.trimap import Box, Mask
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -39,7 +40,7 @@ _SMOOTH = (0.02, 0.06, 0.2)  # shares of the longest side, over which planes are
 
 
 @dataclass(frozen=True)
-class MovingSettings:
+class MovingSettings(Settings):
     """How the background of a moving camera is found."""
 
     layers: LayerSettings = field(default_factory=LayerSettings)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from perfcap.segment.color_model import ColorModel, ColorSettings, fit_color_model
 from perfcap.segment.person_layer import PersonLayer
 from perfcap.segment.trimap import Box, Mask
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -19,7 +20,7 @@ _ANY_COLOR = float(-3 * np.log(256.0))  # log density of a colour nobody expecte
 
 
 @dataclass(frozen=True)
-class PartColorSettings:
+class PartColorSettings(Settings):
     """How colours of people are learnt and believed.
 
     Attributes:

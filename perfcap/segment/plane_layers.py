@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment.registration import Matrix
 from perfcap.segment.trimap import Mask
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -27,7 +28,7 @@ _PYRAMID = 4
 
 
 @dataclass(frozen=True)
-class LayerSettings:
+class LayerSettings(Settings):
     """How planes are found.
 
     Attributes:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.segment.trimap import Box, Mask
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -20,7 +21,7 @@ Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RegistrationSettings:
+class RegistrationSettings(Settings):
     """How frames are registered.
 
     Attributes:

@@ -21,6 +21,7 @@ from perfcap.segment.registration import (
     shrink,
 )
 from perfcap.segment.trimap import Box, Mask, bounds, distance_outside
+from perfcap.setting_checks import Settings
 from perfcap.workers import ordered_map
 
 Image = NDArray[np.uint8]
@@ -33,7 +34,7 @@ _MARGIN = 0.06  # of the longest side: what a hand-held camera moves while a pla
 
 
 @dataclass(frozen=True)
-class SceneSettings:
+class SceneSettings(Settings):
     """How much is looked at.
 
     Attributes:

@@ -26,6 +26,7 @@ from perfcap.segment.people_trimap import trimap_of
 from perfcap.segment.scene import Scene, SceneSettings, hide, key_frame, registered_neighbors
 from perfcap.segment.settings import GrabCutSettings
 from perfcap.segment.trimap import Mask, Trimap
+from perfcap.setting_checks import Settings
 
 Image = NDArray[np.uint8]
 
@@ -33,7 +34,7 @@ BLOCK = 10  # frames between fresh starts of the colour models
 
 
 @dataclass(frozen=True)
-class SequenceSettings:
+class SequenceSettings(Settings):
     """Settings of a clip's segmentation.
 
     Attributes:

@@ -9,6 +9,7 @@ from perfcap.segment.color_model import ColorSettings
 from perfcap.segment.motion_cue import MotionSettings
 from perfcap.segment.random_field import Smoothness
 from perfcap.segment.trimap import PLAIN_TRIMAP, TrimapSettings
+from perfcap.setting_checks import Settings
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class GrabCutSettings:
+class GrabCutSettings(Settings):
     """How evidence becomes labels. Nats are natural logarithms of probability ratios.
 
     Attributes:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import Settings
 
 BACKGROUND, FOREGROUND, PROBABLE_BACKGROUND, PROBABLE_FOREGROUND = 0, 1, 2, 3
 
@@ -26,7 +27,7 @@ _FAR = 1 << 14  # px, further ends are cut off: lines of 2^31 sub-pixels overflo
 
 
 @dataclass(frozen=True)
-class TrimapSettings:
+class TrimapSettings(Settings):
     """Widths of the regions as shares of the person's size, the longest side of the box.
 
     Attributes:

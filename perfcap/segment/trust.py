@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from perfcap.segment.grabcut import Segmentation
 from perfcap.segment.trimap import Trimap
+from perfcap.setting_checks import Settings
 
 Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
@@ -31,7 +32,7 @@ _FAR = 4.0  # percent of the person's size: departures from the model beyond it 
 
 
 @dataclass(frozen=True)
-class TrustSettings:
+class TrustSettings(Settings):
     """Weights of a logistic regression.
 
     Attributes:

@@ -15,12 +15,13 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import Settings, require_counts, require_sizes
 
 Values = Callable[[Tensor], Tensor]  # energies (N,) of particles (N, h)
 
 
 @dataclass(frozen=True)
-class ParticleSettings:
+class ParticleSettings(Settings):
     """How far a search goes.
 
     Liu et al. state iterations, particles and their limit. The rest is ours: the weights of
@@ -43,14 +44,9 @@ class ParticleSettings:
 
     def __post_init__(self) -> None:
         """Refuse what no search can use."""
-        for name in ("iterations", "per_dimension", "most"):
-            value = getattr(self, name)
-            if value < 1:
-                raise InputError(f"{name} is {value}; a search needs one at least")
-        for name in ("sharpening", "diffusion"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}; it must be finite and positive")
+        super().__post_init__()
+        require_counts(self, "iterations", "per_dimension", "most")
+        require_sizes(self, "sharpening", "diffusion", finite=True)
 
     def count(self, dimensions: int) -> int:
         """Particles of a search in h ``dimensions``: 20 h, at most 300.

@@ -156,12 +156,12 @@ def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tenso
         refine_jointly(start, masks, VIEWS.every_frame(2), config=QUICK)
     with pytest.raises(InputError, match="trust is a float, expected a tensor"):
         refine_jointly(start, masks, config=QUICK, trust=0.5)  # type: ignore[arg-type]
-    for bands in ((), (-1.0,), 2.5):
-        with pytest.raises(InputError, match="expected one above zero for each round"):
+    for bands in ((), (-1.0,), (0.0,), 2.5):
+        with pytest.raises(InputError, match=r"bands .* expected"):
             JointConfig(bands=bands)  # type: ignore[arg-type]
     for size in ({"reach": 0.0}, {"stretch": -0.003}, {"reach": float("nan")}):
-        with pytest.raises(InputError, match="expected metres above zero"):
+        with pytest.raises(InputError, match="expected a number"):
             JointConfig(**size)  # type: ignore[arg-type]
     for nodes in (0, 2.5):
-        with pytest.raises(InputError, match="nodes are"):
+        with pytest.raises(InputError, match="nodes of JointConfig is"):
             JointConfig(nodes=nodes)  # type: ignore[arg-type]

@@ -1,9 +1,14 @@
 """Settings that cannot be what they are called."""
 
+import importlib
+import pkgutil
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import pytest
+import torch
 
+import perfcap
 from perfcap.errors import InputError
 from perfcap.pipeline.config import (
     BoneConfig,
@@ -14,8 +19,13 @@ from perfcap.pipeline.config import (
     PositionConfig,
     PriorConfig,
     ReprojectionConfig,
+    RetargetConfig,
     TrajectoryConfig,
 )
+from perfcap.pipeline.keep_apart import ApartConfig
+from perfcap.pipeline.presets import PRESETS, CaptureConfig
+from perfcap.pipeline.surface_config import ContourConfig, RefinePoseConfig, RefineSurfaceConfig
+from perfcap.setting_checks import Settings
 
 NAN = float("nan")
 
@@ -44,9 +54,51 @@ NAN = float("nan")
         (ContactConfig, {"deviation": "small"}),
         (ContactConfig, {"support": 2.0}),
         (BoneConfig, {"frames": 0}),
+        (ApartConfig, {"step": 0.0}),
+        (ContourConfig, {"scale": 0.0}),
+        (ContourConfig, {"weight": NAN}),
+        (ContourConfig, {"chance": 1.5}),
+        (RefinePoseConfig, {"contour": None}),
+        (RefinePoseConfig, {"rounds": 2.0}),
+        (RefinePoseConfig, {"whole": 1}),
+        (RefineSurfaceConfig, {"nodes": 0}),
+        (RefineSurfaceConfig, {"rigidity": 0.6}),
+        (RefineSurfaceConfig, {"settle": (1.0, NAN)}),
+        (RetargetConfig, {"change": (0.003, 0.5)}),
+        (RetargetConfig, {"limbs": 0.0}),
+        (CaptureConfig, {"pose": "default"}),
     ],
 )
 def test_settings_that_are_none_are_refused_by_name(kind: Any, wrong: dict[str, Any]) -> None:
     """They ended in a traceback, in NaN, or in another motion without a word."""
     with pytest.raises(InputError, match=f"{next(iter(wrong))}.* expected"):
         kind(**wrong)
+
+
+def every_kind() -> list[type]:
+    """Settings of all modules but those of training, whose commands check them."""
+    found = set()
+    for module in pkgutil.walk_packages(perfcap.__path__, "perfcap."):
+        if not any(part in module.name for part in ("numba", "__main__", ".train", ".viewers")):
+            for value in vars(importlib.import_module(module.name)).values():
+                if isinstance(value, type) and value.__name__.endswith(("Config", "Settings")):
+                    found.add(value)
+    kept = [kind for kind in found if is_dataclass(kind) and ".train" not in kind.__module__]
+    return sorted(kept, key=lambda kind: kind.__name__)
+
+
+def test_all_settings_are_looked_at() -> None:
+    kinds = every_kind()
+    assert len(kinds) > 40
+    for kind in kinds:
+        assert issubclass(kind, Settings), kind
+        for number in [field for field in fields(kind) if field.type in ("float", "int")]:
+            with pytest.raises(InputError, match=f"{number.name}.* expected"):
+                kind(**{number.name: NAN})
+
+
+def test_presets_are_sound_and_weights_may_be_learned() -> None:
+    assert len(PRESETS) > 3
+    weight = torch.ones((), requires_grad=True)
+    assert ContourConfig(weight=weight).weight is weight
+    assert ContourConfig(scale=None).scale is None

@@ -108,7 +108,9 @@ def test_bad_input() -> None:
         search_particles(waves, (empty, empty), empty, seeded(0))
     with pytest.raises(InputError, match="one number each"):
         search_particles(lambda x: x, good, SPREAD, seeded(0))
-    with pytest.raises(InputError, match="iterations is 0"):
+    with pytest.raises(InputError, match="iterations of ParticleSettings is 0"):
         ParticleSettings(iterations=0)
-    with pytest.raises(InputError, match="diffusion is nan"):
+    with pytest.raises(InputError, match="diffusion of ParticleSettings is nan"):
         ParticleSettings(diffusion=float("nan"))
+    with pytest.raises(InputError, match="sharpening of ParticleSettings is inf"):
+        ParticleSettings(sharpening=float("inf"))

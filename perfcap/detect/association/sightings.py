@@ -12,12 +12,13 @@ from torch import Tensor
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.triangulation import triangulate
+from perfcap.setting_checks import Settings
 
 # --- Sizes that tell one person from two ----------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class AssociationConfig:
+class AssociationConfig(Settings):
     """Lengths in metres at the person, times in seconds; all are about people, none about a clip.
 
     Attributes:
