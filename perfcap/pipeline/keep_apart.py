@@ -37,15 +37,16 @@ class ApartConfig(Settings):
 
     enabled: bool = True
     tolerance: float = 0.005  # m: skins may be as deep in each other; they are not that exact
-    rounds: int = 12  # of looking for what touches
-    step: float = 0.02  # m: of its depth, that a round takes away at most
+    rounds: int = 12  # of looking for what touches, for each length of steps
+    # m of depth that a round takes away; other lengths are for frames that stay deep
+    steps: tuple[float, ...] = (0.02, 0.01, 0.04)
     max_steps: int = 10  # of the solver in each round
     depth: float = 0.002  # m of contact that count as much as
     moved: float = 0.02  # m by which joints and skin are moved
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "step", "depth", "moved")
+        require_sizes(self, "depth", "moved")
 
 
 def keep_apart(
@@ -80,9 +81,29 @@ def keep_apart(
 def _both(
     actors: Sequence[Actor], motions: Sequence[Motion], config: ApartConfig
 ) -> Sequence[Motion]:
-    """Two people kept apart."""
+    """Two people kept apart; what one length of steps leaves deep is tried with the next."""
     near = _near(*(actor.joints(motion) for actor, motion in zip(actors, motions, strict=True)))
-    first = touches = _touching(actors, motions, near, config.tolerance)
+    touches = _touching(actors, motions, near, config.tolerance)
+    found = motions
+    for step in config.steps:
+        if not touches:
+            break
+        stepped, left = _stepped(actors, motions, touches, step, config)
+        touches = {f: touch for f, touch in touches.items() if 2 * left.get(f, 0) > touch.depth}
+        back = torch.tensor(sorted(touches), dtype=torch.int64)
+        tried = [_put(new, back, old[back]) for new, old in zip(stepped, motions, strict=True)]
+        found, motions = tried, tried
+    return found
+
+
+def _stepped(
+    actors: Sequence[Actor],
+    motions: Sequence[Motion],
+    touches: Touches,
+    step: float,
+    config: ApartConfig,
+) -> tuple[Sequence[Motion], dict[int, float]]:
+    """Both after rounds that take away so much depth, m, and what is left of it by frame, m."""
     found = motions
     for _ in range(config.rounds):
         if not touches:
@@ -93,14 +114,10 @@ def _both(
             for actor, motion in zip(actors, motions, strict=True)
         ]
         parts = [motion[frames] for motion in found]
-        solved = _parted(goals, parts, [touches[int(f)] for f in frames], config)
+        solved = _parted(goals, parts, [touches[int(f)] for f in frames], step, config)
         found = [_put(whole, frames, part) for whole, part in zip(found, solved, strict=True)]
         touches = _touching(actors, found, frames.tolist(), config.tolerance)
-    deep = [f for f, touch in touches.items() if 2 * touch.depth > first[f].depth]
-    if deep:
-        back = torch.tensor(sorted(deep))
-        found = [_put(new, back, old[back]) for new, old in zip(found, motions, strict=True)]
-    return found
+    return found, {frame: touch.depth for frame, touch in touches.items()}
 
 
 # --- Who is in whom -------------------------------------------------------------------------------
@@ -220,6 +237,7 @@ def _parted(
     people: Sequence[_Stay],
     motions: Sequence[Motion],
     touches: Sequence[_Touch],
+    step: float,
     config: ApartConfig,
 ) -> list[Motion]:
     """Both people (F,) as far apart as contact and their own places want them."""
@@ -237,7 +255,8 @@ def _parted(
                 (names[first], names[second]),
                 (people[first].actor, people[second].actor),
                 inside,
-                config,
+                step,
+                config.depth,
             )
     state = Compound(dict(zip(names, motions, strict=True)))
     limits = [angle_bounds(each.actor) for each in people]
@@ -255,7 +274,8 @@ def _contact(
     names: tuple[str, str],
     actors: tuple[Actor, Actor],
     inside: Sequence[_Inside],
-    config: ApartConfig,
+    step: float,
+    unit: float,
 ) -> SkinContact:
     """The mean over what touches in each frame."""
     shape = len(inside), max(len(each.points) for each in inside)
@@ -270,9 +290,9 @@ def _contact(
         SkinnedPoints(actor, torch.as_tensor(rows).unsqueeze(-1), meant.to(actor.vertices))
         for actor, rows in zip(actors, (points, skin), strict=True)
     )
-    allowed = torch.as_tensor(np.maximum(depth - config.step, 0))
+    allowed = torch.as_tensor(np.maximum(depth - step, 0))
     given = torch.as_tensor(normals), torch.as_tensor(share), allowed
-    return SkinContact(names, first, second, *given, unit=config.depth)
+    return SkinContact(names, first, second, *given, unit=unit)
 
 
 def _put(motion: Motion, frames: Tensor, part: Motion) -> Motion:

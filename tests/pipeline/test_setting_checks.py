@@ -54,7 +54,7 @@ NAN = float("nan")
         (ContactConfig, {"deviation": "small"}),
         (ContactConfig, {"support": 2.0}),
         (BoneConfig, {"frames": 0}),
-        (ApartConfig, {"step": 0.0}),
+        (ApartConfig, {"moved": 0.0}),
         (ContourConfig, {"scale": 0.0}),
         (ContourConfig, {"weight": NAN}),
         (ContourConfig, {"chance": 1.5}),
