@@ -139,6 +139,11 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     about += (*_camera_rate(rig, clip), *_of_others(request.detections, rig.names, known))
     maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
+    if request.detections_in == "video" and detecting is not None:
+        raise InputError(
+            "--detections-in video: says which pixels files of --detections are in, and none are "
+            "given; networks look at the videos themselves"
+        )
     if detecting is not None:
         _require_possible(request.cameras, rig)
         chosen = _detect(clip, rig, pixel_map, detecting)

@@ -43,7 +43,7 @@ def run_train_detector(request: TrainDetector) -> int:
     """
     config = request.config
     _check(config)
-    config.loop.require_sound()
+    config.require_sound()
     library = MotionLibrary.read(request.motion)
     make_folder(request.out, request.resume)
     torch.set_num_threads(1)  # several processes are faster than several threads

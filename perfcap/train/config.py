@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from perfcap.errors import InputError
-from perfcap.setting_checks import require_counts, require_shares
+from perfcap.setting_checks import require_counts, require_shares, require_sizes
 
 
 @dataclass(frozen=True)
@@ -225,3 +225,35 @@ class TrainDetectorConfig:
     scene: SceneData = field(default_factory=SceneData)
     augmentation: Augmentation = field(default_factory=Augmentation)
     loss: DetectorLoss = field(default_factory=DetectorLoss)
+
+    def require_sound(self) -> None:
+        """Refuse what no detector can be made of.
+
+        Raises:
+            InputError: a size, a share, a weight or a range that is none.
+        """
+        self.loop.require_sound()
+        require_counts(self, "crops", "validation_crops")
+        require_counts(self.detector, "size")
+        require_counts(self.scene, "size", "group", "places", "texture")
+        for name in ("widths", "blocks"):
+            sizes = getattr(self.detector, name)
+            if not sizes or min(sizes) < 1:
+                raise InputError(f"detector.{name}: are {sizes}; expected one or more of 1 or more")
+        shares = ("recombined", "facing", "tilted", "skirts", "actors", "shadowed", "occluded")
+        require_shares(self.scene, *shares, "empty")
+        require_shares(self.scene, "loosened", "swung", "roll", most=math.inf)
+        require_sizes(self.scene, "margin")
+        shown = ("moved", "camouflaged", "small", "blur", "noise", "jpeg", "cut", "grey")
+        require_shares(self.augmentation, *shown)
+        require_shares(self.augmentation, "turn", "shift", most=math.inf)
+        require_sizes(self.augmentation, "smallest")
+        require_sizes(self.loss, "deviation")
+        require_shares(self.loss, "places", "pose", "parts", "nowhere", most=math.inf)
+        ranges = {
+            "scene.distance": self.scene.distance,
+            "augmentation.zoom": self.augmentation.zoom,
+        }
+        for name, (low, high) in ranges.items():
+            if not 0 < low <= high < math.inf:
+                raise InputError(f"{name}: is {low} {high}; expected FROM TO, above zero")

@@ -149,6 +149,10 @@ def test_people_who_are_not_there(
 
 
 MISTAKES = {
+    "detections in the pixels of the video": (
+        ("--detections-in", "video"),
+        "says which pixels files of --detections are in, and none are given",
+    ),
     "both": (("--detections", "x.npz"), "both given"),
     "a short box": (("--box", "1", "2", "3"), "LEFT TOP RIGHT BOTTOM"),
     "an empty box": (("--box", "9", "2", "3", "8"), "is no box"),
