@@ -46,8 +46,8 @@ class Adam:
             raise InputError(f"learning_rate is {self.learning_rate}, expected one above zero")
         if not all(0 <= share < 1 for share in self.decay) or not self.tolerance >= 0:
             raise InputError(
-                f"decay is {self.decay} and tolerance {self.tolerance}; expected two numbers from 0 "
-                "to below 1, and one from 0 on"
+                f"decay is {self.decay} and tolerance {self.tolerance}; expected two numbers from "
+                "0 to below 1, and one from 0 on"
             )
 
     def minimize(
