@@ -128,8 +128,14 @@ class Actor(nn.Module):
         """The actor with bones of group g longer by ``exp(bones_g)``, (S,); its mesh follows.
 
         Raises:
-            InputError: they require gradients, which a mesh does not carry.
+            InputError: they require gradients, which a mesh does not carry, or are not one a group.
         """
+        groups = self.skeleton.group_names
+        if bones.shape != (len(groups),):
+            raise InputError(
+                f"resized: bones have shape {tuple(bones.shape)}, expected ({len(groups)},), the "
+                f"logarithms of factors of {', '.join(groups)}"
+            )
         if bones.requires_grad and torch.is_grad_enabled():
             raise InputError(
                 "resized: bones require gradients, which do not reach them through a new mesh; "

@@ -23,6 +23,7 @@ Image = NDArray[np.uint8]
 
 PREVIEW = "preview.jpg"
 _CHUNK = 8  # frames decoded at once
+_NARROW = 0.04  # of the picture: what is narrower shows no person
 _APART = 0.02  # of the picture: motion to the pictures that a mask is found with
 _QUALITY, _PREVIEW_QUALITY = 97, 85
 _SHOWN, _TALL = 12, 220  # pictures of the preview, and their height, px
@@ -40,6 +41,8 @@ def run_frames(request: ActorFrames) -> int:
         raise InputError(f"--count: is {request.count}; expected 3 to 1000 stills")
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
         raise InputError(f"--out {request.out}: is not an empty folder; choose another")
+    if request.box and request.masks == "none":
+        raise InputError("--box: is for masks, and --masks none wants none; leave one of them out")
     clip = Clip.open(request.video, frames=parse_frames(request.frames))
     box = _box(request.box, clip.sizes[0])
     with progress_bars() as tell:
@@ -81,7 +84,14 @@ def _box(numbers: tuple[float, ...], size: tuple[int, int]) -> Area:
         raise InputError("--box: expected LEFT TOP RIGHT BOTTOM in pixels, left < right")
     height, width = size
     left, top, right, bottom = numbers
-    return left / width, top / height, right / width, bottom / height
+    box = left / width, top / height, right / width, bottom / height
+    for low, high in (box[::2], box[1::2]):
+        if not (0 < (low + high) / 2 < 1 and _NARROW < high - low <= 1):
+            raise InputError(
+                f"--box: {left:g} {top:g} {right:g} {bottom:g} holds nobody in a picture of "
+                f"{width}x{height}; expected a box in it, in pixels"
+            )
+    return box
 
 
 def _save(

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from perfcap.actor.actor import Actor
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
@@ -26,6 +27,7 @@ from perfcap.io.fitted_body import FittedBody, save_fitted_body
 from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.input_doubts import leg_ratio
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
 
@@ -95,6 +97,7 @@ def _around(picture: Image, points: NDArray[np.float64]) -> Image:
 _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
 _TALL = (1.3, 2.15)  # m; of a body that is a grown person's
 _MISSED = 0.06  # m, by which a body misses the height it was given
+_OTHER_LEGS = 0.07  # share, of a body's legs to those of the views; sound ones have up to 0.03
 _FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
 
 
@@ -184,6 +187,14 @@ class PersonalBody:
                 f"the views show somebody {tall:.2f} m tall, --height says {self.height:.2f}; "
                 "check the height, and the scale of the cameras"
             )
+        elif self.height is not None:
+            ratio = leg_ratio(Actor(self.template), self.chosen.cameras, self.chosen.detections)
+            if ratio is not None and abs(ratio - 1) > _OTHER_LEGS:
+                yield (
+                    f"with --height {self.height:.2f} the body's legs are {ratio:.2f} times as "
+                    "long as those that the views show; check the height, and the scale of the "
+                    "cameras"
+                )
         if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
             yield (
                 "the two cameras look at each other and see the same outline; depths are told by "

@@ -33,6 +33,7 @@ from torch import Tensor
 
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.energy import _contour_torch
+from perfcap.energy._arguments import require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
@@ -97,6 +98,7 @@ class DensityContour(Majorized[Any]):
         offset: float = 0.0,
     ) -> None:
         super().__init__(points, weight, offset)
+        require_unit(unit)
         if volume.count != points.count or any(len(row) != cameras.views for row in fields):
             raise InputError(
                 f"contours have {points.count} points of {volume.count} Gaussians, and fields of "

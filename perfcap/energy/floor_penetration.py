@@ -7,6 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
+from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -49,6 +50,8 @@ class FloorPenetration(Energy[Motion]):
         kernel: Kernel | None = None,
         unit: float = 1.0,
     ) -> None:
+        require_unit(unit)
+        sees = seen_by(points)
         if normal.shape[-1:] != (3,) or not bool(((normal.norm(dim=-1) - 1).abs() < 1e-4).all()):
             raise InputError(
                 f"normal is {normal.tolist()}; expected unit vectors (*b, 3); divide by the norm"
@@ -59,7 +62,7 @@ class FloorPenetration(Energy[Motion]):
                 "one for each point"
             )
         super().__init__(weight, kernel)
-        self.points, self.sees = points, points.sees
+        self.points, self.sees = points, sees
         self.scale = 1 / unit
         self.register_buffer("normal", normal)
         self.register_buffer("height", torch.as_tensor(height).to(normal))

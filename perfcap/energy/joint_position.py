@@ -11,6 +11,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
+from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -70,6 +71,7 @@ class JointPosition(Energy[Motion]):
         unit: float | Tensor = 1.0,
     ) -> None:
         super().__init__(weight, kernel)
+        require_unit(unit)
         if detections.joints3d is None:
             raise ValueError("JointPosition needs detections with joints3d; these have none")
         if detections.views != cameras.views:
@@ -77,7 +79,7 @@ class JointPosition(Energy[Motion]):
                 f"detections are of {detections.views} views, cameras of {cameras.views}; give one "
                 "camera a view, in the same order"
             )
-        self.points, self.sees = points, points.sees
+        self.points, self.sees = points, seen_by(points)
         predicted = detections.joints3d
         count = predicted.shape[-2]
         scale = (1 / torch.as_tensor(unit).to(predicted)).expand(count)

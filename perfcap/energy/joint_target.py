@@ -7,6 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
+from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
@@ -49,6 +50,8 @@ class JointTarget(Energy[Motion]):
         kernel: Kernel | None = None,
         unit: float | Tensor = 1.0,
     ) -> None:
+        require_unit(unit)
+        sees = seen_by(points)
         count = points.count
         if confidence is None:
             confidence = torch.ones_like(target[..., 0])
@@ -63,7 +66,7 @@ class JointTarget(Energy[Motion]):
                 f"confidence is {float(confidence.min()):.3g} at least, expected numbers from 0 on"
             )
         super().__init__(weight, kernel)
-        self.points, self.sees = points, points.sees
+        self.points, self.sees = points, sees
         self.register_buffer("target", target)
         self.register_buffer("confidence", confidence)
         self.register_buffer("scale", (1 / torch.as_tensor(unit).to(target))[..., None])

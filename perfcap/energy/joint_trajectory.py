@@ -9,8 +9,8 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
+from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
-from perfcap.errors import InputError
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, seen_columns
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
@@ -53,9 +53,8 @@ class JointTrajectory(Energy[Motion]):
         unit: float = 1.0,
     ) -> None:
         super().__init__(weight, kernel)
-        if unit <= 0:
-            raise InputError(f"unit is {unit}; give a positive number of metres")
-        self.points, self.sees = points, (*points.sees, TRAJECTORY)
+        require_unit(unit)
+        self.points, self.sees = points, (*seen_by(points), TRAJECTORY)
         self.scale = 1 / unit
         self.register_buffer("basis", dct_basis(frames, rank, dtype=torch.float64))
 

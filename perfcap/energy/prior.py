@@ -7,6 +7,8 @@ from torch import Tensor
 
 from perfcap.actor.motion import BODY, BONES, Motion
 from perfcap.actor.pose_statistics import Mixture
+from perfcap.energy._arguments import require_unit
+from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
@@ -43,8 +45,12 @@ class PosePrior(Energy[Motion]):
         beyond: float = torch.inf,
     ) -> None:
         super().__init__(weight)
+        require_unit(deviation, "deviation")
+        require_unit(beyond, "beyond")
         free = torch.full_like(mean, torch.inf)
         lower, upper = (-free, free) if usual is None else (each.to(mean) for each in usual)
+        if is_plain(lower, upper) and not bool((lower <= upper).all()):
+            raise InputError("usual: a lower end is above its upper end; expected radians")
         self.register_buffer("mean", mean)
         self.register_buffer("scale", 1 / torch.as_tensor(deviation).to(mean).expand_as(mean))
         self.register_buffer("lower", lower)
@@ -112,6 +118,7 @@ class BoneLengthPrior(Energy[Motion]):
         dtype: torch.dtype = torch.float64,
     ) -> None:
         super().__init__(weight)
+        require_unit(own, "own")
         covariance = own**2 * torch.eye(groups, dtype=dtype) + size**2
         whiten = torch.linalg.inv(torch.linalg.cholesky(covariance))
         self.register_buffer("whiten", whiten / frames**0.5)
@@ -162,6 +169,7 @@ class SharedPrior(Energy[Motion]):
         block: str = BODY,
     ) -> None:
         super().__init__(weight)
+        require_unit(deviation, "deviation")
         self.sees, self.block, self.components = (block,), block, components
         spread = torch.as_tensor(deviation, dtype=torch.float64).expand(components)
         self.register_buffer("scale", 1 / (spread * frames**0.5))

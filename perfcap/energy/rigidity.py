@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.energy import _rigidity_torch
+from perfcap.energy._arguments import require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import skew
@@ -62,6 +63,7 @@ class Rigidity(Energy[Deformation]):
                 f"(*b, F, {count}, 3), as DeformationGraph.nodes does"
             )
         super().__init__(weight / count, kernel)
+        require_unit(unit)
         start, end = graph.edges.mT.contiguous()
         self.register_buffer("start", start)
         self.register_buffer("end", end)

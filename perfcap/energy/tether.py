@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from perfcap.actor.deformation import BLOCK, Deformation
+from perfcap.energy._arguments import require_unit
 from perfcap.solve.energy import Coupling, Energy, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.sparse import BlockLinearization
@@ -31,6 +32,7 @@ class Tether(Energy[Deformation]):
         self, nodes: int, weight: float = 1.0, kernel: Kernel | None = None, unit: float = 1.0
     ) -> None:
         super().__init__(weight / nodes, kernel)
+        require_unit(unit)
         self.scale = 1 / unit
 
     def residual(self, deformation: Deformation) -> Residual:

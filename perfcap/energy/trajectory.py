@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.energy._arguments import require_scale
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import aligned, rotvec_to_quaternion
 from perfcap.solve.energy import WindowEnergy
@@ -52,9 +53,13 @@ class Trajectory(WindowEnergy[Motion]):
     ) -> None:
         kept = torch.ones(min(rank, frames), dtype=torch.float64) if keep is None else keep
         super().__init__(dct_basis(frames, len(kept), dtype=kept.dtype), kept, weight)
-        for name, scale in (("translation", translation), ("rotation", rotation)):
+        for name, scale in (
+            ("translation", translation),
+            ("rotation", rotation),
+            ("angles", angles),
+        ):
+            require_scale(scale, name)
             self.register_buffer(name, torch.as_tensor(scale, dtype=kept.dtype))
-        self.register_buffer("angles", torch.as_tensor(angles, dtype=kept.dtype))
 
     def features(self, motion: Motion) -> Tensor:
         """(*b, F, 3 + 4 + A)."""

@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
+from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
@@ -59,7 +60,8 @@ class UncertainViews(Energy[Motion]):
         if cameras.moving:
             raise InputError("cameras move; clocks and small errors of fixed cameras are solved")
         super().__init__(weight, kernel)
-        self.points, self.sees = points, (*points.sees, CLOCK, CAMERAS)
+        require_unit(unit)
+        self.points, self.sees = points, (*seen_by(points), CLOCK, CAMERAS)
         self.cameras, self.detections = cameras, detections
         scale = 1 / torch.as_tensor(unit).to(detections.joints2d)
         self.register_buffer("scale", scale.expand(cameras.views).clone())

@@ -24,7 +24,8 @@ def triangulate(
     Args:
         camera: C views, (C,) or (F, C).
         plane: undistorted image coordinates (``camera.to_plane``), (*b, F, C, N, 2).
-        weights: confidence, (*b, F, C, N); 0 where a view does not see the point.
+        weights: confidence, (*b, F, C, N); 0 where a view does not see the point, whose place
+            there may be NaN.
         rounds: of reweighting; 0 is the plain weighted linear solution.
         scale: image error, in units of ``plane`` (pixels over focal length), at which a view
             counts half.
@@ -35,12 +36,15 @@ def triangulate(
             the weights given. Both are NaN where fewer than two views see a point or their rays
             are parallel.
     """
+    counts = weights > 0
+    weights = torch.where(counts, weights, 0)
+    plane = torch.where(counts[..., None], plane, 0)  # what is not seen may be any number
     middle = camera.centre.mean(-2)  # the world's origin may be far away: solve about the cameras
     offset = camera.translation + (camera.rotation @ middle[..., None, :, None]).squeeze(-1)
     rotation = camera.rotation.unsqueeze(-3)  # *b C 1 3 3
     rows = rotation[..., :2, :] - plane.unsqueeze(-1) * rotation[..., 2:, :]  # *b C N 2 3
     right = plane * offset[..., None, 2:] - offset[..., None, :2]  # *b C N 2
-    seen = (weights > 0).sum(-2) >= 2
+    seen = counts.sum(-2) >= 2
     robust = weights
     for i in range(rounds + 1):
         points, well = _solve(rows, right, robust)

@@ -116,6 +116,16 @@ class _Joint:
     end: list[float] | None = None
 
 
+def require_length(metres_per_unit: float) -> None:
+    """Refuse a unit of length that is none.
+
+    Raises:
+        InputError: it is zero, negative or no number.
+    """
+    if not 0 < metres_per_unit < np.inf:
+        raise InputError(f"metres_per_unit is {metres_per_unit}; expected metres, such as 0.01")
+
+
 def load_bvh(path: str | Path, metres_per_unit: float = 0.01) -> BvhMotion:
     """Read a BVH file with one root.
 
@@ -124,8 +134,9 @@ def load_bvh(path: str | Path, metres_per_unit: float = 0.01) -> BvhMotion:
         metres_per_unit: the file's length unit, which BVH does not state.
 
     Raises:
-        InputError: missing, malformed, truncated or oversized file.
+        InputError: missing, malformed, truncated or oversized file, or a unit that is none.
     """
+    require_length(metres_per_unit)
     path = Path(path)
     text = _read(path)
     head, separator, tail = text.partition("MOTION")

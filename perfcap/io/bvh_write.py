@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.bvh_read import BvhMotion, Floats, Integers
+from perfcap.io.bvh_read import BvhMotion, Floats, Integers, require_length
 
 _AXES = "XYZ"
 _ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")
@@ -97,7 +97,11 @@ def save_bvh(
         metres_per_unit: the unit of the file.
         order: of the axes that joints turn about, for all of them or for each, (J,); ``auto`` takes
             for each the one whose angles move the least between frames.
+
+    Raises:
+        InputError: an order or a unit that is none.
     """
+    require_length(metres_per_unit)
     auto = order == "auto"
     orders = _calmest_orders(motion.rotations) if auto else _checked(order, len(motion.names))
     scale = 1 / metres_per_unit

@@ -196,8 +196,10 @@ def open_source(path: Path, stop: int | None = None) -> FrameSource:
 def _bounds(frames: slice | None) -> tuple[int, int | None]:
     if frames is None:
         return 0, None
-    start, stop, step = frames.start or 0, frames.stop, frames.step
-    if start < 0 or (stop is not None and stop <= start) or step not in (None, 1):
+    if not isinstance(frames, slice | range) or frames.step not in (None, 1):
+        raise InputError(f"frames is {frames!r:.60}, expected slice(A, B), of every frame")
+    start, stop = frames.start or 0, frames.stop
+    if start < 0 or (stop is not None and stop <= start):
         raise InputError(f"--frames: is {start}:{stop}, expected A:B with 0 <= A < B")
     return start, stop
 

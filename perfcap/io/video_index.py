@@ -214,7 +214,10 @@ def _notes(
         notes.append(f"is cut short: it promises {promised} frames, the {found} there are are used")
     ratio = stream.sample_aspect_ratio
     if ratio and ratio != 1:
-        notes.append(f"pixels are not square ({ratio}); frames are used as stored, not stretched")
+        notes.append(
+            f"pixels are not square ({ratio}); frames are used as stored, not stretched: calibrate "
+            "them so, or stretch the video first (ffmpeg -vf scale=iw*sar:ih,setsar=1)"
+        )
     return tuple(notes)
 
 

@@ -109,7 +109,7 @@ def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
     frames = valid.sum(-1)
     return Penetration(
         depth=_MILLIMETRES * depth.sum(-1) / frames,
-        worst=_MILLIMETRES * depth.amax(-1),
+        worst=torch.where(frames > 0, _MILLIMETRES * depth.amax(-1), torch.nan),
         share=100 * (depth > tolerance).to(depth.dtype).sum(-1) / frames,
     )
 

@@ -136,13 +136,17 @@ def limit_violations(
     excess = torch.maximum(lower - angles, angles - upper).clamp(min=0)
     outside = (excess > tolerance).to(angles.dtype)
     counted = torch.where(valid.unsqueeze(-1), outside * excess, torch.zeros_like(excess))
-    return LimitViolations(100 * frame_mean(outside, valid), counted.amax((-2, -1)))
+    worst = torch.where(valid.any(-1), counted.amax((-2, -1)), torch.nan)
+    return LimitViolations(100 * frame_mean(outside, valid), worst)
 
 
 def _bones(points: Tensor, bones: Sequence[tuple[int, int]]) -> Tensor:
+    joints = points.shape[-2]
     if not bones or not all(isinstance(bone, tuple | list) for bone in bones):
         raise InputError(f"bones are {bones!r:.80}, expected pairs of joints, as [(0, 1), (1, 2)]")
     ends = torch.tensor(bones, device=points.device)
+    if ends.shape != (len(bones), 2) or not 0 <= int(ends.min()) <= int(ends.max()) < joints:
+        raise InputError(f"bones are {bones!r:.80}, expected pairs of the joints 0 to {joints - 1}")
     return points[..., ends[:, 1], :] - points[..., ends[:, 0], :]
 
 

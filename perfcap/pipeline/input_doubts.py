@@ -155,20 +155,30 @@ def actor_doubts(
             f"the actor is {height:.3g} m tall, a grown person {SHORTEST} to {TALLEST}; from one "
             "view distances and sizes follow it, scale it unless the person is so tall"
         )
-    if detections.views < 2 or solve_bones:
-        return
+    ratio = None if solve_bones else leg_ratio(actor, cameras, detections)
+    if ratio is not None and not _RATIO[0] < ratio < _RATIO[1]:
+        yield (
+            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
+            "the scale and the focal lengths of the calibration, solve the bone lengths (--bones "
+            "solve, solve_bones=True), or give the actor of this person"
+        )
+
+
+def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | None:
+    """Length of an actor's legs over that of the legs which several views show; None if unknown.
+
+    Args:
+        actor: in its rest pose.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C).
+    """
+    if detections.views < 2:
+        return None
+    rest = actor.skeleton.rest_landmarks.detach().double().cpu()
     known = cameras.map(lambda part: part.detach().double().cpu())
     found = detections.to(known.intrinsics).map(lambda part: part.detach())
     points, _ = Scene(known, found).straightened().sampled().triangulated(_TRIMS)
     seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
     own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
     shown = float(seen.nanmedian()) if seen.numel() else math.nan
-    if not (math.isfinite(shown) and shown > _NONE):
-        return
-    ratio = own / shown
-    if not _RATIO[0] < ratio < _RATIO[1]:
-        yield (
-            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
-            "the scale and the focal lengths of the calibration, solve the bone lengths (--bones "
-            "solve, solve_bones=True), or give the actor of this person"
-        )
+    return own / shown if math.isfinite(shown) and shown > _NONE else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 
 import torch
@@ -11,6 +12,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.sole_points import SOLE_POINTS, sole_skeleton
+from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 
 SOLES = 2 * len(SOLE_POINTS)
@@ -26,6 +28,8 @@ LIMBS = tuple(
 )
 ARMS = tuple((f"{side}_shoulder", f"{side}_wrist") for side in "lr")
 _SHORTEST = 1e-9
+_UNITS = 10.0  # times; centimetres, inches and millimetres are more
+_OTHERWISE = 30.0  # degrees; limbs that are rigid have none
 
 
 @dataclass(frozen=True)
@@ -35,10 +39,55 @@ class JointMotion:
     Attributes:
         rotation: rest-to-posed rotations in the world, (F, 16, 3, 3).
         position: in the world, (F, 16, 3), metres.
+
+    Raises:
+        InputError: other shapes, no frame, or what is no number.
     """
 
     rotation: Tensor
     position: Tensor
+
+    def __post_init__(self) -> None:
+        shape, count = tuple(self.position.shape), len(JOINTS)
+        fits = len(shape) == 3 and shape[0] and shape[1:] == (count, 3)
+        if not fits or tuple(self.rotation.shape) != (*shape, 3):
+            raise InputError(
+                f"rotation has shape {tuple(self.rotation.shape)} and position {shape}; expected "
+                f"(F, {count}, 3, 3) and (F, {count}, 3), F of 1 or more"
+            )
+        if not bool(self.rotation.isfinite().all() & self.position.isfinite().all()):
+            raise InputError("rotation or position holds what is no number; fill gaps first")
+
+
+def require_same_limbs(source: Actor, joints: JointMotion) -> None:
+    """Refuse joints in another unit than their skeleton, and warn of rotations of other limbs.
+
+    Raises:
+        InputError: limbs are more than ten times as long as the source's, or less than a tenth.
+    """
+    rest = source.skeleton.rest_positions.detach().double().cpu()
+    rest = rest[person_joints(source.skeleton)]
+    start, end = ([JOINTS.index(limb[side]) for limb in LIMBS] for side in (0, 1))
+    place, turn = (part.detach().double().cpu() for part in (joints.position, joints.rotation))
+    shown, own = place[:, end] - place[:, start], rest[end] - rest[start]
+    ratio = float((shown.norm(dim=-1) / own.norm(dim=-1)).median())
+    if not 1 / _UNITS < ratio < _UNITS:
+        raise InputError(
+            f"joints: limbs are {ratio:.3g} times as long as the source's; expected metres, and "
+            "joints of this source"
+        )
+    carried = (turn[:, start] @ own.unsqueeze(-1)).squeeze(-1)
+    apart = float(torch.rad2deg(torch.acos(_cosine(carried, shown)).median()))
+    if apart > _OTHERWISE:
+        warnings.warn(
+            f"joints: rotations take the source's limbs {apart:.0f} degrees from where its joints "
+            "are; expected rest-to-posed rotations in the world, which turn columns",
+            stacklevel=4,
+        )
+
+
+def _cosine(one: Tensor, other: Tensor) -> Tensor:
+    return torch.nn.functional.cosine_similarity(one, other, dim=-1).clamp(-1, 1)
 
 
 def person_joints(skeleton: Skeleton) -> list[int]:

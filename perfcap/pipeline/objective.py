@@ -15,6 +15,7 @@ from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
+from perfcap.rates import frame_rate
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.energy import Energy, Objective
 from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
@@ -77,8 +78,11 @@ def trajectory_prior(
         frames: of a window.
         rate: frames a second.
         stiffness: factors on the weights of translation, rotation and each angle, (N, 2 + A).
+
+    Raises:
+        InputError: a rate that is none.
     """
-    keep = soft_edge(config, frames, rate)
+    keep = soft_edge(config, frames, frame_rate(rate))
     factor = keep.new_ones(3) if stiffness is None else stiffness.sqrt().unsqueeze(-2)
     return Trajectory(
         frames,

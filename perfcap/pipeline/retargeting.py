@@ -34,6 +34,7 @@ from perfcap.pipeline.joint_motion import (
     carried_landmarks,
     leg_length,
     person_joints,
+    require_same_limbs,
     wanted_turns,
 )
 from perfcap.pipeline.motion_blender import MotionBlender
@@ -89,12 +90,14 @@ def retarget(
             together need the same.
 
     Raises:
-        InputError: the rate or the scale is none.
+        InputError: the rate, the scale or a setting is none, or joints are in another unit.
     """
     rate = frame_rate(rate)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
+    _require_settings(config)
+    require_same_limbs(source, joints)
     scale = leg_length(target) / leg_length(source) if scale is None else scale
     wanted = wanted_turns(source, joints, target.skeleton)
     begun = _placed(source, joints, target, wanted, scale)
@@ -124,6 +127,21 @@ def retarget(
         level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
+
+
+def _require_settings(config: RetargetConfig) -> None:
+    """Refuse settings that say nothing; units of residuals are refused where they are used."""
+    strange = sorted(set(config.turns) - set(JOINTS))
+    if strange:
+        raise InputError(f"turns: {', '.join(strange)} is no joint; expected {', '.join(JOINTS)}")
+    if config.frames < 1 or min(config.change) <= 0:
+        raise InputError(
+            f"frames are {config.frames} and change {config.change}; expected 1 or more, and "
+            "numbers above 0"
+        )
+    for name in ("near", "still", "speed"):
+        if not getattr(config, name) > 0:
+            raise InputError(f"{name} is {getattr(config, name)}; expected a number above 0")
 
 
 def _placed(

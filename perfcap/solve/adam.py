@@ -14,6 +14,7 @@ from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.energy import Objective, StateType, total
 from perfcap.solve.layout import Layout
 from perfcap.solve.solution import Solution, Status
+from perfcap.solve.soundness import require_residuals
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Adam:
             raise InputError(f"max_steps is {self.max_steps}, expected a whole number from 0 on")
         if not self.learning_rate > 0:
             raise InputError(f"learning_rate is {self.learning_rate}, expected one above zero")
+        if not all(0 <= share < 1 for share in self.decay) or not self.tolerance >= 0:
+            raise InputError(
+                f"decay is {self.decay} and tolerance {self.tolerance}; expected two numbers from "
+                "0 to below 1, and one from 0 on"
+            )
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None
@@ -75,6 +81,7 @@ class _Run(Generic[StateType]):
     @classmethod
     def start(cls, objective: Objective, state: StateType) -> _Run[StateType]:
         layout = Layout.of(state)
+        require_residuals(objective, state)
         terms, gradient = _evaluate(objective, state, layout)
         finite = total(terms).isfinite() & gradient.isfinite().all(-1)
         status = torch.where(finite, Status.MAX_STEPS, Status.NOT_FINITE)
@@ -146,5 +153,7 @@ def _evaluate(
         step = zero.requires_grad_()
         report = objective.report(state.retract(layout.unflatten(step)))
         terms = {name: layout.per_element(value) for name, value in report.items()}
-        (gradient,) = torch.autograd.grad(total(terms).sum(), step)
+        energy = total(terms).sum()
+        # energies that are all constant are told of once, before the first step
+        gradient = torch.autograd.grad(energy, step)[0] if energy.requires_grad else zero.detach()
     return {name: value.detach() for name, value in terms.items()}, gradient

@@ -13,6 +13,7 @@ from perfcap.errors import InputError
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.energy import Energy, Objective, Residual, State, Step
 from perfcap.solve.kernels import Kernel
+from perfcap.solve.soundness import require_recording
 
 Function = Callable[[Tensor], Tensor]
 Sides = tuple[Tensor | float | None, Tensor | float | None]
@@ -121,6 +122,7 @@ def pose(function: Function, initial: object, bounds: object) -> tuple[Objective
             "solve cannot run inside of torch.func.vmap, grad or jvp; give a batch (*b, n) "
             "instead, and take gradients by backward() with adjoint=Implicit()"
         )
+    require_recording()
     own = ResidualFunction(function)
     with torch.enable_grad():
         asked = initial.detach().clone().requires_grad_()

@@ -13,6 +13,14 @@ from perfcap.solve.compound import OfPart
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
 
 _LEAK = 1e-9  # of the largest derivative
+_NEGATIVE = (
+    "has confidences below zero; expected numbers from 0 on: the square of what may have a sign, "
+    "or its sigmoid"
+)
+_CONSTANT = (
+    "does not change with its unknowns where they start, so that it has no effect; does its "
+    "residual detach them, go through NumPy, or clamp?"
+)
 
 
 def require_sound(objective: Objective, state: Any) -> None:
@@ -41,6 +49,57 @@ def require_sound(objective: Objective, state: Any) -> None:
             _require_own_rows(name, energy, whole)
 
 
+def require_residuals(objective: Objective, state: Any) -> None:
+    """Refuse residuals that are none, and warn of constant ones, where only gradients are taken.
+
+    Rows may depend on any frame, and be as many as they like; energies with closed forms of their
+    derivatives or values are their author's.
+
+    Raises:
+        InputError: a residual of another batch or of fewer dimensions than (*b, F, G, d), with a
+            confidence of another shape or below zero; or ``torch.inference_mode``.
+    """
+    require_recording()
+    here = state.coordinates()
+    step = Step(*(torch.zeros_like(part).requires_grad_() for part in (here.frame, here.shared)))
+    with torch.enable_grad():
+        moved = state.retract(step)
+        for name, energy in objective.items():
+            whole = moved
+            while isinstance(energy, OfPart) and energy.name in whole.parts:
+                energy, whole = energy.energy, whole.parts[energy.name]
+            if (type(energy).linearize, type(energy).forward) == (Energy.linearize, Energy.forward):
+                _require_batch(name, energy.residual(whole), here.frame.shape[:-2])
+
+
+def require_recording() -> None:
+    """Refuse ``torch.inference_mode``, in which derivatives are silently none.
+
+    Raises:
+        InputError: it is on.
+    """
+    if torch.is_inference_mode_enabled():
+        raise InputError(
+            "solve was called within torch.inference_mode, which records no derivatives; use "
+            "torch.no_grad there"
+        )
+
+
+def _require_batch(name: str, residual: object, batch: torch.Size) -> None:
+    values = _require_kind(name, residual)
+    value, own = values.value, values.confidence
+    if value.ndim != len(batch) + 3 or value.shape[:-3] != batch:
+        raise InputError(
+            f"energy {name!r} returned values {tuple(value.shape)}, expected (*b, F, G, d) with "
+            f"*b = {tuple(batch)}: rows of G groups of d numbers"
+        )
+    _require_confidence(name, values)
+    if own is not None and _any(own < 0):
+        raise InputError(f"energy {name!r} {_NEGATIVE}")
+    if not value.requires_grad and _any(value != 0):
+        warnings.warn(f"energy {name!r} {_CONSTANT}", stacklevel=2)
+
+
 def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
     here = state.coordinates()
     lead = here.frame.shape[:-1]
@@ -67,10 +126,7 @@ def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
     if still and not energy.sees:
         _warn_of_constant(name, energy, state)
     if confidence is not None and _any(confidence < 0):
-        raise InputError(
-            f"energy {name!r} has confidences below zero; expected numbers from 0 on: the square "
-            "of what may have a sign, or its sigmoid"
-        )
+        raise InputError(f"energy {name!r} {_NEGATIVE}")
 
 
 def _warn_of_constant(name: str, energy: Energy[Any], state: State) -> None:
@@ -81,11 +137,7 @@ def _warn_of_constant(name: str, energy: Energy[Any], state: State) -> None:
     odd = (1.0 + torch.arange(here.frame.numel())).sin().to(here.frame).reshape(here.frame.shape)
     _, slope = _along(name, energy, state, Step(odd, torch.zeros_like(here.shared)))
     if not _any(slope != 0) and _any(energy.residual(state).value != 0):
-        warnings.warn(
-            f"energy {name!r} does not change with its unknowns where they start, so that it has "
-            "no effect; does its residual detach them, go through NumPy, or clamp?",
-            stacklevel=2,
-        )
+        warnings.warn(f"energy {name!r} {_CONSTANT}", stacklevel=2)
 
 
 def _require_weight(name: str, weight: Tensor) -> None:
@@ -134,13 +186,18 @@ def _along(
     return own[0] if own else None, slope
 
 
-def _require_residual(name: str, residual: object, like: Tensor) -> None:
+def _require_kind(name: str, residual: object) -> Residual:
     if not isinstance(residual, Residual):
         raise InputError(
             f"energy {name!r} returned a {type(residual).__name__}, expected a Residual of values "
             "(*b, F, G, d)"
         )
-    value, lead = residual.value, tuple(like.shape[:-1])
+    return residual
+
+
+def _require_residual(name: str, residual: object, like: Tensor) -> None:
+    values = _require_kind(name, residual)
+    value, lead = values.value, tuple(like.shape[:-1])
     if tuple(value.shape[:-2]) != lead:
         raise InputError(
             f"energy {name!r} returned values {tuple(value.shape)}, expected (*b, F, G, d) of "
@@ -151,7 +208,11 @@ def _require_residual(name: str, residual: object, like: Tensor) -> None:
             f"energy {name!r} returned {value.dtype} for unknowns of {like.dtype}; make its "
             "constants buffers, or the type of the unknowns"
         )
-    own = residual.confidence
+    _require_confidence(name, values)
+
+
+def _require_confidence(name: str, residual: Residual) -> None:
+    value, own = residual.value, residual.confidence
     if own is not None and not _fits(own.shape, value.shape[:-1]):
         raise InputError(
             f"energy {name!r} has values {tuple(value.shape)} and confidence {tuple(own.shape)}; "

@@ -63,7 +63,10 @@ def smooth_vectors(
         values: (F, ...).
         taps: c_0 to c_n, not negative; ``binomial()`` if None.
         confidence: how far each frame is to be believed, (F,), 0 to 1; a frame of none takes
-            its value from those around it.
+            its value from those around it, and may hold NaN.
+
+    Raises:
+        InputError: taps or confidence that are none, whole numbers, or NaN in other frames.
     """
     return _smooth(values, mean_vectors, taps, confidence)
 
@@ -135,7 +138,33 @@ def _smooth(
     values: Tensor, mean: Mean, taps: Sequence[float] | None, confidence: Tensor | None
 ) -> Tensor:
     checked = _checked(binomial() if taps is None else taps)
-    return _filter(values, _confidence(values, confidence), range(len(values)), checked, mean)
+    believed = _confidence(values, confidence)
+    values = _filled(values, believed)
+    return _filter(values, believed, range(len(values)), checked, mean)
+
+
+def _filled(values: Tensor, confidence: Tensor) -> Tensor:
+    """Values of whose frames without confidence, what is no number is as in the nearest believed.
+
+    Raises:
+        InputError: whole numbers, in which no mean is; or believed frames that are no numbers.
+    """
+    if not values.is_floating_point():
+        raise InputError(f"values are {values.dtype}; give floating-point numbers: means are some")
+    measured = values.detach().isfinite()
+    if bool(measured.all()):
+        return values
+    finite = measured.reshape(len(values), -1).all(1)
+    believed = (finite & (confidence > 0)).nonzero().squeeze(1)
+    lost = (~finite & (confidence > 0)).nonzero().squeeze(1).tolist()
+    if lost or not len(believed):
+        raise InputError(
+            f"values of frames {lost[:5]} are not finite; give those frames a confidence of 0, and "
+            "at least one frame more"
+        )
+    frame = torch.arange(len(values), device=values.device)
+    nearest = believed[(frame[:, None] - believed).abs().argmin(1)]
+    return values[torch.where(finite, frame, nearest)]
 
 
 def _filter(values: Tensor, confidence: Tensor, frames: range, taps: Taps, mean: Mean) -> Tensor:

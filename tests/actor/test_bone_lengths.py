@@ -31,6 +31,12 @@ def test_no_shape_changes_nothing(person: Actor) -> None:
     assert np.allclose(same.template.bone_rest, person.template.bone_rest, atol=1e-12)
 
 
+@pytest.mark.parametrize("shape", [(3,), (), (2, 10)])
+def test_one_number_a_group(person: Actor, shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"resized: bones have shape .* logarithms of factors"):
+        person.resized(torch.zeros(shape, dtype=F64))
+
+
 def test_bones_grow_by_the_factor_of_their_group(person: Actor) -> None:
     shape = random_shape(person.skeleton)
     resized = person.resized(shape)

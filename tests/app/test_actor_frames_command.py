@@ -49,6 +49,10 @@ def test_images_and_masks_are_named_as_tools_want_them(
         (["--frames", "99:120"], "holds no frame"),
         (["--frames", "3:4"], "hardly any motion"),
         (["--box", "1", "2", "3"], "LEFT TOP RIGHT BOTTOM"),
+        (["--box", "900", "900", "990", "990"], "holds nobody in a picture of 90x120"),
+        (["--box", "-300", "-300", "300", "300"], "holds nobody in a picture"),
+        (["--box", "40", "40", "41", "80"], "holds nobody in a picture"),
+        (["--box", "30", "10", "60", "110", "--masks", "none"], "--box: is for masks"),
     ],
 )
 def test_what_cannot_be_picked_is_told(

@@ -210,3 +210,14 @@ def test_clocks_are_told_and_kept(views: Views, tmp_path: Path, perfcap: Command
     """Too short a clip is refused; ``run.json`` tells what a longer one showed."""
     line = perfcap(views.command(tmp_path, "--sync", "auto")).refused()
     assert "--sync auto: clip has 6 frames" in line
+
+
+def test_a_height_that_the_views_contradict_is_told(
+    views: Views, tmp_path: Path, perfcap: Command
+) -> None:
+    short = views.command(tmp_path / "short", "--height", views.height - 0.25)
+    done = perfcap([*short, "--until", "initialize"])
+    assert done.code in (0, 3) and "the body's legs are 0." in str(done.notes)
+    right = views.command(tmp_path / "right", "--height", views.height)
+    done = perfcap([*right, "--until", "initialize"])
+    assert done.code in (0, 3) and "legs" not in str(done.notes)

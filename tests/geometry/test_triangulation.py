@@ -141,3 +141,14 @@ def test_derivative_is_finite_where_rays_meet_and_where_points_are_lost() -> Non
     found, residual = triangulate(camera, plane, weights)
     (found.nan_to_num().sum() + residual.nan_to_num().sum()).backward()
     assert plane.grad is not None and plane.grad.isfinite().all()
+
+
+def test_places_that_are_not_seen_may_be_any_number() -> None:
+    camera, truth = ring(), points()
+    plane, weights = observe(camera, truth)
+    plane[:, 1, 2], weights[:, 1, 2] = torch.nan, 0
+    found, residual = triangulate(camera, plane, weights)
+    torch.testing.assert_close(found, truth, rtol=0, atol=1e-6)
+    assert residual.isfinite().all()
+    weights[:, 2, 3] = torch.nan  # neither is its weight
+    torch.testing.assert_close(triangulate(camera, plane, weights)[0], truth, rtol=0, atol=1e-6)

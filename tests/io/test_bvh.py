@@ -264,3 +264,12 @@ def test_a_recorded_clip_stands_on_the_floor_and_survives_a_round_trip(tmp_path:
     back = load_bvh(tmp_path / "a.bvh")
     order = [back.names.index(name) for name in clip.names]
     np.testing.assert_allclose(joint_positions(back)[1:, order], places, atol=1e-5)
+
+
+@pytest.mark.parametrize("unit", [0.0, -0.01, float("nan"), float("inf")])
+def test_units_that_are_none_are_refused(unit: float, tmp_path: Path) -> None:
+    save_bvh(tmp_path / "a.bvh", motion())
+    with pytest.raises(InputError, match="metres_per_unit is"):
+        load_bvh(tmp_path / "a.bvh", unit)
+    with pytest.raises(InputError, match="metres_per_unit is"):
+        save_bvh(tmp_path / "b.bvh", motion(), unit)

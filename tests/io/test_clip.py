@@ -102,7 +102,13 @@ def test_a_promise_is_believed_where_the_duration_agrees() -> None:
     assert promise(0, 5.0) is None and promise(2**31, None) is None
 
 
-@pytest.mark.parametrize("part", [slice(80, 90), slice(5, 5), slice(-3, 5), slice(0, 8, 2)])
+@pytest.mark.parametrize("part", ["0:10", (0, 10), slice(0, 8, 2), range(0, 8, 2)])
+def test_parts_of_another_kind(video: Path, part: object) -> None:
+    with pytest.raises(InputError, match=r"frames is .* expected slice\(A, B\)"):
+        Clip.open(video, frames=part)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("part", [slice(80, 90), slice(5, 5), slice(-3, 5)])
 def test_empty_or_odd_parts(video: Path, part: slice) -> None:
     with pytest.raises(InputError, match="--frames"):
         Clip.open(video, frames=part)

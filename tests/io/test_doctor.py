@@ -83,6 +83,18 @@ def test_camera_to_world_is_recognised() -> None:
     assert finding.subject == "cameras" and "camera-to-world" in finding.what
 
 
+def test_half_of_an_inverse_is_recognised() -> None:
+    upright = rig().cameras  # cameras that turn about one axis alone fit mirrored, too
+    world = rotvec_to_matrix(torch.tensor([0.5, 0.3, 0.9], dtype=torch.float64))
+    camera = replace(upright, rotation=upright.rotation @ world)
+    placed = replace(camera, translation=camera.centre)
+    finding = one(examine_agreement(replace(rig(), cameras=placed), detections()))
+    assert "t were the place of the camera" in finding.what and "t = -R place" in finding.remedy
+    turned = replace(camera, rotation=camera.rotation.mT)
+    finding = one(examine_agreement(replace(rig(), cameras=turned), detections()))
+    assert "R alone were transposed" in finding.what
+
+
 def test_opengl_axes_are_recognised() -> None:
     camera = rig().cameras
     flip = torch.diag(torch.tensor([1.0, -1, -1])).double()

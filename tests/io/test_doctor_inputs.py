@@ -63,6 +63,17 @@ def test_lenses() -> None:
     assert "principal point" in one(examine_cameras(change_view(rig(), 3, intrinsics=k))).what
 
 
+def test_calibrations_of_another_size() -> None:
+    """Of half the size, or stretched, where a file does not say its size."""
+    half = torch.tensor([[500.0, 0, 250], [0, 500, 250], [0, 0, 1]], dtype=torch.float64)
+    assert "principal point" in one(examine_cameras(change_view(rig(), 3, intrinsics=half))).what
+    wide = torch.tensor([[1333.0, 0, 500], [0, 1000, 500], [0, 0, 1]], dtype=torch.float64)
+    finding = one(examine_cameras(change_view(rig(), 3, intrinsics=wide)))
+    assert "1333 px across and 1000 px down" in finding.what and "stretched" in finding.remedy
+    real = torch.tensor([[1010.0, 0, 540], [0, 1000, 480], [0, 0, 1]], dtype=torch.float64)
+    assert examine_cameras(change_view(rig(), 3, intrinsics=real)) == []
+
+
 def test_cameras_in_one_place() -> None:
     same = rig().select([0, 1, 1, 3])
     found = examine_cameras(replace(same, names=NAMES))

@@ -22,6 +22,7 @@ from perfcap.metrics import (
     joint_errors,
     limit_violations,
     mask_overlap,
+    penetration,
     torso_size,
 )
 
@@ -123,3 +124,19 @@ def test_masks_that_are_none() -> None:
             boundary_f(torch.tensor(mask), torch.tensor(mask), radius)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="give masks of one size"):
         boundary_f(torch.tensor(mask[:0]), torch.tensor(mask[:0]))
+
+
+@pytest.mark.parametrize("bones", [[(2, 16)], [(-1, 2)], [(1, 2, 3)]])
+def test_bones_of_other_joints(bones: list[tuple[int, ...]]) -> None:
+    with pytest.raises(InputError, match="expected pairs of the joints 0 to 15"):
+        bone_angle_error(FOUND, TRUTH, bones)  # type: ignore[arg-type]
+
+
+def test_the_worst_of_nothing_is_not_zero() -> None:
+    nothing = torch.full((2, 4, 3), torch.nan, dtype=F64)
+    nothing[0] = 0.5
+    limit = torch.ones(3, dtype=F64)
+    worst = limit_violations(nothing, -limit, limit).worst
+    assert float(worst[0]) == 0 and worst[1].isnan()
+    depth = penetration(nothing).worst
+    assert float(depth[0]) == 0 and depth[1].isnan()

@@ -10,6 +10,7 @@ from takes import sway
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
+from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length, wanted_turns
@@ -150,3 +151,32 @@ def test_one_frame() -> None:
     motion = sway(PERSON, 1)
     found = retarget(PERSON, joints_of(PERSON, motion), t_pose(), 30.0)
     assert found.motion.frames == 1 and found.motion.angles.isfinite().all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frames": 0}, "frames are 0"),
+        ({"change": (0.0, 0.5, 1.0)}, "change"),
+        ({"turns": {"l_kne": 3.0}}, "l_kne is no joint"),
+        ({"speed": -1.0}, "speed is -1"),
+    ],
+)
+def test_settings_that_are_none_are_refused(changes: dict, words: str) -> None:
+    joints = joints_of(PERSON, walk(PERSON, 4))
+    with pytest.raises(InputError, match=words):
+        retarget(PERSON, joints, PERSON, 30.0, replace(FREE, **changes))
+
+
+def test_joints_of_other_shapes_and_units_are_refused() -> None:
+    joints = joints_of(PERSON, walk(PERSON, 4))
+    rotation, position = joints.rotation, joints.position
+    with pytest.raises(InputError, match="rotation has shape"):
+        JointMotion(rotation, position[:2])
+    with pytest.raises(InputError, match="no number"):
+        JointMotion(rotation, position * torch.nan)
+    with pytest.raises(InputError, match="limbs are 1e\\+03 times as long"):
+        retarget(PERSON, JointMotion(rotation, 1000 * position), PERSON, 30.0, FREE)
+    turned = rotvec_to_matrix(torch.tensor([0.0, 0.0, 1.2], dtype=F64)) @ rotation
+    with pytest.warns(UserWarning, match="rotations take the source's limbs"):
+        retarget(PERSON, JointMotion(turned, position), PERSON, 30.0, FREE)

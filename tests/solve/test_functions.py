@@ -127,6 +127,8 @@ def test_transforms_of_a_solve_are_refused_by_name(transform):
         (lambda: LevenbergMarquardt(damping=0.0), "damping 0.0"),
         (lambda: Adam(learning_rate=-0.1), "learning_rate is -0.1"),
         (lambda: Adam(-1), "max_steps is -1"),
+        (lambda: Adam(decay=(0.9, 1.0)), r"decay is \(0.9, 1.0\)"),
+        (lambda: Adam(tolerance=float("nan")), "tolerance nan"),
         (lambda: Unrolled(1.5), "steps 1.5"),
     ],
 )

@@ -141,3 +141,34 @@ def test_filters_of_other_frames_are_refused():
     filters = Smoothness(cosine_basis(2, 9), torch.ones(2, dtype=F64), torch.ones(4, dtype=F64))
     with pytest.raises(InputError, match="energy 'smooth' filters 9 frames but the state has 7"):
         solve(Objective(own=Own(lambda s: rows(s.frame)), smooth=filters), start())
+
+
+WRONG_FOR_ADAM = {
+    "expected a Residual": lambda s: s.frame.unsqueeze(-2),
+    "rows of G groups": lambda s: Residual(s.frame),
+    "and confidence": lambda s: rows(s.frame, s.frame.new_ones(2)),
+    "confidences below zero": lambda s: rows(s.frame, -s.frame.new_ones(1)),
+}
+
+
+@pytest.mark.parametrize("message", WRONG_FOR_ADAM)
+def test_first_order_descent_refuses_residuals_that_are_none(message):
+    objective = Objective(own=Own(WRONG_FOR_ADAM[message]))
+    with pytest.raises(InputError, match=message):
+        solve(objective, start(), Adam(max_steps=2))
+
+
+def test_first_order_descent_warns_of_constants():
+    objective = Objective(own=Own(lambda s: rows(s.frame.detach() + 1)))
+    with pytest.warns(UserWarning, match="does not change with its unknowns"):
+        found = solve(objective, start(), Adam(max_steps=2))
+    assert torch.equal(found.state.frame, start().frame)
+
+
+@pytest.mark.parametrize("method", [Adam(max_steps=2), None])
+def test_inference_mode_is_refused_where_derivatives_are_recorded(method):
+    target = torch.ones(3, dtype=F64)
+    with torch.inference_mode(), pytest.raises(InputError, match=r"use torch\.no_grad"):
+        solve(lambda x: x - target, torch.zeros(3, dtype=F64), method)
+    with torch.inference_mode(), pytest.raises(InputError, match=r"use torch\.no_grad"):
+        solve(Objective(own=Own(lambda s: rows(s.frame))), start(), Adam(max_steps=2))

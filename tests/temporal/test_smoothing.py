@@ -164,3 +164,22 @@ def test_bad_input_is_refused():
             smooth_vectors(values, None, torch.full((4,), bad))
     with pytest.raises(InputError, match="no frame was given"):
         Smoother(mean_vectors).finish()
+
+
+@pytest.mark.parametrize("smooth", [smooth_vectors, smooth_rotations])
+def test_frames_without_confidence_may_hold_nan(smooth):
+    values, confidence = torch.rand(20, 3, dtype=F64), torch.ones(20)
+    values[7], confidence[7] = values[6], 0
+    wanted = smooth(values, confidence=confidence)
+    values[7] = torch.nan
+    found = smooth(values, confidence=confidence)
+    torch.testing.assert_close(found, wanted, rtol=0, atol=1e-5)
+    assert torch.equal(smooth(values[:0]), values[:0])
+
+
+@pytest.mark.parametrize("confidence", [None, torch.zeros(4)])
+def test_what_has_no_mean_is_refused(confidence):
+    with pytest.raises(InputError, match="not finite"):
+        smooth_vectors(torch.full((4, 3), torch.nan), confidence=confidence)
+    with pytest.raises(InputError, match=r"values are torch\.int64"):
+        smooth_vectors(torch.arange(4)[:, None], confidence=confidence)

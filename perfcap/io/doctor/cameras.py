@@ -64,6 +64,8 @@ def _lenses(rig: CameraRig) -> Iterator[Finding]:
 FAR = 100.0  # m; cameras of one capture are never this far apart, millimetres always are
 NEAR_TOGETHER = 0.01  # m
 FIELD_OF_VIEW = (3.0, 140.0)  # degrees
+ASIDE = 0.3  # of the image's size; calibrations of half the size have it at a quarter
+SQUARE = 1.05  # ratio of the focal lengths; pixels of cameras are square to 1 %, of DV to 7
 
 
 def examine_cameras(
@@ -112,8 +114,13 @@ def _lens(rig: CameraRig, view: int) -> list[Finding]:
         what = f"focal length {intrinsics[0, 0]:.4g} px is a field of view of {angle:.1f} degrees"
         remedy = "the focal length must be in pixels of this image size, not millimetres"
         findings.append(Finding(Severity.ERROR, rig.names[view], what, remedy))
+    across, down = intrinsics[0, 0].item(), intrinsics[1, 1].item()
+    if not 1 / SQUARE < across / down < SQUARE:
+        what = f"focal lengths are {across:.4g} px across and {down:.4g} px down"
+        remedy = "check that video and calibration are stretched alike; most pixels are square"
+        findings.append(Finding(Severity.WARNING, rig.names[view], what, remedy))
     x, y = intrinsics[:2, 2].tolist()
-    if not (0.2 * width < x < 0.8 * width and 0.2 * height < y < 0.8 * height):
+    if not (ASIDE < x / width < 1 - ASIDE and ASIDE < y / height < 1 - ASIDE):
         what = f"principal point ({x:.0f}, {y:.0f}) is far from the middle of {width}x{height}"
         remedy = "check that calibration and video have the same size, orientation and crop"
         findings.append(Finding(Severity.WARNING, rig.names[view], what, remedy))

@@ -68,6 +68,8 @@ def _conventions() -> Iterator[Hypothesis]:
         (f"in {opengl}, expected OpenCV", "flip y and z of the camera axes", _flipped),
         (f"camera-to-world in {opengl}", "flip, then invert", _inverted_and_flipped),
         ("in axes with x left and y up, expected OpenCV", "flip x and y", _turned),
+        ("as if t were the place of the camera", "give t = -R place", _placed),
+        ("as if R alone were transposed", "transpose R and leave t", _transposed),
     )
     for what, remedy, change in cases:
         yield Hypothesis(
@@ -120,6 +122,15 @@ def _inverted(camera: Camera) -> Camera:
         rotation=rotation,
         translation=-(rotation @ camera.translation.unsqueeze(-1)).squeeze(-1),
     )
+
+
+def _placed(camera: Camera) -> Camera:
+    move = -(camera.rotation @ camera.translation.unsqueeze(-1)).squeeze(-1)
+    return replace(camera, translation=move)
+
+
+def _transposed(camera: Camera) -> Camera:
+    return replace(camera, rotation=camera.rotation.mT)
 
 
 def _flipped(camera: Camera) -> Camera:
