@@ -74,6 +74,11 @@ class Evidence:
         heights: list[float] = (100 * self.pixel_unit).tolist()
         return heights
 
+    def record(self, frame: int, view: int) -> MaskRecord:
+        """What is kept of a frame and view; of several people, with the PNG of everybody."""
+        png = self.silhouettes.encoded[frame][view]
+        return MaskRecord(png, self.confidence[frame][view], self.reports[frame][view])
+
     def masks(self, frame: int) -> list[Mask]:
         """The person in every view, (H, W) each."""
         return [self.silhouettes.mask(frame, view) for view in range(self.silhouettes.views)]

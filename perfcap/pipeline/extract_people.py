@@ -18,10 +18,16 @@ from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encod
 from perfcap.pipeline.extract_silhouettes import FEET, FrameBlock, SilhouetteSource
 from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.pose_spread import parts_of_triangles
-from perfcap.pipeline.sight import Sight
+from perfcap.pipeline.sight import Sight, View
+from perfcap.pipeline.surface import SurfaceFrames
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import SequenceSettings, extract_contour, survey
-from perfcap.segment.label_people import PeopleLabels, PeopleSettings, label_people
+from perfcap.segment.label_people import (
+    PeopleLabels,
+    PeopleSettings,
+    label_people,
+    near_each_other,
+)
 from perfcap.segment.part_colors import learn_part_colors
 from perfcap.segment.person_layer import PersonLayer
 from perfcap.segment.scene import Scene
@@ -32,6 +38,8 @@ from perfcap.workers import ordered_map
 
 _SHARE = 0.6  # of the deviations of single frames: what neighbours in time say is not in them
 _OUTLINE = 0.005  # m, deviation of outlines that poses do not explain: clothes, templates
+_NEAR = 0.05  # of their height in the image: people are near each other
+_SETTLED = 0.5  # of all of these, of surfaces that were drawn onto silhouettes
 _BESIDE = (1.5, 2.5)  # px outside of a boundary, where it is asked who is there
 
 
@@ -45,6 +53,8 @@ class Seen:
         motion: where the person is, (F,).
         deviations: of each body part, (F, P) m, see ``part_deviations``.
         heights: of the upright person in each view, (C,) px.
+        surface: of every frame, where it is better known than as the motion skins it. It says who
+            is where in a foreground.
     """
 
     actor: Actor
@@ -52,6 +62,17 @@ class Seen:
     motion: Motion
     deviations: Tensor
     heights: Tensor
+    surface: SurfaceFrames | None = None
+
+    def look(self, view: int, frame: int, skinned: bool = False) -> View:
+        """The surface in a frame and view, as it is known best, or as the motion skins it."""
+        span = slice(frame, frame + 1)
+        with torch.no_grad():
+            if self.surface is None or skinned:
+                vertices = self.actor.surface(self.motion[span])
+            else:
+                vertices = self.surface[span]
+            return self.sight.look(vertices, span, (view,))[0][0]
 
 
 def extract_people(
@@ -63,6 +84,7 @@ def extract_people(
     checkpoint: Checkpoint = NO_CHECKPOINT,
     name: str = "extract_silhouettes",
     labels: PeopleSettings | None = None,
+    before: Sequence[Evidence] | None = None,
 ) -> tuple[Evidence, ...]:
     """Segment a clip, view after view, block after block; the evidence about each person.
 
@@ -75,21 +97,31 @@ def extract_people(
         checkpoint: keeps finished blocks.
         name: under which it keeps them.
         labels: how people are told apart.
+        before: what is known about each; it stays where no two of them are near each other.
     """
     source = PeopleSource(people, reader, settings, workers, labels)
 
     def records(block: FrameBlock) -> list[MaskRecord]:
-        found = []
-        for labels in source.label(block):
-            png = encode_labels(labels.labels)
-            found += [record_of(labels, number, png) for number in range(len(people))]
-        return found
+        chosen = [f for f in block.wanted if before is None or _meet(before, f, block.view)]
+        found, made = iter(source.label(block, chosen)), []
+        for frame in block.wanted:
+            if frame in chosen:
+                labels = next(found)
+                png = encode_labels(labels.labels)
+                made += [record_of(labels, number, png) for number in range(len(people))]
+            elif before is not None:
+                made += [each.record(frame, block.view) for each in before]
+        return made
 
     sight, motion = people[0].sight, people[0].motion
     total = motion.frames * sight.views
     views: list[list[MaskRecord]] = []
     for view in range(sight.views):
         done: list[MaskRecord] = []
+        if before is not None and not any(_meet(before, f, view) for f in range(motion.frames)):
+            rows = range(motion.frames)
+            views.append([each.record(frame, view) for frame in rows for each in before])
+            continue
         kept, count = checkpoint.kept(f"{name}_{view}"), source.block_count
         for part in kept.rest(RECORDS, records, partial(source.blocks, view), count, workers):
             done += part
@@ -119,39 +151,53 @@ class PeopleSource(SilhouetteSource):
         self.people, self.labels = people, labels or PeopleSettings()
         self.parts = [torch.from_numpy(parts_of_triangles(each.actor)) for each in people]
 
-    def label(self, block: FrameBlock) -> Iterator[PeopleLabels]:
-        """Who is where in the wanted frames of a block."""
-        layers = {frame: self.layers(block.view, frame) for frame in block.wanted}
+    def label(
+        self, block: FrameBlock, frames: Sequence[int] | None = None
+    ) -> Iterator[PeopleLabels]:
+        """Who is where in the wanted frames of a block, or in some of them, increasing."""
+        frames = block.wanted if frames is None else frames
+        layers = {frame: self.layers(block.view, frame) for frame in frames}
+        drawn = {frame: self.models(block.view, frame, layers[frame]) for frame in frames}
         nobody = np.zeros((len(self.people), *self.sight.cameras.size[block.view]), np.bool_)
-        models = [_masks(layers[f]) if f in layers else nobody for f in block.shown]
+        models = [drawn.get(frame, nobody) for frame in block.shown]
         bones = self._bones(block.view, block.shown)
         footage = Footage(block.images, models, bones, FEET)
-        first = block.wanted.start - block.shown.start
-        chosen = range(first, first + len(block.wanted))
+        chosen = [frame - block.shown.start for frame in frames]
         for index, found in zip(
             chosen, segment_block(footage, chosen, block.scene, self.settings), strict=True
         ):
-            drawn = layers[block.shown.start + index]
-            yield label_people(found, drawn, block.scene.colors, self.labels)
+            people = layers[block.shown.start + index]
+            yield label_people(found, people, block.scene.colors, self.labels)
 
     def layers(self, view: int, frame: int) -> list[PersonLayer]:
         """Everybody as if they were alone in one frame and view."""
         return [self._layer(number, view, frame) for number in range(len(self.people))]
 
+    def models(self, view: int, frame: int, layers: Sequence[PersonLayer]) -> Mask:
+        """Silhouettes that tell everybody from the background, (K, H, W): of skinned surfaces.
+
+        Refined ones were drawn onto masks of that foreground: they would repeat its mistakes.
+        """
+        return np.stack(
+            [
+                layer.mask if each.surface is None else each.look(view, frame, skinned=True).mask
+                for each, layer in zip(self.people, layers, strict=True)
+            ]
+        )
+
     def _layer(self, number: int, view: int, frame: int) -> PersonLayer:
         person, span = self.people[number], slice(frame, frame + 1)
-        with torch.no_grad():
-            vertices = person.actor.surface(person.motion[span])
-            drawn = person.sight.look(vertices, span, (view,))[0][0]
+        drawn = person.look(view, frame)
         parts = drawn.labels.label(self.parts[number], -1).numpy()
         depth = drawn.labels.depth.numpy()
         inside = np.isfinite(depth)
         far = float(np.median(depth[inside])) if inside.any() else 1.0
         camera = person.sight.cameras.frames(span).select([view])
         focal = float(torch.linalg.det(camera.intrinsics[..., :2, :2]).abs().sqrt().mean())
+        known = 1.0 if person.surface is None else _SETTLED
         unsure = _SHARE * person.deviations[frame].double().numpy(force=True)
-        pixels = np.hypot(unsure, _OUTLINE) * focal / far
-        doubt = float(np.hypot(unsure.mean(), 2 * _OUTLINE))
+        pixels = known * np.hypot(unsure, _OUTLINE) * focal / far
+        doubt = known * float(np.hypot(unsure.mean(), 2 * _OUTLINE))
         where = drawn.labels.corner, drawn.size
         return PersonLayer.of(depth, parts, pixels.astype(np.float32), doubt, *where)
 
@@ -159,7 +205,8 @@ class PeopleSource(SilhouetteSource):
         images = self._samples(view, frames)
         layers = list(ordered_map(partial(self.layers, view), frames, self.workers))
         plate, scene = self.settings.frame.plate, self.settings.scene
-        found = survey(images, [_masks(each) for each in layers], plate, scene, self.workers)
+        models = [self.models(view, *each) for each in zip(frames, layers, strict=True)]
+        found = survey(images, models, plate, scene, self.workers)
         samples = zip(images, layers, strict=True)
         return replace(found, colors=learn_part_colors(samples, self.labels.color))
 
@@ -177,8 +224,12 @@ def _shared_out(settings: SequenceSettings, count: int) -> SequenceSettings:
     return replace(settings, frame=replace(settings.frame, coarse=coarse / count**0.5))
 
 
-def _masks(layers: Sequence[PersonLayer]) -> Mask:
-    return np.stack([each.mask for each in layers])
+def _meet(evidence: Sequence[Evidence], frame: int, view: int) -> bool:
+    """Whether some of the people are near each other in a frame and view, as far as is known."""
+    labels = replace(evidence[0].silhouettes, person=None).labels(frame, view)
+    sizes = [each.heights[view] for each in evidence]
+    there = [k for k, each in enumerate(evidence, 1) if each.reports[frame][view].person]
+    return near_each_other(labels, there, _NEAR * max(sizes))
 
 
 def record_of(found: PeopleLabels, number: int, png: bytes) -> MaskRecord:

@@ -174,21 +174,31 @@ class Refiner:
             settings, given = self.config.refine_pose, (self.workers, tell, self.checkpoint)
             return refine_pose(self.problem, self.sight, evidence, motion, settings, *given)
 
-    def finish(self, evidence: Evidence, pose: PoseRefinement, until: Stage) -> Refinement:
-        """The surface pulled towards silhouettes, as far as ``until`` says."""
+    def finish(
+        self, evidence: Evidence, pose: PoseRefinement, until: Stage, name: str = "refine_surface"
+    ) -> Refinement:
+        """The surface pulled towards silhouettes, as far as ``until`` says.
+
+        Args:
+            evidence: silhouettes of F frames.
+            pose: with the motion, (F,).
+            until: the last stage.
+            name: of this one; another one keeps its blocks apart.
+        """
         actor, settings = self.problem.actor, self.config.refine_surface
         mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
         if until < Stage.REFINE_SURFACE:
             vertices = SkinnedSurface(actor, pose.motion)
             return Refinement(pose.motion, evidence, pose, None, vertices, mesh)
-        with self.stage("refine_surface") as tell:
+        kept = self.checkpoint if name == "refine_surface" else self.checkpoint.of(name)
+        with self.stage(name) as tell:
             limbs = limb_of_triangles(actor)  # they keep their width
             faces = self.sight.faces
             sight = Sight(self.sight.cameras, faces, actor.template.weld()[0], limbs)
             graph = DeformationGraph.build(actor.vertices, faces, settings.nodes)
             surface = refine_surface(
                 *(actor, graph, sight, evidence, pose.motion),
-                *(settings, self.workers, tell, self.checkpoint),
+                *(settings, self.workers, tell, kept),
             )
         return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 

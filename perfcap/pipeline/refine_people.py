@@ -57,7 +57,7 @@ def refine_people(
     workers: int | None,
     checkpoint: Checkpoint,
 ) -> tuple[Refinement, ...]:
-    """Silhouettes of everybody, poses that are kept apart, silhouettes again, surfaces.
+    """Silhouettes, poses kept apart, silhouettes again, surfaces; both once more where they meet.
 
     A network that finds persons is not asked: it does not say whom it found.
 
@@ -74,15 +74,22 @@ def refine_people(
     deviations = [part_deviations(each.problem, each.motion) for each in people]
 
     def extract(
-        name: str, motions: Sequence[Motion], settings: SequenceSettings
+        name: str,
+        motions: Sequence[Motion],
+        settings: SequenceSettings,
+        refined: Sequence[Refinement] = (),
     ) -> tuple[Evidence, ...]:
         seen = [
             Seen(one.problem.actor, one.sight, motion, unsure, one.heights)
             for one, motion, unsure in zip(own, motions, deviations, strict=True)
         ]
+        if refined:
+            pairs = zip(seen, refined, strict=True)
+            seen = [replace(each, surface=known.vertices) for each, known in pairs]
+        before = [known.evidence for known in refined] or None
         with stage(name) as tell:
             given = workers, tell, checkpoint, name
-            return extract_people(seen, images.reader, settings, *given)
+            return extract_people(seen, images.reader, settings, *given, before=before)
 
     motions = [each.motion for each in people]
     evidence = extract("extract_silhouettes", motions, config.silhouettes.first)
@@ -94,7 +101,20 @@ def refine_people(
     motions = [pose.motion for pose in poses]
     evidence = extract("extract_silhouettes_again", motions, config.silhouettes.again)
     rows = zip(own, evidence, poses, strict=True)
-    return tuple(one.finish(found, pose, until) for one, found, pose in rows)
+    refined = [one.finish(found, pose, until) for one, found, pose in rows]
+    if len(own) == 1 or until < Stage.REFINE_SURFACE:
+        return tuple(refined)
+    # Surfaces that meet their silhouettes say better than skinned ones who is where: a skirt that
+    # swings, a limb that is a little off. That shows where people meet, and there alone.
+    for number in range(config.silhouettes.closer):
+        if number:
+            name, rows = f"refine_surface_{number + 1}", zip(own, evidence, poses, strict=True)
+            refined = [one.finish(found, pose, until, name) for one, found, pose in rows]
+        name = f"extract_silhouettes_{number + 3}"
+        evidence = extract(name, motions, config.silhouettes.again, refined)
+        pairs = zip(refined, evidence, strict=True)
+        refined = [replace(each, evidence=found) for each, found in pairs]
+    return tuple(refined)
 
 
 def follow_people(

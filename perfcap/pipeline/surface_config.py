@@ -20,6 +20,9 @@ class SilhouetteConfig(Settings):
     first: SequenceSettings = field(default_factory=SequenceSettings)
     # from the refined pose, which says more about where the person is
     again: SequenceSettings = field(default_factory=lambda: SequenceSettings(frame=SECOND_PASS))
+    # of several people: how often who is where is found once more from the refined surfaces, where
+    # people are near each other, with surfaces refined anew in between
+    closer: int = 2
 
 
 @dataclass(frozen=True)

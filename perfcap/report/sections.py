@@ -21,6 +21,9 @@ _STAGES = {
     "refine_pose": "Motion on the masks",
     "extract_silhouettes_again": "Masks again",
     "refine_surface": "Surface on the masks",
+    "extract_silhouettes_3": "Masks where people meet",
+    "refine_surface_2": "Surface on these masks",
+    "extract_silhouettes_4": "Masks where people meet again",
     "follow_frames": "Frame by frame",
 }
 _FILES = {

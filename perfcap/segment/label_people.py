@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, ndtr
@@ -158,6 +159,29 @@ def label_people(
         for number, trimap in enumerate(trimaps)
     )
     return PeopleLabels(whole, people, _outward(inner, found.trimap.box), ahead)
+
+
+def near_each_other(labels: Labels, people: Sequence[int], reach: float) -> bool:
+    """Whether two people are seen within ``reach`` px of each other in labels (H, W).
+
+    Somebody of whom nothing is seen may be behind anybody, and is near them.
+
+    Args:
+        labels: 0 background, k the k-th person.
+        people: labels of those who should be there.
+        reach: px.
+    """
+    masks = [labels == number for number in people]
+    if not all(mask.any() for mask in masks):
+        return len(masks) > 1
+    reached = np.zeros(labels.shape, np.bool_)
+    for mask in masks:
+        away = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        around = away <= reach / 2
+        if (reached & around).any():
+            return True
+        reached |= around
+    return False
 
 
 def _solved(

@@ -14,13 +14,18 @@ from perfcap.detect.association import associate
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.evidence import Evidence, MaskRecord
+from perfcap.pipeline.extract_people import PeopleSource, Seen, extract_people
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.overlap import frame_overlaps
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.sight import View
+from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.stage import Stage
-from perfcap.pipeline.surface_config import RefineSurfaceConfig
+from perfcap.pipeline.surface import StoredSurface
+from perfcap.pipeline.surface_config import RefineSurfaceConfig, SilhouetteConfig
 from perfcap.render import LabelMap
+from perfcap.segment import FrameReport
+from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trimap import bounds
 
 CROWD = make_crowd(3, frames=10, views=3, size=200, noise=9.0)
@@ -61,6 +66,71 @@ def test_pixels_come_to_whom_they_show(found: tuple[Performance, ...]) -> None:
     given = there & (labels > 0)
     assert (labels == truth)[given].mean() > 0.985
     assert (labels > 0)[~there].mean() < 0.02
+
+
+def sight_of(performance: Performance) -> Sight:
+    template = performance.actor.template
+    return Sight(CROWD.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
+
+
+def test_where_people_meet_they_are_looked_for_from_refined_surfaces(
+    found: tuple[Performance, ...],
+) -> None:
+    once = replace(CONFIG, silhouettes=SilhouetteConfig(closer=0))
+    before = perfcap.capture(scene(), config=once, workers=1)
+    names = [[stage.name for stage in each[0].stages] for each in (before, found)]
+    more = ["extract_silhouettes_3", "refine_surface_2", "extract_silhouettes_4"]
+    assert names[1] == names[0] + more
+    # people are told from each other anew, not from the background
+    one, other = labels_of(before[0]), labels_of(found[0])
+    np.testing.assert_array_equal(one > 0, other > 0)
+    assert (one != other).any()
+    there = (other > 0) & (PAINTED.labels > 0)
+    assert (other != PAINTED.labels)[there].mean() < 0.001
+
+
+def test_a_refined_surface_is_drawn_and_believed_more(found: tuple[Performance, ...]) -> None:
+    each = found[0]
+    moved = StoredSurface(each.actor.surface(each.motion) + torch.tensor([0.0, 0.1, 0.0]))
+    given = each.actor, sight_of(each), each.motion, torch.full((10, 16), 0.02), torch.ones(3)
+    layers, models = [], []
+    for seen in (Seen(*given), Seen(*given, moved)):
+        source = PeopleSource([seen], PAINTED, SilhouetteConfig().again)
+        layers += source.layers(1, 5)
+        models.append(source.models(1, 5, layers[-1:]))
+    np.testing.assert_array_equal(*models)  # of the foreground, whatever the surface
+    assert layers[0].box != layers[1].box
+    np.testing.assert_allclose(layers[1].spread, layers[0].spread / 2, rtol=0.02)
+    assert layers[1].doubt == layers[0].doubt / 2
+
+
+def test_what_is_known_stays_where_nobody_meets(found: tuple[Performance, ...]) -> None:
+    """Nothing is looked at there: no frame is read."""
+    apart, people = [], []
+    for k, each in enumerate(found, 1):
+        assert each.refinement is not None
+        labels = np.zeros((200, 200), np.uint8)
+        labels[50:150, 40:60], labels[50:150, 140:160] = 1, 2
+        known = MaskRecord(encode_labels(labels), np.full(7, k, np.uint8), FrameReport(True))
+        heights = each.refinement.evidence.pixel_unit * 100
+        apart.append(Evidence.collect([[known] * 10] * 3, heights, k))
+        given = each.motion, torch.full((10, 16), 0.01), heights, each.surface
+        people.append(Seen(each.actor, sight_of(each), *given))
+
+    class Unread:
+        def __len__(self) -> int:
+            return 10
+
+        def read_view(self, view: int, start: int, stop: int) -> np.ndarray:
+            raise AssertionError("a frame is read")
+
+    settings = SilhouetteConfig().again
+    again = extract_people(people, Unread(), settings, 1, before=apart)
+    for one, other in zip(apart, again, strict=True):
+        assert one.silhouettes == other.silhouettes and one.reports == other.reports
+        np.testing.assert_array_equal(one.confidence, other.confidence)
+    with pytest.raises(AssertionError, match="a frame is read"):
+        extract_people(people, Unread(), settings, 1)
 
 
 def test_silhouettes_of_one_leave_out_the_other(found: tuple[Performance, ...]) -> None:

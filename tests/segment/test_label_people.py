@@ -7,7 +7,7 @@ import pytest
 from disc_scene import disc, texture
 
 from perfcap.segment import Footage, segment_block, survey
-from perfcap.segment.label_people import PeopleLabels, label_people
+from perfcap.segment.label_people import PeopleLabels, label_people, near_each_other
 from perfcap.segment.part_colors import PartColorSettings, learn_part_colors
 from perfcap.segment.person_layer import PersonLayer
 
@@ -140,3 +140,21 @@ def test_colors_are_learnt_where_nobody_else_is() -> None:
     nobody = learn_part_colors(zip(images, behind, strict=True))[1]
     assert nobody.whole is None
     assert nobody.log_density(red, part, settings) == nobody.log_density(blue, part, settings)
+
+
+@pytest.mark.parametrize(("gap", "near"), [(0, True), (9, True), (12, False)])
+def test_people_are_near_within_reach(gap: int, near: bool) -> None:
+    labels = np.zeros((40, 80), np.uint8)
+    labels[10:30, 10:30] = 1
+    labels[10:30, 30 + gap : 50 + gap] = 2
+    assert near_each_other(labels, (1, 2), 10.0) == near
+    labels[labels == 2] = 3  # the others do not matter
+    assert near_each_other(labels, (1, 3), 10.0) == near
+    assert not near_each_other(labels, (1,), 10.0)
+
+
+def test_somebody_who_is_not_seen_is_near() -> None:
+    labels = np.zeros((40, 80), np.uint8)
+    labels[10:30, 10:30] = 1
+    assert near_each_other(labels, (1, 2), 10.0)
+    assert not near_each_other(labels, (2,), 10.0) and not near_each_other(labels, (), 10.0)

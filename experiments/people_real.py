@@ -1,0 +1,158 @@
+"""Who is where in a real recording with a second person put into it, against outlines by hand.
+
+``pose2sim_multi`` is ``pose2sim_balancing`` with a woman rendered into it, so that the outlines of
+the man that were drawn by hand in the latter (``tests/labels``) are his in the former, too. Its
+videos are rescaled, about a frame later, and slip against each other in their second half: an
+outline counts only where the pixels around it are those of a frame of the other video.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import report
+from numpy.typing import NDArray
+from report import Report, Table, data_folder
+
+from perfcap.app.capture import run_capture
+from perfcap.commands.capture import Capture
+from perfcap.io.clip import Clip
+from perfcap.io.mask_files import fill, read_labels
+from perfcap.metrics import mask_overlap
+
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.uint8]
+
+_DRAWN = Path(__file__).parents[1] / "tests" / "labels" / "pose2sim_balancing"
+_LATER = range(-1, 4)  # frames by which the composite may be later
+_ALIKE = 0.97  # correlation of the pixels around an outline; the next frames have 0.9
+_AROUND = 7  # px
+_HAND = 3.0  # px by which an outline by hand may be off
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    captured: Path | None = None
+    """Result of `perfcap capture ... --people 2` of all 60 frames; made anew if not given."""
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The man in a frame of the composite, by hand."""
+
+    view: int
+    frame: int
+    mask: Mask
+
+
+def run(config: Experiment) -> Report:
+    """The table."""
+    folder = data_folder(config.data) / "pose2sim_multi"
+    with tempfile.TemporaryDirectory() as place:
+        out = config.captured
+        if out is None:
+            out = Path(place) / "out"
+            run_capture(_request(folder, out))
+        drawn, outlines = [], 0
+        for view in range(4):
+            found = list(_outlines(config.data, view))
+            outlines += len(found)
+            drawn += [each for each in found if each is not None]
+        labels = [_labels(out, each) for each in drawn]
+    rows = [_row(f"cam0{view + 1}", drawn, labels, (view,)) for view in range(4)]
+    rows.append(_row("all", drawn, labels, tuple(range(4))))
+    columns = ("view", "outlines", "right", "nobody", "woman", "right of given", "IoU",
+               "right, 3 px inside", "outlines with hers")  # fmt: skip
+    return Report(
+        (Table("the man, % of his pixels", columns, tuple(rows), 2),),
+        (f"{len(drawn)} of {outlines} outlines can be carried into the composite.",),
+    )
+
+
+def _request(folder: Path, out: Path) -> Capture:
+    """The command of docs/people.md without surfaces: networks follow two people."""
+    return Capture(
+        videos=tuple(sorted((folder / "videos").glob("*.mp4"))),
+        cameras=folder / "calibration" / "Calib_scene.toml",
+        video_map=folder / "video_to_native.json",
+        actor=("sam",), people=2, frames="0:60", overlay=False, until="refine_pose", out=out,
+    )  # fmt: skip
+
+
+def _outlines(data: Path, view: int) -> Iterator[_Drawn | None]:
+    """Outlines of a view in the pixels and frames of the composite; None where none fits."""
+    folders = [data_folder(data) / name for name in ("pose2sim_multi", "pose2sim_balancing")]
+    name = f"cam0{view + 1}"
+    clips = [Clip.open([folder / "videos" / f"{name}.mp4"]) for folder in folders]
+    gray = [
+        [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in clip.read_view(0, 0, len(clip))]
+        for clip in clips
+    ]
+    maps = [_to_native(folder / "video_to_native.json", name) for folder in folders]
+    across = (np.linalg.inv(maps[0]) @ maps[1])[:2]
+    size = gray[0][0].shape
+    for frame, lines in read_labels(_DRAWN / f"{name}.json", gray[1][0].shape).items():
+        mask = fill(lines, gray[1][0].shape).astype(np.uint8)
+        moved = cv2.warpAffine(mask, across, size[::-1], flags=cv2.INTER_NEAREST) > 0
+        kernel = np.ones((2 * _AROUND + 1,) * 2, np.uint8)
+        around = cv2.dilate(moved.astype(np.uint8), kernel) > 0
+        known = cv2.warpAffine(gray[1][frame], across, size[::-1], flags=cv2.INTER_CUBIC)[around]
+        shown = [f for f in (frame + later for later in _LATER) if 0 <= f < min(len(gray[0]), 60)]
+        alike = [float(np.corrcoef(known, gray[0][f][around])[0, 1]) for f in shown]
+        best = int(np.argmax(alike))
+        yield _Drawn(view, shown[best], moved) if alike[best] > _ALIKE else None
+
+
+def _to_native(path: Path, name: str) -> NDArray[np.float64]:
+    """(3, 3), from a video's pixels to those of its calibration."""
+    rows = json.loads(path.read_text())["video_px_to_native_px"][name]
+    return np.vstack([np.array(rows, np.float64)[:2], [0, 0, 1]])
+
+
+def _labels(out: Path, drawn: _Drawn) -> Labels:
+    folder = sorted((out / "masks").iterdir())[drawn.view]
+    labels = cv2.imread(str(folder / f"{drawn.frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    assert labels is not None
+    return np.asarray(labels if labels.ndim == 2 else labels[..., 0], np.uint8)
+
+
+def _row(
+    name: str, drawn: list[_Drawn], labels: list[Labels], views: tuple[int, ...]
+) -> tuple[object, ...]:
+    """Of all outlines together; the man is whom most of his pixels are given to."""
+    counts = sum(
+        np.bincount(found[each.mask], minlength=3)[:3]
+        for each, found in zip(drawn, labels, strict=True)
+    )
+    man = int(np.argmax(np.asarray(counts)[1:])) + 1
+    chosen = [pair for pair in zip(drawn, labels, strict=True) if pair[0].view in views]
+    total = right = nobody = other = sure = sure_right = 0
+    overlaps = []
+    for each, found in chosen:
+        inside = found[each.mask]
+        total += inside.size
+        right += int((inside == man).sum())
+        nobody += int((inside == 0).sum())
+        other += int((inside == 3 - man).sum())
+        deep = cv2.distanceTransform(each.mask.astype(np.uint8), cv2.DIST_L2, 5) > _HAND
+        sure += int(deep.sum())
+        sure_right += int((found[deep] == man).sum())
+        overlaps.append(mask_overlap(found == man, each.mask).iou)
+    part = [100 * value / max(total, 1) for value in (right, nobody, other)]
+    given, iou = 100 * right / max(right + other, 1), 100 * float(np.mean(overlaps))
+    frames = sum(bool((found[each.mask] == 3 - man).any()) for each, found in chosen)
+    return (name, len(chosen), *part, given, iou, 100 * sure_right / max(sure, 1), frames)
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "people_real")
