@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache
 from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
-
-from torch import Tensor
 
 from perfcap.errors import InputError
 
@@ -59,7 +58,7 @@ def _fits(kind: Any, value: object, least: float) -> bool:
     if kind is bool:
         return isinstance(value, bool)
     if kind in (int, float):
-        if isinstance(value, Tensor):
+        if _is_tensor(value):
             return kind is float
         known = isinstance(value, Integral if kind is int else Real)
         return known and not isinstance(value, bool) and float(value) >= least  # type: ignore[arg-type]
@@ -136,6 +135,12 @@ def require_shares(settings: Any, *names: str, most: float = 1.0) -> None:
         if not _number(share) or not 0 <= share <= most:
             limit = "zero or above" if math.isinf(most) else f"from 0 to {most:g}"
             raise InputError(f"{_named(settings, name)} is {share!r}, expected a number {limit}")
+
+
+def _is_tensor(value: object) -> bool:
+    """Without loading torch, which the command line's help does without."""
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(value, torch.Tensor)
 
 
 def _number(value: object) -> bool:
