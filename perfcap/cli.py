@@ -71,7 +71,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    for text in arguments:
+    for number, text in enumerate(arguments):
+        if not text or (text.endswith("=") and text.startswith("--")):
+            after = f" after {arguments[number - 1]}" if number and not text else ""
+            raise InputError(
+                f"{text or 'the argument'}{after}: is empty, expected a value; is a variable of the "
+                "shell not set?"
+            )
         if "\0" in text:
             raise InputError(f"{text}: holds a zero character; expected none in names and options")
         if len(text) > _LONGEST:

@@ -54,6 +54,14 @@ def test_an_option_of_pages_is_refused_at_once(perfcap: Command) -> None:
         assert "letters, expected 4096 at most" in line and len(line) < 200
 
 
+@pytest.mark.parametrize("options", [["--out", ""], ["--out="], ["", "--out", "out"]])
+def test_a_variable_that_is_not_set(perfcap: Command, options: list[str]) -> None:
+    """An empty name is the working directory, which was written into."""
+    line = perfcap(["capture", "a.mp4", *options]).refused()
+    assert "is empty, expected a value" in line
+    assert ("after --out" in line or "--out=" in line) == (options[0] != "")
+
+
 def test_a_forgotten_video(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     call = take.command(tmp_path)
     assert "VIDEO: is missing" in perfcap([call[0], *call[2:]]).refused()
