@@ -75,8 +75,7 @@ def _run(arguments: list[str]) -> int:
         if not text or (text.endswith("=") and text.startswith("--")):
             after = f" after {arguments[number - 1]}" if number and not text else ""
             raise InputError(
-                f"{text or 'the argument'}{after}: is empty, expected a value; is a variable of the "
-                "shell not set?"
+                f"{text or 'the argument'}{after}: is empty, expected a value; is a variable unset?"
             )
         if "\0" in text:
             raise InputError(f"{text}: holds a zero character; expected none in names and options")
