@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.surface_points import SkinnedPoints
+from perfcap.energy._arguments import require_unit
 from perfcap.errors import InputError
 from perfcap.solve.compound import Compound
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -60,6 +61,7 @@ class SkinContact(Energy[Compound]):
                 f"points and normals {tuple(normals.shape)}; give two people, and as many points "
                 "of each, (*b, F, N, 3), and confidences or depths (*b, F, N)"
             )
+        require_unit(unit)
         super().__init__(weight, kernel)
         self.names, self.inside, self.skin, self.unit = names, inside, skin, unit
         self.register_buffer("normals", normals)

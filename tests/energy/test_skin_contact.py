@@ -69,3 +69,5 @@ def test_what_does_not_belong_together_is_refused() -> None:
         SkinContact(("one", "one"), points(0), points(1), normals())
     with pytest.raises(InputError, match="confidences or depths"):
         contact(allowed=torch.zeros(FRAMES, 1))
+    with pytest.raises(InputError, match=r"unit is 0\.0"):
+        SkinContact(("one", "other"), points(0), points(1), normals(), unit=0.0)
