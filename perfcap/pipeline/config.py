@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
 from perfcap.setting_checks import (
     Settings,
@@ -296,3 +297,9 @@ class RetargetConfig(Settings):
         require_sizes(self, "limbs", "reach", "together", "near", "root", "feet", "depth")
         require_sizes(self, "still", "speed")
         require_counts(self, "frames", "steps")
+        strange = sorted(set(self.turns) - set(JOINTS))
+        if strange or min(self.change) <= 0:
+            raise InputError(
+                f"turns are of {', '.join(strange) or 'joints'} and change is {self.change}; "
+                f"expected joints among {', '.join(JOINTS)}, and numbers above zero"
+            )

@@ -96,7 +96,6 @@ def retarget(
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
-    _require_settings(config)
     require_same_limbs(source, joints)
     scale = leg_length(target) / leg_length(source) if scale is None else scale
     wanted = wanted_turns(source, joints, target.skeleton)
@@ -127,21 +126,6 @@ def retarget(
         level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
-
-
-def _require_settings(config: RetargetConfig) -> None:
-    """Refuse settings that say nothing; units of residuals are refused where they are used."""
-    strange = sorted(set(config.turns) - set(JOINTS))
-    if strange:
-        raise InputError(f"turns: {', '.join(strange)} is no joint; expected {', '.join(JOINTS)}")
-    if config.frames < 1 or min(config.change) <= 0:
-        raise InputError(
-            f"frames are {config.frames} and change {config.change}; expected 1 or more, and "
-            "numbers above 0"
-        )
-    for name in ("near", "still", "speed"):
-        if not getattr(config, name) > 0:
-            raise InputError(f"{name} is {getattr(config, name)}; expected a number above 0")
 
 
 def _placed(

@@ -156,10 +156,10 @@ def test_one_frame() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"frames": 0}, "frames are 0"),
-        ({"change": (0.0, 0.5, 1.0)}, "change"),
-        ({"turns": {"l_kne": 3.0}}, "l_kne is no joint"),
-        ({"speed": -1.0}, "speed is -1"),
+        ({"frames": 0}, "frames of RetargetConfig is 0"),
+        ({"change": (0.0, 0.5, 1.0)}, "change is"),
+        ({"turns": {"l_kne": 3.0}}, "turns are of l_kne"),
+        ({"speed": -1.0}, "speed of RetargetConfig is -1"),
     ],
 )
 def test_settings_that_are_none_are_refused(changes: dict, words: str) -> None:
