@@ -52,7 +52,7 @@ class ApartConfig(Settings):
 def keep_apart(
     actors: Sequence[Actor], motions: Sequence[Motion], config: ApartConfig
 ) -> tuple[Motion, ...]:
-    """Motions (F,) in which nobody is deeper in somebody else than a tolerance, where poses allow.
+    """Motions (F,) whose skins are at most a tolerance deep in each other, where poses allow.
 
     Frames in which two people touch are solved for both at once: depth of contact against how far
     joints and skin are moved. Depth grows from nothing where a contact begins, and so does what is
@@ -84,16 +84,14 @@ def _both(
     """Two people kept apart; what one length of steps leaves deep is tried with the next."""
     near = _near(*(actor.joints(motion) for actor, motion in zip(actors, motions, strict=True)))
     touches = _touching(actors, motions, near, config.tolerance)
-    found = motions
     for step in config.steps:
         if not touches:
             break
         stepped, left = _stepped(actors, motions, touches, step, config)
         touches = {f: touch for f, touch in touches.items() if 2 * left.get(f, 0) > touch.depth}
         back = torch.tensor(sorted(touches), dtype=torch.int64)
-        tried = [_put(new, back, old[back]) for new, old in zip(stepped, motions, strict=True)]
-        found, motions = tried, tried
-    return found
+        motions = [_put(new, back, old[back]) for new, old in zip(stepped, motions, strict=True)]
+    return motions
 
 
 def _stepped(
