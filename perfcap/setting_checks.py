@@ -93,7 +93,41 @@ def _described(kind: Any, least: float) -> str:
     return getattr(kind, "__name__", str(kind))
 
 
-# --- What no annotation says ----------------------------------------------------------------------
+# --- Arguments, one at a time ---------------------------------------------------------------------
+
+
+def require_count(count: object, name: str, least: int = 1) -> None:
+    """Refuse what is no whole number of ``least`` or more.
+
+    Raises:
+        InputError: ``name`` is none.
+    """
+    if not isinstance(count, Integral) or isinstance(count, bool) or int(count) < least:
+        raise InputError(f"{name} is {count!r:.80}, expected a whole number of {least} or more")
+
+
+def require_size(size: object, name: str, *, finite: bool = False) -> None:
+    """Refuse what is no number above zero.
+
+    Raises:
+        InputError: ``name`` is none.
+    """
+    if not _number(size) or not size > 0 or (finite and math.isinf(size)):  # type: ignore[operator, arg-type]
+        raise InputError(f"{name} is {size!r:.80}, expected a number above zero")
+
+
+def require_number(value: object, name: str, least: float = -math.inf) -> None:
+    """Refuse what is no finite number of ``least`` or more.
+
+    Raises:
+        InputError: ``name`` is none.
+    """
+    if not _number(value) or not math.isfinite(value) or value < least:  # type: ignore[operator, arg-type]
+        above = "" if math.isinf(least) else f" of {least:g} or more"
+        raise InputError(f"{name} is {value!r:.80}, expected a finite number{above}")
+
+
+# --- What no annotation of settings says ----------------------------------------------------------
 
 
 def require_counts(settings: Any, *names: str, least: int = 1) -> None:
@@ -103,11 +137,7 @@ def require_counts(settings: Any, *names: str, least: int = 1) -> None:
         InputError: one is none.
     """
     for name in names:
-        count = getattr(settings, name)
-        if not isinstance(count, Integral) or isinstance(count, bool) or count < least:
-            raise InputError(
-                f"{_named(settings, name)} is {count!r}, expected a whole number of {least} or more"
-            )
+        require_count(getattr(settings, name), _named(settings, name), least)
 
 
 def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
@@ -119,9 +149,7 @@ def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
         InputError: one is none.
     """
     for name in names:
-        size = getattr(settings, name)
-        if not _number(size) or not size > 0 or (finite and math.isinf(size)):
-            raise InputError(f"{_named(settings, name)} is {size!r}, expected a number above zero")
+        require_size(getattr(settings, name), _named(settings, name), finite=finite)
 
 
 def require_shares(settings: Any, *names: str, most: float = 1.0) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,13 @@ class Hinge:
     lower: float
     upper: float
     rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.lower <= self.upper or not math.isfinite(self.rest):
+            raise InputError(
+                f"hinge {self.name!r} has lower {self.lower}, upper {self.upper} and rest "
+                f"{self.rest}; expected radians, the lower limit first"
+            )
 
 
 @dataclass(frozen=True)

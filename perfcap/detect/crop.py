@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.setting_checks import require_number, require_size
 
 Frame = NDArray[np.uint8]
 
@@ -34,6 +35,10 @@ class Crop:
     width: float
     size: tuple[int, int]
     angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_size(self.width, "width of a crop", finite=True)
+        require_number(self.angle, "angle of a crop")
 
     @classmethod
     def around(

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
+from perfcap.setting_checks import require_count, require_size
 
 _TINY = 1e-10
 
@@ -131,6 +132,10 @@ class HeatmapHead(nn.Module):
         spread: float = 3.0,
     ) -> None:
         super().__init__()
+        require_count(channels, "channels")
+        require_count(doublings, "doublings", least=0)
+        require_count(hidden, "hidden")
+        require_size(spread, "spread", finite=True)
         self.joint_set = joints
         widths = [channels, *[hidden] * doublings]
         layers: list[nn.Module] = []

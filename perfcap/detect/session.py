@@ -17,6 +17,7 @@ from perfcap.detect.manifest import InputSpec, ModelFile
 from perfcap.detect.onnx_file import read_model
 from perfcap.errors import InputError
 from perfcap.forks import abandon_after_fork
+from perfcap.setting_checks import require_count
 
 Array = NDArray[Any]
 
@@ -42,6 +43,9 @@ class Execution:
 
     provider: str = "auto"
     threads: int = 1
+
+    def __post_init__(self) -> None:
+        require_count(self.threads, "threads")
 
 
 class Session:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 from torch import Tensor
@@ -20,12 +21,12 @@ def require_unit(unit: float | Tensor, name: str = "unit") -> None:
 
 
 def require_scale(scale: float | Tensor, name: str) -> None:
-    """Refuse factors of residuals that are negative or NaN, likewise.
+    """Refuse factors of residuals that are negative, infinite or NaN, likewise.
 
     Raises:
         InputError: one is.
     """
-    _require(scale, name, "a number from 0 on", above=False)
+    _require(scale, name, "a finite number from 0 on", above=False)
 
 
 def _require(given: float | Tensor, name: str, wanted: str, *, above: bool) -> None:
@@ -33,10 +34,10 @@ def _require(given: float | Tensor, name: str, wanted: str, *, above: bool) -> N
         given = given.detach()
         if not is_plain(given):
             return
-        sound = bool((given > 0 if above else given >= 0).all())
+        sound = bool((given > 0 if above else (given >= 0) & (given < math.inf)).all())
         given = float(given.min())
     else:
-        sound = given > 0 if above else given >= 0
+        sound = given > 0 if above else 0 <= given < math.inf
     if not sound:
         raise InputError(f"{name} is {given}; expected {wanted}")
 

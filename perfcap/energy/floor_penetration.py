@@ -10,6 +10,7 @@ from perfcap.actor.points import Points
 from perfcap.energy._arguments import require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
@@ -61,11 +62,14 @@ class FloorPenetration(Energy[Motion]):
                 f"confidence has shape {tuple(confidence.shape)}; give (*b, F, {points.count}), "
                 "one for each point"
             )
+        level = torch.as_tensor(height).to(normal)
+        if is_plain(level) and not bool(level.isfinite().all()):
+            raise InputError(f"height is {height}; expected finite metres along the normal")
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees
         self.scale = 1 / unit
         self.register_buffer("normal", normal)
-        self.register_buffer("height", torch.as_tensor(height).to(normal))
+        self.register_buffer("height", level)
         self.register_buffer("confidence", confidence)
 
     def residual(self, motion: Motion) -> Residual:

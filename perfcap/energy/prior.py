@@ -10,6 +10,7 @@ from perfcap.actor.pose_statistics import Mixture
 from perfcap.energy._arguments import require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
+from perfcap.setting_checks import require_count, require_number, require_size
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
 
@@ -118,7 +119,10 @@ class BoneLengthPrior(Energy[Motion]):
         dtype: torch.dtype = torch.float64,
     ) -> None:
         super().__init__(weight)
-        require_unit(own, "own")
+        require_count(groups, "groups")
+        require_count(frames, "frames")
+        require_number(size, "size", least=0)
+        require_size(own, "own", finite=True)
         covariance = own**2 * torch.eye(groups, dtype=dtype) + size**2
         whiten = torch.linalg.inv(torch.linalg.cholesky(covariance))
         self.register_buffer("whiten", whiten / frames**0.5)
@@ -169,6 +173,8 @@ class SharedPrior(Energy[Motion]):
         block: str = BODY,
     ) -> None:
         super().__init__(weight)
+        require_count(components, "components")
+        require_count(frames, "frames")
         require_unit(deviation, "deviation")
         self.sees, self.block, self.components = (block,), block, components
         spread = torch.as_tensor(deviation, dtype=torch.float64).expand(components)

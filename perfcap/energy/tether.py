@@ -6,6 +6,7 @@ import torch
 
 from perfcap.actor.deformation import BLOCK, Deformation
 from perfcap.energy._arguments import require_unit
+from perfcap.setting_checks import require_count
 from perfcap.solve.energy import Coupling, Energy, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.sparse import BlockLinearization
@@ -31,6 +32,7 @@ class Tether(Energy[Deformation]):
     def __init__(
         self, nodes: int, weight: float = 1.0, kernel: Kernel | None = None, unit: float = 1.0
     ) -> None:
+        require_count(nodes, "nodes")
         super().__init__(weight / nodes, kernel)
         require_unit(unit)
         self.scale = 1 / unit

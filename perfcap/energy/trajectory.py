@@ -9,6 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.energy._arguments import require_scale
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import aligned, rotvec_to_quaternion
+from perfcap.setting_checks import require_count
 from perfcap.solve.energy import WindowEnergy
 from perfcap.solve.second_order import SecondOrder
 from perfcap.temporal.subspace import dct_basis
@@ -51,6 +52,8 @@ class Trajectory(WindowEnergy[Motion]):
         angles: float | Tensor = 1.0,
         keep: Tensor | None = None,
     ) -> None:
+        require_count(frames, "frames")
+        require_count(rank, "rank")
         kept = torch.ones(min(rank, frames), dtype=torch.float64) if keep is None else keep
         super().__init__(dct_basis(frames, len(kept), dtype=kept.dtype), kept, weight)
         for name, scale in (

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.camera import NEAR, Camera
+from perfcap.setting_checks import require_count, require_size
 
 # Determinant of the normalised normal matrix below which rays count as parallel: two rays that
 # meet at less than about a sixth of a degree.
@@ -35,7 +36,12 @@ def triangulate(
         residual: weighted root-mean-square image error, (*b, F, N), in units of ``plane``, with
             the weights given. Both are NaN where fewer than two views see a point or their rays
             are parallel.
+
+    Raises:
+        InputError: rounds that are no count, or a scale that is not above zero.
     """
+    require_count(rounds, "rounds", least=0)
+    require_size(scale, "scale")
     counts = weights > 0
     weights = torch.where(counts, weights, 0)
     plane = torch.where(counts[..., None], plane, 0)  # what is not seen may be any number

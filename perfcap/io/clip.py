@@ -14,6 +14,7 @@ from perfcap.io.image_file import ImageFolder
 from perfcap.io.video import VideoFile
 from perfcap.io.video_index import UNKNOWN_FPS
 from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_count
 
 Frames = NDArray[np.uint8]
 
@@ -56,6 +57,9 @@ class Clip:
         fps: frames a second.
         warnings: what a user should know about how the files were read.
         start: index in the files of the clip's first frame.
+
+    Raises:
+        InputError: no view, no such rate, or an empty part.
     """
 
     def __init__(
@@ -67,7 +71,12 @@ class Clip:
         stop: int | None = None,
     ) -> None:
         self.sources = tuple(sources)
-        self.fps = fps
+        if not self.sources:
+            raise InputError("sources are none, expected one a view")
+        require_count(start, "start", least=0)
+        if stop is not None:
+            require_count(stop, "stop", least=start + 1)
+        self.fps = frame_rate(fps, "fps")
         self.warnings = tuple(warnings)
         self.start = start
         shortest = min(len(source) for source in sources)

@@ -51,8 +51,11 @@ def save_animation(
         Whether the file shows all that was given: False where the surface was left out.
 
     Raises:
-        InputError: wrong shapes, transforms that are not finite and rigid, or fps not positive.
+        InputError: another name, wrong shapes, transforms that are not finite and rigid, or fps
+            not positive.
     """
+    if Path(path).suffix.lower() != ".glb":
+        raise InputError(f"{path}: the actor is written as binary glTF; end the name in .glb")
     transforms = _checked(template, bone_transforms, fps)
     fits = surface is None or gltf_morph.fits(len(transforms), len(template.vertices))
     buffer = Buffer()

@@ -20,7 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import map_archive
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE
-from perfcap.rates import FASTEST, SLOWEST
+from perfcap.rates import FASTEST, SLOWEST, frame_rate
 
 WHAT = "the surface.npz of a capture"
 LIMIT = 64 * 1024 * MEBIBYTE  # mapped, never loaded whole
@@ -86,8 +86,10 @@ def save_surface(
         capture: identity of the capture that the surface belongs to.
 
     Raises:
-        InputError: blocks that do not fit or are not finite, or a place that cannot be written.
+        InputError: blocks that do not fit or are not finite, a rate that is none, or a place that
+            cannot be written.
     """
+    rate = frame_rate(rate)
     small: dict[str, NDArray[Any]] = {
         "faces": np.asarray(faces, dtype=np.int32),
         "frames": np.asarray(frames, dtype=np.int64),

@@ -12,9 +12,15 @@ import numpy as np
 from av.codec.context import Flags
 from numpy.typing import NDArray
 
-from perfcap.rates import FASTEST, SLOWEST
+from perfcap.errors import InputError
+from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_count
 
 Image = NDArray[np.uint8]
+_WORST = 51  # quality of H.264
+_PRESETS = (
+    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
+)  # fmt: skip
 
 
 class Packet(NamedTuple):
@@ -57,10 +63,15 @@ class Encoding:
         """For so many frames a second.
 
         Raises:
-            ValueError: that is no rate.
+            InputError: that is no rate, no quality or no speed of x264.
         """
-        if not SLOWEST <= fps < FASTEST:
-            raise ValueError(f"fps is {fps}, expected {SLOWEST:g} to {FASTEST:g}")
+        fps = frame_rate(fps, "fps")
+        require_count(crf, "crf", least=0)
+        if crf > _WORST or preset not in _PRESETS:
+            raise InputError(
+                f"crf is {crf} and preset {preset!r:.80}; expected 0 to {_WORST}, and one of "
+                f"{', '.join(_PRESETS)}"
+            )
         return cls(Fraction(fps).limit_denominator(1001), crf, preset)
 
     @property

@@ -13,6 +13,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.errors import InputError
 from perfcap.io.atomic import claim, partial_path, unwritable
 from perfcap.io.video_segment import Encoder, Encoding, Packet, Segment
 
@@ -44,7 +45,12 @@ class VideoWriter:
             fps: frames a second.
             crf: quality, 0 (lossless) to 51; 17 is visually lossless.
             preset: x264's speed, ``ultrafast`` to ``veryslow``.
+
+        Raises:
+            InputError: another name, or no such rate, quality or speed.
         """
+        if Path(path).suffix.lower() != ".mp4":
+            raise InputError(f"{path}: the video is written as MP4; give a name that ends in .mp4")
         self.path = Path(path)
         self.encoding = Encoding.at(fps, crf, preset)
         self._partial = partial_path(self.path)

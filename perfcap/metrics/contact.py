@@ -11,6 +11,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.signed_gap import Mesh, signed_gap
 from perfcap.metrics.missing import frame_mean
 from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_number
 
 CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
 CONTACT_SPEED = 0.3  # m/s
@@ -103,7 +104,11 @@ def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
     Args:
         height: of points above the floor, (*b, F, N), metres: joints, or vertices of a surface.
         tolerance: a depth up to this is no fault, metres.
+
+    Raises:
+        InputError: a tolerance that is none.
     """
+    require_number(tolerance, "tolerance", least=0)
     valid = height.isfinite().all(-1)
     depth = torch.where(valid, -height.amin(-1), 0).clamp(min=0)
     frames = valid.sum(-1)

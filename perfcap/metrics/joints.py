@@ -25,6 +25,7 @@ from perfcap.metrics.missing import (
     masked,
 )
 from perfcap.metrics.motion import acceleration_error, jerk
+from perfcap.setting_checks import require_size
 
 # --- Shares of joints that are near enough, in space and in images --------------------------------
 
@@ -44,14 +45,24 @@ def correct_share(errors: Tensor, valid: Tensor, threshold: float = PCK_THRESHOL
         errors: may hold anything where they are not valid.
         valid: frames (*b, F) or joints (*b, F, J) that count.
         threshold: an error of exactly this is too large.
+
+    Raises:
+        InputError: a threshold that is no number above zero.
     """
+    require_size(threshold, "threshold")
     return 100 * frame_mean((errors < threshold).to(errors.dtype), valid)
 
 
 def area_under_curve(
     errors: Tensor, valid: Tensor, thresholds: tuple[float, ...] = AUC_THRESHOLDS
 ) -> Tensor:
-    """Share (*b) of joints within a threshold, mean over thresholds up to 150 mm, percent."""
+    """Share (*b) of joints within a threshold, mean over thresholds up to 150 mm, percent.
+
+    Raises:
+        InputError: no threshold, or one that is below zero.
+    """
+    if not thresholds or not all(at >= 0 for at in thresholds):
+        raise InputError(f"thresholds are {thresholds!r:.80}, expected one or more from 0 mm on")
     within = [frame_mean((errors <= at).to(errors.dtype), valid) for at in thresholds]
     return 100 * torch.stack(within).mean(0)
 

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count
 
 BOUNDARY_SHARE = 0.008  # of the image's diagonal, Perazzi et al. 2016
 
@@ -102,9 +103,8 @@ def boundary_f(mask: Tensor, truth: Tensor, radius: int | None = None) -> Tensor
         InputError: the shapes differ, masks are not bool or have no pixel, or no such radius.
     """
     _check(mask, truth)
-    if radius is not None and (radius != int(radius) or radius < 0):
-        raise InputError(f"radius is {radius}, expected a whole number of pixels from 0 on")
-    radius = None if radius is None else int(radius)
+    if radius is not None:
+        require_count(radius, "radius", least=0)
     height, width = mask.shape[-2:]
     reach = int(np.ceil(BOUNDARY_SHARE * np.hypot(height, width))) if radius is None else radius
     lines = [outline(m.reshape(-1, 1, height, width)) for m in (mask, truth)]

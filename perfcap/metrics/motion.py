@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.metrics.missing import check_same_joints, frame_mean
 from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_number
 
 _MILLIMETRES = 1000.0  # in a metre
 
@@ -123,8 +124,9 @@ def limit_violations(
         tolerance: an excess up to this is rounding, radians.
 
     Raises:
-        InputError: limits of other angles, or a lower one above its upper one.
+        InputError: limits of other angles, a lower one above its upper one, or no tolerance.
     """
+    require_number(tolerance, "tolerance", least=0)
     if lower.shape != upper.shape or lower.shape != angles.shape[-1:] or angles.dim() < 2:
         raise InputError(
             f"angles have shape {tuple(angles.shape)}, limits {tuple(lower.shape)} and "

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -58,8 +59,10 @@ def surface_error(
         translated: whether the means of all vertices are aligned first.
 
     Raises:
-        InputError: the vertices are not those of one template.
+        InputError: the vertices are not those of one template, or nothing is drawn.
     """
+    require_count(samples, "samples")
+    require_count(queries, "queries")
     if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.ndim != 2:
         raise InputError(
             f"surface has vertices {vertices.shape} and the truth {truth.shape}; give vertices of "
@@ -93,7 +96,12 @@ def surface_distance(
         rng: draws samples and queries.
         samples: points drawn on each surface, by area.
         queries: vertices of each whose distance is measured, at most.
+
+    Raises:
+        InputError: nothing is drawn.
     """
+    require_count(samples, "samples")
+    require_count(queries, "queries")
     asked, answered = (rng.permutation(len(v))[:queries] for v in (vertices, truth))
     there = _distance(vertices[asked], truth, truth_faces, rng, samples)
     back = _distance(truth[answered], vertices, faces, rng, samples)

@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.surroundings import Surroundings
+from perfcap.rates import frame_rate
 from perfcap.render import look_at
 
 SMALLEST, LARGEST = 16, 4096  # px, side of a picture
@@ -74,9 +75,15 @@ def orbit(
         degrees: angle over all pictures; whole turns close seamlessly.
 
     Raises:
-        InputError: a size that cannot be drawn, or an angle that is not finite.
+        InputError: a size that cannot be drawn, an angle that is not finite, no such rows, or no
+            such rate.
     """
     _check_size(size)
+    rate = frame_rate(rate)
+    if len(frames) == 0 or not all(-len(joints) <= frame < len(joints) for frame in frames):
+        raise InputError(
+            f"frames are {list(frames)!r:.80}; expected one or more rows of {len(joints)} joints"
+        )
     if not math.isfinite(degrees):
         raise InputError(f"--orbit {degrees}: expected degrees, such as 360")
     shown = joints[list(frames)].double()

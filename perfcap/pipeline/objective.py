@@ -16,6 +16,7 @@ from perfcap.energy.trajectory import Trajectory
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
 from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_count
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.energy import Energy, Objective
 from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
@@ -80,8 +81,9 @@ def trajectory_prior(
         stiffness: factors on the weights of translation, rotation and each angle, (N, 2 + A).
 
     Raises:
-        InputError: a rate that is none.
+        InputError: frames or a rate that are none.
     """
+    require_count(frames, "frames")
     keep = soft_edge(config, frames, frame_rate(rate))
     factor = keep.new_ones(3) if stiffness is None else stiffness.sqrt().unsqueeze(-2)
     return Trajectory(

@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
+from perfcap.rates import frame_rate
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Scene:
     images: Images | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "rate", frame_rate(self.rate))
         if not isinstance(self.people, Iterable):
             kind = type(self.people).__name__
             raise InputError(f"scene: people are a {kind}, expected a tuple of Person")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import Settings
 
 # --- Antialiased marks on an image: round-ended strokes, borders of regions, a line of text -------
 #
@@ -134,7 +135,7 @@ BLACK = (0, 0, 0)
 
 
 @dataclass(frozen=True)
-class OverlayStyle:
+class OverlayStyle(Settings):
     """Looks of an overlay; lengths are in pixels of a frame 720 px high and scale with it.
 
     Attributes:

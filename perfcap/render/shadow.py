@@ -22,6 +22,7 @@ from perfcap.render.lighting import Lighting, unit
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.texture import to_linear, to_srgb
 from perfcap.render.viewpoint import look_at
+from perfcap.setting_checks import require_count, require_number
 
 SUN_SPREAD = math.radians(2.5)  # half angle; ten times the sun's, as if behind thin haze
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
@@ -52,8 +53,10 @@ def visibility(
         sky: directions taken all around.
 
     Raises:
-        InputError: a vertex is not finite.
+        InputError: a vertex is not finite, or there are no directions.
     """
+    require_count(sun, "sun")
+    require_count(sky, "sky")
     if not bool(torch.isfinite(vertices).all()):
         raise InputError("vertices are not all finite; expected metres; leave this frame unlit")
     towards_sun = cone(unit(lighting.towards_sun, vertices), SUN_SPREAD, sun)
@@ -88,8 +91,11 @@ def shade_ground(
         sky: directions taken from all of the sky.
 
     Raises:
-        InputError: the image does not have the camera's size.
+        InputError: the image does not have the camera's size, or there are no directions.
     """
+    require_count(sun, "sun")
+    require_count(sky, "sky")
+    require_number(ground, "ground")
     if image.shape != (*camera.size[0], 3) or image.dtype != torch.uint8:
         raise InputError(
             f"image has shape {tuple(image.shape)} and dtype {image.dtype}; "

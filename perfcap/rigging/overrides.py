@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
 from perfcap.io.files import MEBIBYTE, read_toml
+from perfcap.setting_checks import require_count
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -47,6 +48,8 @@ class Override:
             )
         if self.part is None and self.box is None:
             raise InputError(f"override {self.name!r} has neither part nor box; give one or both")
+        if self.part is not None:
+            require_count(self.part, f"part of override {self.name!r}", least=0)
         if not 0 <= self.blend < 1:
             raise InputError(f"override {self.name!r}: blend is {self.blend}; expected metres")
 

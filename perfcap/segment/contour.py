@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import Settings
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -51,7 +52,7 @@ class Contour:
 
 
 @dataclass(frozen=True)
-class Tracing:
+class Tracing(Settings):
     """How a contour is drawn through a mask.
 
     Attributes:

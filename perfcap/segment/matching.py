@@ -18,6 +18,7 @@ from perfcap.render.occluding_contour import ModelContour
 from perfcap.segment.contour import Contour
 from perfcap.segment.correspondence import Matches
 from perfcap.segment.pruning import crosses, nearest_claim, slide, support
+from perfcap.setting_checks import Settings
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -25,7 +26,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Matching:
+class Matching(Settings):
     """What may be a pair; lengths are shares of the person's size in the image.
 
     Attributes:

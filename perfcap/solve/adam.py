@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count, require_number, require_size
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.energy import Objective, StateType, total
 from perfcap.solve.layout import Layout
@@ -40,15 +41,11 @@ class Adam:
     tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
-        if self.max_steps != int(self.max_steps) or self.max_steps < 0:
-            raise InputError(f"max_steps is {self.max_steps}, expected a whole number from 0 on")
-        if not self.learning_rate > 0:
-            raise InputError(f"learning_rate is {self.learning_rate}, expected one above zero")
-        if not all(0 <= share < 1 for share in self.decay) or not self.tolerance >= 0:
-            raise InputError(
-                f"decay is {self.decay} and tolerance {self.tolerance}; expected two numbers from "
-                "0 to below 1, and one from 0 on"
-            )
+        require_count(self.max_steps, "max_steps", least=0)
+        require_size(self.learning_rate, "learning_rate", finite=True)
+        require_number(self.tolerance, "tolerance", least=0)
+        if len(self.decay) != 2 or not all(0 <= share < 1 for share in self.decay):
+            raise InputError(f"decay is {self.decay}; expected two numbers from 0 to below 1")
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count, require_number
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.damped_model import added_damping, damping_scale
@@ -175,11 +176,11 @@ class Implicit(Adjoint):
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.hessian not in ("full", "gauss_newton", "products") or not self.damping >= 0:
+        if self.hessian not in ("full", "gauss_newton", "products"):
             raise InputError(
-                f"Implicit has hessian {self.hessian!r} and damping {self.damping}; expected "
-                "'full', 'gauss_newton' or 'products', and a damping from 0 on"
+                f"hessian is {self.hessian!r}; expected 'full', 'gauss_newton' or 'products'"
             )
+        require_number(self.damping, "damping", least=0)
 
     def solve(  # noqa: D102
         self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None
@@ -233,10 +234,8 @@ class Unrolled(Adjoint):
     steps: int | None = 5
 
     def __post_init__(self) -> None:
-        if self.steps is not None and (self.steps < 1 or self.steps != int(self.steps)):
-            raise InputError(
-                f"Unrolled has steps {self.steps}; expected a whole number of at least 1, or None"
-            )
+        if self.steps is not None:
+            require_count(self.steps, "steps")
 
     def solve(  # noqa: D102
         self, objective: Objective, initial: StateType, method: Method, bounds: Bounds | None

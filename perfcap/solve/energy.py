@@ -7,6 +7,7 @@ entries a group, ``D`` unknowns a frame, ``S`` unknowns shared by all frames of 
 from __future__ import annotations
 
 import enum
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -155,8 +156,10 @@ def _require_settings(weight: object, kernel: object) -> None:
             f"kernel is {kernel!r:.80}, expected one such as Huber(0.1), or None for squares"
         )
     known = is_plain(weight.detach()) if isinstance(weight, Tensor) else True
-    if not isinstance(weight, Tensor | float | int) or (known and not _all(weight >= 0)):
-        raise InputError(f"weight is {weight!r:.80}; expected a number from 0 on")
+    if not isinstance(weight, Tensor | float | int) or (
+        known and not _all((weight >= 0) & (weight < math.inf))
+    ):
+        raise InputError(f"weight is {weight!r:.80}; expected a finite number from 0 on")
 
 
 def _all(condition: Tensor | bool) -> bool:

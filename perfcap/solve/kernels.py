@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from perfcap.errors import InputError
+from perfcap.setting_checks import require_size
 
 
 class Kernel(ABC):
@@ -77,8 +77,6 @@ class GemanMcClure(Kernel):
 
 
 def _require_scale(kernel: Huber | GemanMcClure) -> None:
-    if not kernel.scale > 0:
-        raise InputError(
-            f"{type(kernel).__name__} has scale {kernel.scale}; expected a number above zero, in "
-            "the unit of the residual"
-        )
+    """A tensor is left to torch, as one that is learned."""
+    if not isinstance(kernel.scale, Tensor):
+        require_size(kernel.scale, f"scale of {type(kernel).__name__}", finite=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Generic, Self
 import torch
 from torch import Tensor
 
-from perfcap.errors import InputError
+from perfcap.setting_checks import require_count, require_number, require_size
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
 from perfcap.solve.damped_loop import Run, minimize
@@ -120,13 +120,9 @@ class LevenbergMarquardt:
     damping: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.max_steps != int(self.max_steps) or self.max_steps < 0:
-            raise InputError(f"max_steps is {self.max_steps}, expected a whole number from 0 on")
-        if not self.tolerance >= 0 or not 0 < self.damping < math.inf:
-            raise InputError(
-                f"LevenbergMarquardt has tolerance {self.tolerance} and damping {self.damping}; "
-                "expected a tolerance from 0 on, and a damping above zero"
-            )
+        require_count(self.max_steps, "max_steps", least=0)
+        require_number(self.tolerance, "tolerance", least=0)
+        require_size(self.damping, "damping", finite=True)
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None

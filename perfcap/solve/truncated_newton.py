@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count, require_number
 from perfcap.solve.bounds import Bounds
 from perfcap.solve.coarse import CoarseCorrection, coarse_correction
 from perfcap.solve.coarse_space import CoarseSpace
@@ -52,6 +53,12 @@ class TruncatedNewton:
     damping: float = 1e-6
     forcing: float = 0.1
     max_rounds: int = 100
+
+    def __post_init__(self) -> None:
+        for name in ("max_steps", "max_rounds"):
+            require_count(getattr(self, name), name, least=0)
+        for name in ("tolerance", "damping", "forcing"):
+            require_number(getattr(self, name), name, least=0)
 
     def minimize(
         self, objective: Objective, initial: StateType, bounds: Bounds | None

@@ -27,6 +27,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count
 from perfcap.temporal.window import Mean, mean_rotations, mean_vectors
 
 WIDTH = 5  # frames, Xu 2018
@@ -219,6 +220,7 @@ def _checked(taps: Sequence[float]) -> Taps:
 
 
 def _reach(width: int) -> int:
-    if width < 1 or width % 2 == 0:
+    require_count(width, "width")
+    if width % 2 == 0:
         raise InputError(f"width is {width}; a centred filter spans an odd number of frames")
     return width // 2

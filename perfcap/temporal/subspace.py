@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.setting_checks import require_count
 
 
 def dct_basis(
@@ -28,8 +29,13 @@ def dct_basis(
         rank: K, 1 to F; all F if None.
         dtype: of the result (computed in float64); torch's default if None.
         device: of the result.
+
+    Raises:
+        InputError: there are no such frames, or no such rank of them.
     """
+    require_count(frames, "frames")
     rank = frames if rank is None else rank
+    require_count(rank, "rank")
     if not 1 <= rank <= frames:
         raise InputError(f"rank is {rank} for {frames} frames; give 1 <= rank <= frames")
     order = torch.arange(rank)[:, None]

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotation_mean
+from perfcap.setting_checks import require_count
 
 # Weighted mean over covering windows: values (F, M, ...) and weights (F, M) to (F, ...). The
 # window of largest weight comes first.
@@ -34,6 +35,8 @@ class Window:
     stop: int
 
     def __post_init__(self) -> None:
+        require_count(self.start, "start of a window", least=0)
+        require_count(self.stop, "stop of a window")
         if not 0 <= self.start < self.stop:
             raise InputError(
                 f"window [{self.start}, {self.stop}) holds no frames of a clip; give "
@@ -59,10 +62,14 @@ def partition(frames: int, length: int = 50, overlap: int = 10) -> list[Window]:
         frames: frames of the clip, at least 1.
         length: frames of a window, at least 1.
         overlap: frames shared by neighbours, less than ``length``.
+
+    Raises:
+        InputError: there are no such frames, or windows would not come forward.
     """
-    if frames < 1:
-        raise InputError(f"frames is {frames}; a clip to partition has at least one frame")
-    if not 0 <= overlap < length:
+    require_count(frames, "frames of the clip")
+    require_count(length, "length")
+    require_count(overlap, "overlap", least=0)
+    if overlap >= length:
         raise InputError(f"overlap is {overlap} with length {length}; give 0 <= overlap < length")
     length = min(length, frames)
     last = frames - length

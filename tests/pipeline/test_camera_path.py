@@ -1,5 +1,6 @@
 """Camera paths: what they see, where they begin, and cameras of files."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -130,3 +131,15 @@ def test_cameras_and_frames_must_fit() -> None:
     camera: Camera = handheld(circle(1), 3)
     with pytest.raises(ValueError, match="a camera of one view for each"):
         CameraPath(torch.arange(2), camera)
+
+
+@pytest.mark.parametrize("frames", [[], [len(JOINTS)], [-len(JOINTS) - 1]])
+def test_rows_that_are_not_there(frames: list[int]) -> None:
+    with pytest.raises(InputError, match="frames are"):
+        orbit(JOINTS, SCENE, frames, (100, 100), 30.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])
+def test_rates_that_are_none(rate: float) -> None:
+    with pytest.raises(InputError, match="rate is"):
+        orbit(JOINTS, SCENE, [0], (100, 100), rate)

@@ -122,14 +122,14 @@ def test_transforms_of_a_solve_are_refused_by_name(transform):
     [
         (lambda: LevenbergMarquardt(max_steps=2.5), "max_steps is 2.5"),
         (lambda: LevenbergMarquardt(max_steps=-1), "max_steps is -1"),
-        (lambda: LevenbergMarquardt(tolerance=-1e-3), "tolerance -0.001"),
-        (lambda: LevenbergMarquardt(tolerance=float("nan")), "tolerance nan"),
-        (lambda: LevenbergMarquardt(damping=0.0), "damping 0.0"),
+        (lambda: LevenbergMarquardt(tolerance=-1e-3), "tolerance is -0.001"),
+        (lambda: LevenbergMarquardt(tolerance=float("nan")), "tolerance is nan"),
+        (lambda: LevenbergMarquardt(damping=0.0), "damping is 0.0"),
         (lambda: Adam(learning_rate=-0.1), "learning_rate is -0.1"),
         (lambda: Adam(-1), "max_steps is -1"),
         (lambda: Adam(decay=(0.9, 1.0)), r"decay is \(0.9, 1.0\)"),
-        (lambda: Adam(tolerance=float("nan")), "tolerance nan"),
-        (lambda: Unrolled(1.5), "steps 1.5"),
+        (lambda: Adam(tolerance=float("nan")), "tolerance is nan"),
+        (lambda: Unrolled(1.5), "steps is 1.5"),
     ],
 )
 def test_settings_that_are_none_are_named(make, message):

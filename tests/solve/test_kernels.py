@@ -44,5 +44,5 @@ def test_scales_are_residuals():
 @pytest.mark.parametrize("kind", [Huber, GemanMcClure])
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan")])
 def test_scales_that_are_none_are_named(kind, scale):
-    with pytest.raises(InputError, match=f"{kind.__name__} has scale"):
+    with pytest.raises(InputError, match=f"scale of {kind.__name__} is"):
         kind(scale)

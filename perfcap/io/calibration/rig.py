@@ -13,6 +13,8 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration.view import Array, View
 from perfcap.io.view_names import find_view, match_views
+from perfcap.rates import frame_rate
+from perfcap.setting_checks import require_number
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,11 @@ class CameraRig:
     fps: float | None = None
     pixel_offset: float = 0.0
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.fps is not None:
+            frame_rate(self.fps, "fps")
+        require_number(self.pixel_offset, "pixel_offset")
 
     def select(self, views: Sequence[int]) -> Self:
         """Some views, in the order given."""
