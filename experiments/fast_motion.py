@@ -11,7 +11,7 @@ the stretch is another one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -113,10 +113,10 @@ def run(config: Experiment) -> Report:
     return Report(tuple(tables), notes)
 
 
-def takes(config: Experiment, views: int) -> Iterator[Take]:
+def takes(config: Experiment, views: int, clips: Sequence[str] = HELD_OUT) -> Iterator[Take]:
     """Every clip at both speeds."""
     root = report.data_folder(config.data, "mocap_cmu_library")
-    for number, name in enumerate(HELD_OUT[: config.clips]):
+    for number, name in enumerate(clips[: config.clips]):
         actor = bare_actor(cmu.skeleton(root, name))
         for step in (2, 3):
             truth = active(cmu.landmarks(root, name, step), config.frames)

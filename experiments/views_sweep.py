@@ -1,7 +1,8 @@
 """Motion from one to eight views: template or body unknown, triangulation beside.
 
 Rendered people in several views with simulated detections (`dev_views`, `dev_dance`), and every
-choice of views: all, some, two that look at each other. Template: the person's own. Auto: the body
+choice of views: all, some, two that look at each other. Template: the person's own; with the 3D
+poses of the shipped lifter in every view beside. Auto: the body
 model fitted to joints first, scored once the offset of each joint in the first frame is taken off
 (where a model has its joints is not where another one has them). Exact: true projections, what rig
 and priors leave. With `--silhouettes`, captures look at the images as well; that takes minutes.
@@ -23,7 +24,9 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.app.fit_views import ChosenFrames, fit_person
 from perfcap.detect.detections import Detections
+from perfcap.detect.lifter import OnnxLifter
 from perfcap.geometry.triangulation import triangulate
+from perfcap.io.actor import models_folder
 from perfcap.io.body_model import load_body_model
 from perfcap.io.clip import Clip
 from perfcap.pipeline.bone_lengths import spread_frames
@@ -58,8 +61,8 @@ def run(config: Experiment) -> Report:
         whole = rendered_views(config.data, name)
         rows = [_row(whole, list(views), config) for views in _CHOICES[name]]
         columns = (
-            "cameras", "triangulation", "template", "muvs2017", "exact",
-            "template, aligned", "auto, aligned", "CPU s",
+            "cameras", "triangulation", "template", "and lifter", "muvs2017", "exact",
+            "template, aligned", "auto, aligned", "auto and lifter, aligned", "CPU s",
         )  # fmt: skip
         columns += ("template and images", "CPU s ") if config.silhouettes else ()
         tables.append(Table(f"{name}: joints, mean / median / 95 %, mm", columns, tuple(rows)))
@@ -78,9 +81,16 @@ def _row(whole: Recording, views: list[int], config: Experiment) -> tuple[object
     paper = capture(whole.actor, cameras, seen, whole.rate, PRESETS["muvs2017"]).joints()
     true = replace(exact_detections(whole).select(views), joints3d=None)
     exact = capture(whole.actor, cameras, true, whole.rate).joints()
-    auto = capture(fitted_actor(whole, views, seen), cameras, seen, whole.rate).joints()
-    found: list[object] = [_words(each - whole.truth) for each in (points, template, paper, exact)]
-    found += [_words(_settled(each - whole.truth)) for each in (template, auto)]
+    fitted = fitted_actor(whole, views, seen)
+    auto = capture(fitted, cameras, seen, whole.rate).joints()
+    poses = OnnxLifter(models_folder() / "lifters" / "cmu")(seen, cameras, whole.rate)
+    lifted, auto_lifted = (
+        capture(actor, cameras, poses, whole.rate).joints() for actor in (whole.actor, fitted)
+    )
+    found: list[object] = [
+        _words(each - whole.truth) for each in (points, template, lifted, paper, exact)
+    ]
+    found += [_words(_settled(each - whole.truth)) for each in (template, auto, auto_lifted)]
     more = _with_images(whole, views) if config.silhouettes else ()
     return (" ".join(str(view + 1) for view in views), *found, spent, *more)
 

@@ -64,6 +64,6 @@ class Views:
         """The network that lifts them, or none."""
         if self.lifter is not None:
             return (self.lifter,)
-        found = not self.detections and not self.detector and len(self.videos) == 1
+        found = not self.detections and not self.detector and len(self.videos) <= 2
         found = found and not self.everybody
         return (DEFAULT_LIFTER,) if found else ()

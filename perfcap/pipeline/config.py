@@ -48,6 +48,7 @@ class PositionConfig(Settings):
     deviation: tuple[float, ...] = _DEVIATION_3D  # m
     scale: float | None = 4.0  # deviations where a Geman-McClure kernel lets go; None: quadratic
     gate: float = 0.4  # PCK error, in head lengths, from which a frame's 3D pose is not used
+    lasting: float = 12.0  # times as long as errors of 2D joints: see ``weight_of``
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -56,7 +57,16 @@ class PositionConfig(Settings):
                 f"deviation of PositionConfig is {self.deviation}, expected metres above zero, one "
                 f"for each of the {len(_DEVIATION_3D)} landmarks"
             )
-        require_sizes(self, "gate")
+        require_sizes(self, "gate", "lasting")
+
+    def weight_of(self, views: int) -> float:
+        """Weight of 3D poses beside the 2D joints of so many views.
+
+        Errors of 3D poses last: those of a lifter stay alike for 12 to 25 frames, of 2D joints
+        for two (integrated autocorrelation, `experiments/two_views.py`), so that as many frames say
+        that much less. One view needs what its 3D poses say all the same: nothing else shows depth.
+        """
+        return self.weight if views == 1 else self.weight / self.lasting
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from perfcap.solve import Objective
 def known_poses(actor: Actor, config: PoseConfig, detections: Detections) -> Mixture | None:
     """The shipped mixture of poses in the order of an actor's angles, where it is to count.
 
-    Two views without 3D joints: from opposite sides they show depth by little else. One view has a
-    lifter, which learned from the same recordings; more views need no such help.
+    Two views: from opposite sides they show depth by little else. One view has a lifter, which
+    learned from the same recordings; more views need no such help.
     """
-    if not config.prior.poses or detections.views != 2 or detections.joints3d is not None:
+    if not config.prior.poses or detections.views != 2:
         return None
     return load_pose_prior().ordered(tuple(actor.skeleton.angle_names))
 

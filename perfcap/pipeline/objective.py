@@ -54,7 +54,7 @@ def pose_objective(
     if detections.joints3d is not None and bool(detections.trusted3d.any()):
         unit = detections.joints3d.new_tensor(p.deviation)
         energies["joints3d"] = JointPosition(
-            joints, cameras, detections, p.weight, kernel(p.scale), unit
+            joints, cameras, detections, p.weight_of(detections.views), kernel(p.scale), unit
         )
     if trajectory is not None:
         energies["trajectory"] = trajectory
