@@ -22,6 +22,8 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 
+_LARGER = 20.0  # than itself, of an actor with other vertices
+
 
 class Actor(nn.Module):
     """Skeleton, template mesh and skinning weights of one person.
@@ -79,6 +81,12 @@ class Actor(nn.Module):
         if rest.shape != self.vertices.shape:
             raise InputError(
                 f"rest has shape {tuple(rest.shape)}; expected {tuple(self.vertices.shape)}"
+            )
+        larger = float((_extent(rest) / _extent(self.vertices)).detach())
+        if larger > _LARGER:
+            raise InputError(
+                f"rest is {larger:.3g} times as large as the actor, expected metres; divide "
+                "millimetres by 1000"
             )
         other = copy.copy(self)
         other._buffers = {**self._buffers, "vertices": rest.to(self.vertices)}
@@ -145,6 +153,12 @@ class Actor(nn.Module):
 
         template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)
         return type(self)(template, rig, self.rest_hands).to(self.vertices)
+
+
+def _extent(vertices: Tensor) -> Tensor:
+    """From end to end, metres."""
+    extent: Tensor = torch.linalg.vector_norm(vertices.amax(0) - vertices.amin(0))
+    return extent
 
 
 def _rest_vertices(template: Template, bent: NDArray[np.float64] | None) -> Tensor:

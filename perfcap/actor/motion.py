@@ -69,12 +69,16 @@ class Motion(Record):
         """What follows from this motion and ``key`` alone: computed when first asked for.
 
         Several energies want the same kinematics. The motion keeps the result as long as it
-        lives; motions made from it start anew.
+        lives and neither is changed in place; motions made from it start anew.
         """
-        if key not in self._known:
-            self._known[key] = compute()
-        result: _T = self._known[key]
-        return result
+        own = self.translation, self.rotation, self.angles, *self.shared.values()
+        if key in self._known:
+            result, stamp = self._known[key]
+            if stamp == _stamp(*own, result):
+                return result  # type: ignore[no-any-return]
+        fresh = compute()
+        self._known[key] = fresh, _stamp(*own, fresh)
+        return fresh
 
     def retract(self, step: Step) -> Self:
         """Move along a tangent vector."""
@@ -124,3 +128,14 @@ class Motion(Record):
     def to(self, like: Tensor) -> Self:
         """The same motion with the type and device of a tensor."""
         return self.map(lambda each: each.to(like))
+
+
+def _stamp(*values: object) -> tuple[int, ...]:
+    """How often tensors, or those of tuples, were changed in place; 0 for inference tensors."""
+    found: list[int] = []
+    for value in values:
+        if isinstance(value, tuple):
+            found += _stamp(*value)
+        elif isinstance(value, Tensor):
+            found.append(0 if value.is_inference() else value._version)
+    return tuple(found)

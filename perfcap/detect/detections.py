@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -37,6 +38,7 @@ class Detections(Record):
     deviation3d: Tensor | None = None
 
     def __post_init__(self) -> None:
+        _require_tensors(self.joints2d, self.confidence2d, self.joints3d, self.trusted3d)
         batch = self.joints2d.shape[:-2]
         joints = len(LANDMARKS)
         if len(batch) < 2:
@@ -58,6 +60,7 @@ class Detections(Record):
         cls, joints2d: Tensor, confidence2d: Tensor, joints3d: Tensor | None = None
     ) -> Self:
         """Detections whose 3D poses are trusted wherever there are any."""
+        _require_tensors(joints2d, confidence2d, joints3d)
         trusted = torch.full(
             joints2d.shape[:-2], joints3d is not None, dtype=torch.bool, device=joints2d.device
         )
@@ -122,6 +125,15 @@ class Detections(Record):
                 f"to: got {like!r:.80}, expected a tensor of the type and device, as torch.zeros(1)"
             )
         return self.map(lambda each: each.to(like if each.is_floating_point() else like.device))
+
+
+def _require_tensors(*given: object) -> None:
+    for each in given:
+        if isinstance(each, np.ndarray | list):
+            raise InputError(
+                f"detections: got a {type(each).__name__}, expected tensors; "
+                "torch.from_numpy makes them of arrays"
+            )
 
 
 def _require(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:

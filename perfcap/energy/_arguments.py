@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
+import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
@@ -40,6 +41,47 @@ def _require(given: float | Tensor, name: str, wanted: str, *, above: bool) -> N
         sound = given > 0 if above else 0 <= given < math.inf
     if not sound:
         raise InputError(f"{name} is {given}; expected {wanted}")
+
+
+_TURNS = 4 * math.pi  # rad: no joint turns further
+_BODY = 20.0  # m from end to end, of anybody's points
+
+
+def require_radians(angles: Tensor, name: str) -> None:
+    """Refuse angles that look like degrees; infinite ones are none.
+
+    Raises:
+        InputError: one is beyond two turns.
+    """
+    angles = angles.detach()
+    if not is_plain(angles):
+        return
+    far = angles[angles.isfinite() & (angles.abs() > _TURNS)]
+    if len(far):
+        raise InputError(
+            f"{name} has angles of {float(far[0]):.4g}, expected radians: take torch.deg2rad of "
+            "degrees"
+        )
+
+
+def require_metres(places: Tensor, confidence: Tensor) -> None:
+    """Refuse places (..., N, 3) of a person's points that most often lie further apart than any.
+
+    Raises:
+        InputError: they do.
+    """
+    places, confidence = places.detach(), confidence.detach()
+    if not is_plain(places) or not places.numel():
+        return
+    known = (places.isfinite().all(-1) & (confidence > 0)).unsqueeze(-1)
+    high = torch.where(known, places, -math.inf).amax(-2)
+    low = torch.where(known, places, math.inf).amin(-2)
+    spans = (high - low)[known.any(-2).squeeze(-1)].amax(-1)
+    if len(spans) and float(spans.median()) > _BODY:
+        raise InputError(
+            f"target has points that lie {float(spans.median()):.4g} apart in a frame, expected "
+            "metres: divide millimetres by 1000"
+        )
 
 
 def seen_by(points: object) -> Collection[str]:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
-from perfcap.energy._arguments import require_unit, seen_by
+from perfcap.energy._arguments import require_metres, require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
@@ -26,14 +26,14 @@ class JointTarget(Energy[Motion]):
 
     Args:
         points: N joints, such as ``actor.landmarks``.
-        target: (*b, F, C, N, 3), metres, in the world.
+        target: (*b, F, C, N, 3), metres, in the world; anything where the confidence is 0.
         confidence: (*b, F, C, N); 1 if not given.
         weight: of the energy.
         kernel: acts on the squared residual, in ``unit``.
         unit: metres that count as one, a number or (N,).
 
     Raises:
-        InputError: shapes that do not fit each other or the points.
+        InputError: shapes that do not fit each other or the points, or another unit than metres.
     """
 
     coupling = Coupling.FRAME
@@ -65,6 +65,10 @@ class JointTarget(Energy[Motion]):
             raise InputError(
                 f"confidence is {float(confidence.min()):.3g} at least, expected numbers from 0 on"
             )
+        require_metres(target, confidence)
+        if is_plain(target.detach()):
+            nowhere = (confidence == 0).unsqueeze(-1) & ~target.isfinite()
+            target = torch.where(nowhere, 0, target) if bool(nowhere.any()) else target
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees
         self.register_buffer("target", target)

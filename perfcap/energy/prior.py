@@ -7,7 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import BODY, BONES, Motion
 from perfcap.actor.pose_statistics import Mixture
-from perfcap.energy._arguments import require_unit
+from perfcap.energy._arguments import require_radians, require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.setting_checks import require_count, require_number, require_size
@@ -50,6 +50,8 @@ class PosePrior(Energy[Motion]):
         require_unit(beyond, "beyond")
         free = torch.full_like(mean, torch.inf)
         lower, upper = (-free, free) if usual is None else (each.to(mean) for each in usual)
+        for name, angles in (("mean", mean), ("usual", lower), ("usual", upper)):
+            require_radians(angles, name)
         if is_plain(lower, upper) and not bool((lower <= upper).all()):
             raise InputError("usual: a lower end is above its upper end; expected radians")
         self.register_buffer("mean", mean)

@@ -180,6 +180,7 @@ class Camera(Record):
 
     def select(self, views: list[int]) -> Self:
         """The cameras of some views, in the order given."""
+        views = torch.arange(self.views)[views].tolist()  # of True and False, too
         distortion = None if self.distortion is None else self.distortion[..., views, :]
         return replace(
             self,

@@ -172,7 +172,7 @@ def _read(path: Path) -> str:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; cut the clip")
-        return path.read_text(encoding="utf-8", errors="replace")
+        return path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -204,7 +204,10 @@ def _parse_hierarchy(path: Path, words: list[str]) -> list[_Joint]:
             if len(joints) > _MAX_JOINTS:
                 raise InputError(f"{path}: more than {_MAX_JOINTS} joints")
     except (StopIteration, ValueError, IndexError) as error:
-        raise InputError(f"{path}: malformed BVH hierarchy near joint {len(joints)}") from error
+        hint = "; expected numbers with points, not commas" if "," in str(error) else ""
+        raise InputError(
+            f"{path}: malformed BVH hierarchy near joint {len(joints)}{hint}"
+        ) from error
     if open_blocks or not joints or sum(joint.parent < 0 for joint in joints) != 1:
         raise InputError(f"{path}: BVH hierarchy with unclosed braces or not exactly one root")
     return joints

@@ -17,6 +17,7 @@ from perfcap.errors import InputError
 from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
 from perfcap.metrics.missing import (
     check_mask,
+    check_metres,
     check_same_joints,
     complete,
     counted_joints,
@@ -94,6 +95,8 @@ def image_correct_share(
             f"share is {share}, expected one such as {TORSO_SHARE} of the torso; divide percents "
             "by 100"
         )
+    if pixels.shape[-1:] != (2,):
+        raise InputError(f"pixels have shape {tuple(pixels.shape)}, expected (*b, F, J, 2)")
     valid = counted_joints(pixels, truth, confidence, partial=True)
     if size.shape != valid.shape[:-1]:
         raise InputError(
@@ -189,10 +192,11 @@ def joint_errors(
         partial: whether frames with missing joints count with those they have.
 
     Raises:
-        InputError: shapes that do not belong together, or other joints than the 16 landmarks
-            without their hips and trunk.
+        InputError: shapes that do not belong together, another unit than metres, or other joints
+            than the 16 landmarks without their hips and trunk.
     """
     check_same_joints(estimate, truth)
+    check_metres(estimate=estimate, truth=truth)
     hips, trunk = _named(estimate, hips, trunk)
     # a truth is often more precise than an estimate
     kind = torch.promote_types(torch.promote_types(estimate.dtype, truth.dtype), torch.float32)
@@ -235,6 +239,8 @@ def _named(
     hips, trunk = hips or HIPS, trunk or TRUNK
     if not all(joint in range(count) for joint in (*hips, *trunk)):
         raise InputError(f"hips {hips} and trunk {trunk} are not among {count} joints")
+    if len(set(trunk)) < len(trunk):
+        raise InputError(f"trunk is {trunk}, expected three joints: right hip, left hip, neck")
     return hips, trunk
 
 

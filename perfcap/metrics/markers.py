@@ -13,6 +13,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 
+_FARTHEST = 500.0  # mm: no clothes are so wide
 _BLOCK = 8  # markers compared with all triangles at once
 
 
@@ -55,7 +56,7 @@ def attach_markers(vertices: Tensor, faces: Tensor, markers: Tensor) -> MarkerSi
         markers: (M, 3), metres.
 
     Raises:
-        InputError: shapes, or a marker that is not finite.
+        InputError: shapes, a marker that is not finite, or markers that are not on the surface.
     """
     if markers.dim() != 2 or markers.shape[-1] != 3 or not markers.isfinite().all():
         raise InputError(f"markers are {tuple(markers.shape)}, expected finite (M, 3) in metres")
@@ -64,6 +65,12 @@ def attach_markers(vertices: Tensor, faces: Tensor, markers: Tensor) -> MarkerSi
     triangle, weights = (torch.cat(parts) for parts in zip(*sites, strict=True))
     corners = triangles[triangle]
     foot = (weights.unsqueeze(-1) * corners).sum(-2)
+    apart = 1e3 * (markers - foot).norm(dim=-1)
+    if len(apart) and float(apart.median()) > _FARTHEST:
+        raise InputError(
+            f"markers are {float(apart.median()):.4g} mm off the surface; expected metres, and the "
+            "surface in the pose and the world in which they were measured"
+        )
     height = ((markers - foot) * _normals(corners)).sum(-1)
     return MarkerSites(faces[triangle], weights, height)
 

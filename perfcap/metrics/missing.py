@@ -6,10 +6,15 @@ confidence is zero or NaN. What is missing is left out of every mean, and counte
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+
+_PERSON = 100.0  # m from end to end: of wild estimates, too; a person in centimetres has more
+_TURNS, _SHARE = 4 * math.pi, 0.1
 
 
 def check_same_joints(estimate: Tensor, truth: Tensor) -> None:
@@ -28,6 +33,38 @@ def check_same_joints(estimate: Tensor, truth: Tensor) -> None:
             f"estimate has shape {tuple(estimate.shape)} and truth {tuple(truth.shape)}; give "
             "joints of the same frames as (*b, F, J, d)"
         )
+
+
+def check_metres(**joints: Tensor) -> None:
+    """Refuse joints (*b, F, J, 3) whose frames most often span more than any person in metres.
+
+    Raises:
+        InputError: some do.
+    """
+    for name, points in joints.items():
+        frames = points.detach()[complete(points)].double()
+        if points.shape[-1] != 3 or not len(frames):
+            continue
+        span = float((frames.amax(-2) - frames.amin(-2)).norm(dim=-1).median())
+        if span > _PERSON:
+            raise InputError(
+                f"{name} spans {span:.4g} from end to end in a frame, expected metres; convert them"
+            )
+
+
+def check_radians(**angles: Tensor) -> None:
+    """Refuse angles of which one in ten or more is beyond two turns.
+
+    Raises:
+        InputError: they are.
+    """
+    for name, values in angles.items():
+        known = values.detach()[values.isfinite()].abs()
+        if len(known) and float((known > _TURNS).double().mean()) >= _SHARE:
+            raise InputError(
+                f"{name} has angles of up to {float(known.max()):.4g}, expected radians: take "
+                "torch.deg2rad of degrees"
+            )
 
 
 def check_mask(valid: Tensor) -> None:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.metrics.missing import check_same_joints, frame_mean
+from perfcap.metrics.missing import check_radians, check_same_joints, frame_mean
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_number
 
@@ -101,13 +101,14 @@ def angle_error(angles: Tensor, truth: Tensor) -> Tensor:
         truth: (*b, F, A), radians, of the same rig.
 
     Raises:
-        InputError: the shapes differ.
+        InputError: the shapes differ, or angles are in degrees.
     """
     if angles.shape != truth.shape or angles.dim() < 2:
         raise InputError(
             f"angles have shape {tuple(angles.shape)} and truth {tuple(truth.shape)}; give angles "
             "of the same rig and frames as (*b, F, A)"
         )
+    check_radians(angles=angles, truth=truth)
     turn = torch.remainder(angles - truth + math.pi, 2 * math.pi) - math.pi
     return frame_mean(torch.rad2deg(turn.abs()), turn.isfinite())
 
@@ -134,6 +135,7 @@ def limit_violations(
         )
     if not bool((lower <= upper).all()):
         raise InputError("a lower limit is above its upper limit, or one is NaN; expected radians")
+    check_radians(angles=angles, lower=lower, upper=upper)
     valid = angles.isfinite().all(-1)
     excess = torch.maximum(lower - angles, angles - upper).clamp(min=0)
     outside = (excess > tolerance).to(angles.dtype)

@@ -22,6 +22,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.result_folder import finish, locked, replacing
+from perfcap.metrics.missing import check_radians
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
@@ -71,7 +72,7 @@ def frame_table(performance: Performance) -> dict[Column, NDArray[np.float64]]:
 
 
 def state(performance: Performance) -> Mapping[str, Tensor]:
-    """Tensors under plain names, as ``torch.save`` and safetensors take them."""
+    """Copies of tensors under plain names, as ``torch.save`` and safetensors take them."""
     motion, found = performance.motion, {}
     for name in ("translation", "rotation", "angles"):
         found[f"motion.{name}"] = getattr(motion, name)
@@ -84,7 +85,7 @@ def state(performance: Performance) -> Mapping[str, Tensor]:
         found["contact"] = performance.contact
     if performance.trust is not None:
         found |= {"trust": performance.trust.value, "expected_error": performance.trust.error}
-    return {name: values.detach().contiguous() for name, values in found.items()}
+    return {name: values.detach().clone().contiguous() for name, values in found.items()}
 
 
 def _numbers(values: Tensor | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,6 +162,7 @@ class Performance:
                 f"performance: has {counts} frames; expected as many of each: capture a part of "
                 "the detections, or replace all of these"
             )
+        check_radians(angles=self.motion.angles)
 
     @property
     def frames(self) -> int:

@@ -25,7 +25,7 @@ from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.input_doubts import estimate_doubts
-from perfcap.pipeline.kinds import require_kinds
+from perfcap.pipeline.kinds import require_flags, require_kinds
 from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.track_motion import select, solve_windows
@@ -156,6 +156,7 @@ class PoseRefiner(nn.Module):
             InputError: shapes that do not fit, a clip without anybody in it, 3D joints that are
                 not in metres, or a rate that is none.
         """
+        require_flags(placed=placed)
         rate = self.rate if rate is None else frame_rate(rate)
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):

@@ -52,12 +52,17 @@ class Texture:
         """Map an sRGB image (h, w, 3) uint8 onto faces (T, 3) that index uv (N, 2).
 
         Raises:
-            InputError: the image is not (h, w, 3) uint8.
+            InputError: the image is not (h, w, 3) uint8, or faces index no uv.
         """
         if image.ndim != 3 or image.shape[-1] != 3 or image.dtype != torch.uint8:
             raise InputError(
                 f"texture image has shape {tuple(image.shape)} and dtype {image.dtype}; "
                 "expected (h, w, 3) uint8"
+            )
+        if faces.numel() and not 0 <= int(faces.min()) <= int(faces.max()) < len(uv):
+            raise InputError(
+                f"texture faces refer to uv {int(faces.min())} to {int(faces.max())} but there are "
+                f"{len(uv)}; expected indices into uv, from 0"
             )
         levels = [to_linear(image)]
         while min(levels[-1].shape[:2]) >= 2 * COARSEST:

@@ -112,3 +112,16 @@ def test_what_follows_from_a_motion_is_computed_once() -> None:
         assert motion.once("count", lambda: calls.append(1) or len(calls)) == 1
     moved = motion[0:1]
     assert moved.once("count", lambda: calls.append(1) or len(calls)) == 2
+
+
+@pytest.mark.parametrize("part", ["translation", "rotation", "angles"])
+def test_what_is_changed_in_place_is_computed_again(part: str) -> None:
+    motion = random_motion(SKELETON, 3)
+    first = SKELETON.linearize(motion)[0].clone()
+    getattr(motion, part).add_(0.1)
+    again = SKELETON.linearize(motion)[0]
+    assert not torch.allclose(again, first)
+    assert torch.equal(again, SKELETON.linearize(motion[:])[0])
+    kept = again.clone()
+    again.add_(1)  # callers may do with it what they want
+    assert torch.equal(SKELETON.linearize(motion)[0], kept)

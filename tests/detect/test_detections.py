@@ -1,5 +1,7 @@
 """The detections value."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -62,3 +64,11 @@ def test_wrong_shapes_are_named(change: dict[str, torch.Tensor], words: str) -> 
 def test_types_and_devices_come_with_a_tensor(like: object) -> None:
     with pytest.raises(InputError, match="expected a tensor of the type and device"):
         example().to(like)  # type: ignore[arg-type]
+
+
+def test_arrays_are_refused_by_name() -> None:
+    pixels, sure = example().joints2d.numpy(), example().confidence2d.numpy()
+    with pytest.raises(InputError, match="got a ndarray, expected tensors"):
+        Detections.from_joints(pixels, sure)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="got a ndarray, expected tensors"):
+        replace(example(), joints2d=pixels)  # type: ignore[arg-type]

@@ -73,3 +73,22 @@ def test_pulls_to_the_places() -> None:
     energy = Objective(stay=JointTarget(ACTOR.landmarks, places))
     found = solve(energy, start, LevenbergMarquardt(max_steps=30)).state
     assert (ACTOR.joints(found) - places[:, 0]).norm(dim=-1).max() < 1e-5
+
+
+def test_millimetres_are_refused() -> None:
+    person = actor()
+    places = 1000 * person.joints(random_motion(person.skeleton, 3)).unsqueeze(-3)
+    with pytest.raises(InputError, match="apart in a frame, expected metres"):
+        JointTarget(person.landmarks, places)
+
+
+def test_places_of_confidence_zero_may_be_anything() -> None:
+    person = actor()
+    motion = random_motion(person.skeleton, 3)
+    places = person.joints(motion).unsqueeze(-3).clone()
+    sure = torch.ones_like(places[..., 0])
+    sure[1, 0, 4] = 0
+    places[1, 0, 4] = torch.nan
+    energy = JointTarget(person.landmarks, places, sure)
+    assert float(energy.cost(energy.residual(motion)).abs().max()) == 0
+    assert places[1, 0, 4].isnan().all()

@@ -16,6 +16,7 @@ from perfcap.detect.retarget import bone_vectors, retarget
 from perfcap.energy.joint_position import JointPosition
 from perfcap.energy.prior import BoneLengthPrior, PosePrior
 from perfcap.energy.reprojection import Reprojection
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.solve.energy import Energy, Step, forward_mode
@@ -256,3 +257,12 @@ def test_bone_length_prior() -> None:
     assert torch.allclose(energy(motion), expected)
     with pytest.raises(ValueError, match="shares bones"):
         energy(random_motion(ACTOR.skeleton, FRAMES))
+
+
+def test_degrees_are_refused() -> None:
+    count = len(ACTOR.skeleton.angle_names)
+    with pytest.raises(InputError, match="mean has angles of 20, expected radians"):
+        PosePrior(torch.full((count,), 20.0, dtype=F64))
+    wide = torch.full((count,), 90.0, dtype=F64)
+    with pytest.raises(InputError, match="usual has angles of -90, expected radians"):
+        PosePrior(torch.zeros(count, dtype=F64), usual=(-wide, wide))

@@ -232,3 +232,8 @@ def test_float32_far_from_the_origin():
     target = truth.apply(source)
     found = procrustes(source.float(), target.float())
     torch.testing.assert_close(found.rotation.double(), truth.rotation, rtol=0, atol=3e-6)
+
+
+def test_negative_weights_are_refused():
+    with pytest.raises(InputError, match="weights are -1 at least, expected numbers from 0 on"):
+        procrustes(points(5), points(5), -torch.ones(5))

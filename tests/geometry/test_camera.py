@@ -211,3 +211,10 @@ def test_centre_projects_nowhere_else() -> None:
 def test_wrong_shapes_are_refused(change: dict[str, Tensor], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         replace(rig(), **change)  # type: ignore[arg-type]
+
+
+def test_views_are_chosen_by_flags_too() -> None:
+    camera = replace(rig(), size=((1, 2), (3, 4), (5, 6)))
+    flags, places = camera.select([True, False, True]), camera.select([0, -1])
+    assert flags.size == places.size == ((1, 2), (5, 6))
+    assert torch.equal(flags.translation, places.translation)

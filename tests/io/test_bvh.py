@@ -273,3 +273,14 @@ def test_units_that_are_none_are_refused(unit: float, tmp_path: Path) -> None:
         load_bvh(tmp_path / "a.bvh", unit)
     with pytest.raises(InputError, match="metres_per_unit is"):
         save_bvh(tmp_path / "b.bvh", motion(), unit)
+
+
+def test_files_of_other_editors_and_places(tmp_path: Path) -> None:
+    given, path = motion(), tmp_path / "a.bvh"
+    save_bvh(path, given)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8-sig")
+    np.testing.assert_allclose(load_bvh(path).rotations[0, 0], given.rotations[0, 0], atol=1e-7)
+    path.write_text(text.replace(".", ","), encoding="utf-8")
+    with pytest.raises(InputError, match="expected numbers with points, not commas"):
+        load_bvh(path)

@@ -47,7 +47,9 @@ def test_a_marker_beside_the_surface_sits_on_its_edge() -> None:
 
 def test_triangles_without_area_are_their_edges() -> None:
     line = torch.tensor([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], dtype=F64)
-    sites = attach_markers(line, torch.tensor([[0, 1, 2]]), torch.tensor([[1.5, 1, 0]], dtype=F64))
+    sites = attach_markers(
+        line, torch.tensor([[0, 1, 2]]), torch.tensor([[1.5, 0.1, 0]], dtype=F64)
+    )
     expected = torch.tensor([[[1.5, 0, 0]]], dtype=F64)
     torch.testing.assert_close(marker_positions(sites, line[None]), expected)
 

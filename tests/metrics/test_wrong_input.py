@@ -12,6 +12,8 @@ from perfcap.metrics import (
     acceleration_error,
     align,
     aligned_distances,
+    angle_error,
+    attach_markers,
     bone_angle_error,
     bone_length_variation,
     boundary_f,
@@ -140,3 +142,36 @@ def test_the_worst_of_nothing_is_not_zero() -> None:
     assert float(worst[0]) == 0 and worst[1].isnan()
     depth = penetration(nothing).worst
     assert float(depth[0]) == 0 and depth[1].isnan()
+
+
+@pytest.mark.parametrize("unit", [100, 1000])
+def test_other_units_of_length(unit: float) -> None:
+    with pytest.raises(InputError, match=r"^estimate spans .* expected metres; convert them"):
+        joint_errors(FOUND * unit, TRUTH, 30)
+    with pytest.raises(InputError, match=r"^truth spans .* expected metres; convert them"):
+        joint_errors(FOUND, TRUTH * unit, 30)
+
+
+def test_degrees() -> None:
+    angles = torch.linspace(-1, 1, 10, dtype=F64).expand(4, 10)
+    limit = torch.full((10,), 1.5, dtype=F64)
+    for found, edge in ((angles, limit.rad2deg()), (angles.rad2deg(), limit)):
+        with pytest.raises(InputError, match="expected radians"):
+            limit_violations(found, -edge, edge)
+    with pytest.raises(InputError, match="expected radians"):
+        angle_error(angles, angles.rad2deg())
+
+
+def test_markers_that_are_not_on_the_surface() -> None:
+    corners = torch.eye(3, dtype=F64)
+    faces = torch.tensor([[0, 1, 2]])
+    with pytest.raises(InputError, match="mm off the surface; expected metres"):
+        attach_markers(corners, faces, 1000 * corners)
+    assert attach_markers(corners, faces, corners + 0.05).height.shape == (3,)
+
+
+def test_joints_in_space_are_no_pixels_and_a_trunk_has_three_ends() -> None:
+    with pytest.raises(InputError, match=r"expected \(\*b, F, J, 2\)"):
+        image_correct_share(FOUND, TRUTH, torch.ones(6, dtype=F64), 0.2)
+    with pytest.raises(InputError, match="expected three joints: right hip, left hip, neck"):
+        joint_errors(FOUND, TRUTH, 30, trunk=(8, 8, 1))

@@ -65,6 +65,19 @@ def test_state_is_saved_and_read(found: Performance, tmp_path: Any) -> None:
     assert torch.equal(again["joints"], found.joints()) and float(again["rate"]) == found.rate
 
 
+def test_what_is_done_to_the_state_stays_there(found: Performance) -> None:
+    before = found.joints()
+    for values in found.state().values():
+        values.mul_(2)
+    assert torch.equal(found.joints(), before)
+
+
+def test_a_motion_in_degrees_is_refused(found: Performance) -> None:
+    motion = replace(found.motion, angles=found.motion.angles + 90)
+    with pytest.raises(InputError, match="angles has angles of"):
+        replace(found, motion=motion)
+
+
 class Shell:
     kernel = None
 

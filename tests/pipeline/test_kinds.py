@@ -116,3 +116,19 @@ def test_estimates_that_are_no_tensors(take: Take) -> None:
     for wrong in (pixels.numpy(), [pixels.numpy()], take.detections):
         with pytest.raises(InputError, match=r"joints2d: got .*, expected a tensor, or a list"):
             layer(take.cameras, wrong)
+
+
+def test_a_word_is_neither_placed_nor_not(take: Take) -> None:
+    seen = take.detections
+    with pytest.raises(InputError, match="placed is 'no', expected True or False"):
+        PoseRefiner(take.actor)(
+            take.cameras,
+            seen.joints2d,
+            joints3d=seen.joints3d,
+            placed="no",  # type: ignore[arg-type]
+        )
+
+
+def test_vertices_in_millimetres(take: Take) -> None:
+    with pytest.raises(InputError, match="times as large as the actor, expected metres"):
+        take.actor.with_vertices(1000 * take.actor.vertices)

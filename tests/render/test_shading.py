@@ -207,3 +207,10 @@ def test_a_mesh_out_of_sight_leaves_the_background() -> None:
         mesh = ProjectedMesh.seen_by(front_camera(), vertices + vertices.new_tensor(away), faces)
         picture = render(mesh, texture, BACKGROUND)
         assert torch.equal(picture.image, BACKGROUND) and not picture.coverage.any()
+
+
+@pytest.mark.parametrize("corner", [-1, 3])
+def test_texture_faces_that_index_no_corner(corner: int) -> None:
+    image = torch.zeros(4, 4, 3, dtype=torch.uint8)
+    with pytest.raises(InputError, match="texture faces refer to uv"):
+        Texture.from_image(image, torch.zeros(3, 2), torch.tensor([[0, 1, corner]]))
