@@ -12,7 +12,7 @@ from perfcap.errors import InputError
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.headings import search_headings
-from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.initialize import initialize, joint_places
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 
@@ -112,3 +112,14 @@ def test_two_joints_in_each_of_two_views_are_nobody() -> None:
     confidence[:, 0, :2], confidence[:, 1, 4:6] = 1, 1
     with pytest.raises(InputError, match="in no frame"):
         start(take, replace(take.detections, confidence2d=confidence))
+
+
+def test_3d_joints_of_several_views_are_averaged_where_2d_joints_are_missing() -> None:
+    take = make_take(FRAMES, views=2)
+    unseen = torch.zeros_like(take.detections.confidence2d)
+    prepared = prepare(take.actor, take.cameras, take.detections)
+    assert prepared.lifted is not None and bool(prepared.detections.trusted3d.all())
+    blind = replace(prepared, detections=replace(prepared.detections, confidence2d=unseen))
+    points, weights = joint_places(take.cameras, blind)
+    torch.testing.assert_close(points, prepared.lifted.mean(1))
+    assert (weights == 1).all()
