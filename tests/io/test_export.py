@@ -16,7 +16,7 @@ from takes import make_take, person
 from perfcap.actor.actor import Actor
 from perfcap.errors import InputError
 from perfcap.io import gltf_morph
-from perfcap.io.bvh import joint_positions, load_bvh
+from perfcap.io.bvh_read import joint_positions, load_bvh
 from perfcap.io.export import FORMATS, Options, Recording, upright_from
 from perfcap.io.export.meshes import SeamlessNormals
 from perfcap.io.export.options import unique_names, word
