@@ -27,10 +27,10 @@ from perfcap.actor.template import Template
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_folder import save_actor
 from perfcap.io.actor_import import ImportedActor, import_actor
-from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
+from perfcap.io.gltf_write import save_animation
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests"))

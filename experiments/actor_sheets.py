@@ -21,7 +21,8 @@ from perfcap.actor.template import Template
 from perfcap.app.actor_sheet import SHEET
 from perfcap.cli import main
 from perfcap.errors import InputError
-from perfcap.io.gltf import load_template, save_animation
+from perfcap.io.gltf_read import load_template
+from perfcap.io.gltf_write import save_animation
 
 _WIDTH, _QUALITY = 900, 82  # px of a sheet on the page
 _MIXAMO = {

@@ -23,13 +23,12 @@ from perfcap.actor.bare_mesh import BareMesh
 from perfcap.actor.measurements import Measurements, measure
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera import Camera, look_at
 from perfcap.io.body_model import load_body_model
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
-from perfcap.render.viewpoint import look_at
 from perfcap.rigging import BodyFit, PersonMasks, fit_body, rig_with_joints
 from perfcap.rigging.fit_body import extents
 

@@ -22,7 +22,7 @@ from perfcap.actor.skinning import linear_blend
 from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.actor_import import import_actor
 from perfcap.io.export import Recording
-from perfcap.io.gltf import save_animation
+from perfcap.io.gltf_write import save_animation
 from perfcap.pipeline import CaptureConfig
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SkinnedSurface, StoredSurface

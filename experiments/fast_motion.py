@@ -34,7 +34,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.joint_paths import known_poses
+from perfcap.pipeline.move import known_poses
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.track_twice import track_twice

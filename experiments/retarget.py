@@ -25,7 +25,7 @@ from perfcap.actor.template import Template
 from perfcap.io import models_folder
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import import_actor
-from perfcap.io.gltf import save_animation
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
 from perfcap.pipeline.camera_path import orbit
 from perfcap.pipeline.free_view import draw_free_view

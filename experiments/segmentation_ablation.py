@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import report
 import torch
+from box_grabcut import box_grabcut
 from numpy.typing import NDArray
 from recordings import Recording, rendered
 from report import Report, Table
@@ -29,7 +30,6 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.sight import Mask, Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.segment import SequenceSettings
-from perfcap.segment.baselines import box_grabcut
 from perfcap.segment.network_cue import PersonNetwork
 from perfcap.segment.settings import MODEL_ONLY, PAPER, SECOND_PASS, GrabCutSettings
 

@@ -33,7 +33,7 @@ from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.actor_import import import_actor
-from perfcap.io.gltf import save_animation
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
 from perfcap.pipeline.camera_path import orbit
 from perfcap.pipeline.free_view import draw_free_view

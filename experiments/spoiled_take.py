@@ -13,13 +13,13 @@ from spoiled_masks import LARGEST, Fault, Floats, spoiling
 from surface_recordings import Mask, SurfaceTruth, images_of
 
 from perfcap.actor.deformation_graph import DeformationGraph
-from perfcap.actor.limbs import limb_of_triangles
 from perfcap.metrics import surface_error
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.refine import limb_of_triangles
 from perfcap.pipeline.refine_surface import refine_surface
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage

@@ -13,7 +13,7 @@ from recordings import Recording
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap, match_image, read_pixel_map
 from perfcap.io.clip import Clip
-from perfcap.io.datasets.silhouettes import read_silhouette
+from perfcap.io.image_file import read_silhouette
 from perfcap.metrics import SurfaceError, mask_overlap, surface_error
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.surface import SurfaceFrames

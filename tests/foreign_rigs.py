@@ -13,8 +13,8 @@ from synthetic import rest_positions, template
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_space import BoneSpace
 from perfcap.actor.template import Template
-from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_write import save_animation
 
 Floats = np.ndarray
 

@@ -24,7 +24,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.io.gltf import save_animation
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.video_writer import VideoWriter
 from perfcap.pipeline.objective import neutral_angles
 

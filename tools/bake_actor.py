@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from perfcap.actor.template import Template
-from perfcap.io.gltf import save_animation
+from perfcap.io.gltf_write import save_animation
 
 Floats = NDArray[np.float64]
 

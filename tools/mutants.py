@@ -5,9 +5,10 @@
     python tools/mutants.py --case 0:17            # show one, and run its tests
 
 A fault changes one place: a comparison, an operator, a sign, a number, a condition, a word of
-``and`` and ``or``. It is planted in a copy of the tree. The tests of a module are those that import
-it; where none does, those of modules that import it. Survivors are printed with their line: each is
-a test that is missing, or code that does nothing.
+``and`` and ``or``. It is planted in a copy of the tree. First the tests that import the module are
+run, then those of modules that import it, and so on outwards while there are none. "found later" is
+what the first do not find. Survivors are printed with their line: each is a test that is missing,
+or code that does nothing.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[1]
-_LONGEST = 300  # s of the tests of a fault: one that hangs is found
+_LONGEST = 300  # s of the tests of a fault
+_FARTHEST = 5  # steps from a module to tests
 _TWINS = ("_numba.py",)  # compiled anew for every fault, and compared with twins that are not
 _COMPARED = {
     ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq,
@@ -126,19 +129,17 @@ def main() -> int:
         seed, number = (int(part) for part in options.case.split(":"))
         numbers = range(number, number + 1)
     modules = _modules(_ROOT / options.only)
-    survived = untested = 0
+    counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         tree = _copy(Path(folder) / "perfcap")
         for number in numbers:
             fault = _fault(modules, random.Random(f"{seed} {number}"))
-            tests = sorted(_tests(fault.path))
             where = f"{seed}:{number} {fault.path.relative_to(_ROOT)}:{fault.line}"
-            outcome = _outcome(tree, fault, tests, bool(options.case)) if tests else "no tests"
-            survived += outcome == "survived"
-            untested += outcome == "no tests"
-            _say(f"{outcome:9} {where}: {fault.before}  ->  {fault.after}")
-    _say(f"{len(numbers)} faults: {survived} survived, {untested} in modules without tests")
-    return 1 if survived or untested else 0
+            outcome = _judged(tree, fault, bool(options.case))
+            counts[outcome] += 1
+            _say(f"{outcome:11} {where}: {fault.before}  ->  {fault.after}")
+    _say(f"{len(numbers)} faults: {', '.join(f'{n} {what}' for what, n in counts.items())}")
+    return 1 if counts.keys() - {"found", "found later"} else 0
 
 
 def _modules(place: Path) -> list[Path]:
@@ -163,14 +164,28 @@ def _fault(modules: list[Path], rng: random.Random) -> Fault:
     return Fault(path, *planter.found, ast.unparse(changed))
 
 
-def _tests(path: Path) -> Iterator[str]:
-    """Tests that name a module; else those of the modules that use it."""
-    direct = set(_naming(_module(path), "tests"))
-    if direct:
-        yield from direct
-        return
-    for user in _naming(_module(path), "perfcap"):
-        yield from _naming(_module(_ROOT / user), "tests")
+def _judged(tree: Path, fault: Fault, shown: bool) -> str:
+    outcome = "no tests"
+    for ring, tests in enumerate(_rings(fault.path)):
+        outcome = _outcome(tree, fault, tests, shown)
+        if outcome == "found":
+            return outcome if ring == 0 else "found later"
+    return outcome
+
+
+def _rings(path: Path) -> Iterator[list[str]]:
+    """Tests that name a module; then those of modules that use it, or of the nearest with any."""
+    known, seen = set[str](), {str(path.relative_to(_ROOT))}
+    near = seen
+    for ring in range(_FARTHEST):
+        tests = {t for user in near for t in _naming(_module(_ROOT / user), "tests")} - known
+        if tests:
+            yield sorted(tests)
+        if known and ring:
+            return
+        known |= tests
+        near = {u for user in near for u in _naming(_module(_ROOT / user), "perfcap")} - seen
+        seen |= near
 
 
 def _module(path: Path) -> str:
@@ -200,7 +215,7 @@ def _copy(place: Path) -> Path:
 
 
 def _outcome(tree: Path, fault: Fault, tests: list[str], shown: bool) -> str:
-    """``found``, or ``survived`` where the tests pass."""
+    """``found``, ``survived`` where the tests pass, ``unfinished`` where they take too long."""
     planted = tree / fault.path.relative_to(_ROOT)
     genuine = planted.read_text()
     planted.write_text(fault.source)
@@ -216,7 +231,7 @@ def _outcome(tree: Path, fault: Fault, tests: list[str], shown: bool) -> str:
         )
         return "survived" if ended.returncode == 0 else "found"
     except subprocess.TimeoutExpired:
-        return "found"
+        return "unfinished"
     finally:
         planted.write_text(genuine)
 

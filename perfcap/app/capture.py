@@ -25,6 +25,7 @@ from perfcap.app.capture_people import Crowd, check_people, find_people, run_peo
 from perfcap.app.capture_request import (
     casting_of,
     describe,
+    environment,
     find_device,
     networks_of,
     segmenter_of,
@@ -34,7 +35,6 @@ from perfcap.app.capture_request import (
 )
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
-from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.masked_frames import given_doubts, partly_masked
 from perfcap.app.memory_budget import threads_within

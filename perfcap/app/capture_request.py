@@ -1,15 +1,21 @@
-"""What ``perfcap capture`` is asked for: by whom, from which files, with which settings."""
+"""What ``perfcap capture`` is asked for, and what it ran on: files, settings, versions, machine."""
 
 from __future__ import annotations
 
+import platform
+import resource
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from perfcap import __version__
 from perfcap.app.auto_actor import Casting
+from perfcap.app.inputs import Inputs
 from perfcap.app.networks import DETECTORS, LIFTERS, NO_SEGMENTER, find_model, find_segmenter
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.segmenter import read_segmenter_manifest
@@ -18,6 +24,8 @@ from perfcap.io.actor_folder import MANIFEST
 from perfcap.io.gltf_document import companions
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
+
+_PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
 
 
 def describe(request: Capture) -> dict[str, Any]:
@@ -126,3 +134,29 @@ def find_device(name: str) -> torch.device:
         reason = str(error).splitlines()[0]
         raise InputError(f"--device {name}: cannot be used ({reason}); try cpu") from None
     return device
+
+
+def environment(inputs: Inputs) -> dict[str, Any]:
+    """Versions, machine, memory, files that were read and what reading them had to say."""
+    return {
+        "perfcap": __version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(terse=True),
+        "packages": {name: _version(name) for name in _PACKAGES},
+        "peak_memory_mib": _peak_memory_mib(),
+        "views": list(inputs.rig.names),
+        "input_files": dict(inputs.files),
+        "input_warnings": list(inputs.warnings),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _peak_memory_mib() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)

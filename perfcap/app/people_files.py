@@ -15,9 +15,8 @@ import torch
 import yaml
 
 from perfcap.app.auto_actor import Cast
-from perfcap.app.capture_request import describe, networks_of
+from perfcap.app.capture_request import describe, environment, networks_of
 from perfcap.app.console import progress_bars
-from perfcap.app.environment import environment
 from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import Matching
 from perfcap.commands.capture import Capture

@@ -15,7 +15,7 @@ from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.datasets import SurfaceTruth
-from perfcap.io.datasets.silhouettes import read_silhouette
+from perfcap.io.image_file import read_silhouette
 from perfcap.io.surface_file import SurfaceFile
 from perfcap.metrics import (
     SilhouetteScores,

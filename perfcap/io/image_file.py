@@ -18,6 +18,7 @@ from perfcap.io.files import MEBIBYTE, natural_key, require_file
 
 IMAGE_LIMIT = 256 * MEBIBYTE
 _PNG = b"\x89PNG\r\n\x1a\n"
+_HALF = 127  # of a silhouette
 MOST_PIXELS = 1 << 27  # more than any camera has; a few bytes can declare many times that
 
 
@@ -179,3 +180,18 @@ def read_image(path: Path) -> Frames:
     """
     image = decode_image(path, cv2.IMREAD_COLOR)
     return np.ascontiguousarray(image[..., ::-1])
+
+
+def read_silhouette(path: Path, person: int | None = None) -> NDArray[np.bool_]:
+    """Where an image shows somebody, (H, W).
+
+    Args:
+        path: an image; of several channels their mean counts.
+        person: value of the person in a map of labels; without it, what is brighter than half.
+
+    Raises:
+        InputError: it is missing, too large, or no image.
+    """
+    image = decode_image(path, cv2.IMREAD_GRAYSCALE, "an image of a silhouette")
+    found: NDArray[np.bool_] = image > _HALF if person is None else image == person
+    return found

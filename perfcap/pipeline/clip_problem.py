@@ -167,7 +167,7 @@ class ClipProblem:
         """
         frames = windows.numbers.shape[-1]
         prior = trajectory_prior(self.trajectory, frames, self.rate, windows.stiffness)
-        energies = dict(self._joints(windows, prior).items())
+        energies = self._energies(windows, prior)
         for name, energy in energies.items():
             factor = self.factors.get(name)
             if factor is not None:
@@ -186,7 +186,8 @@ class ClipProblem:
             energies[name] = own.to(self.actor.skeleton.lower)
         return Objective(energies)
 
-    def _joints(self, windows: WindowData, prior: Trajectory) -> Objective:
+    def _energies(self, windows: WindowData, prior: Trajectory) -> dict[str, Energy[Motion]]:
+        """Joints in images and in space, and what is known without them."""
         config, seen = self.config, windows.detections
         unit = windows.pixel_unit
         unit = unit.unsqueeze(-2) if unit.ndim > 1 else unit  # *b 1 C
@@ -203,7 +204,7 @@ class ClipProblem:
             energies["poses"] = PoseMixture(self.poses, weight).to(self.actor.skeleton.lower)
         if "joints3d" in energies:
             _resize(energies["joints3d"], windows)
-        return Objective(energies)
+        return energies
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, overload
@@ -30,8 +30,7 @@ from perfcap.rates import Timed
 # --- Everybody in a scene: motions one by one, silhouettes together -------------------------------
 
 
-def capture_scene(
-    alone: Callable[..., Performance],
+def _capture_scene(
     scene: Scene,
     config: CaptureConfig | None = None,
     *,
@@ -43,7 +42,6 @@ def capture_scene(
     """Capture everybody; one person as if there were no scene.
 
     Args:
-        alone: captures one person: actor, cameras, detections, rate and settings.
         scene: with its people.
         config: settings.
         workers: threads of the stages that look at images; all cores when not given.
@@ -53,7 +51,7 @@ def capture_scene(
     """
     if len(scene.people) == 1:
         (person,) = scene.people
-        found = alone(
+        found = _capture_person(
             person.actor, scene.cameras, person.detections, scene.rate, config,
             images=scene.images, solve_bones=person.solve_bones,
             workers=workers, progress=progress, checkpoint=checkpoint, **options,
@@ -191,7 +189,7 @@ def capture(
             )
         for name in ("images", "solve_bones"):
             options.pop(name, None)  # given as None
-        return capture_scene(_capture_person, actor, config, **options)
+        return _capture_scene(actor, config, **options)
     if cameras is None or detections is None or rate is None:
         raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")
     return _capture_person(actor, cameras, detections, rate, config, **options)

@@ -12,21 +12,23 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.actor.pose_statistics import Mixture
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
+from perfcap.io.pose_prior import load_pose_prior
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress
+from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import examine_images, require_matching
 from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
 from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.joint_paths import known_poses
 from perfcap.pipeline.kinds import require_flags, require_kinds
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.look import Looked
@@ -226,6 +228,17 @@ def _start(
     poses = known_poses(actor, pose, prepared.detections)
     problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate, poses=poses)
     return _Start(problem, motion, seen, replace(config, pose=pose), bones)
+
+
+def known_poses(actor: Actor, config: PoseConfig, detections: Detections) -> Mixture | None:
+    """The shipped mixture of poses in the order of an actor's angles, where it is to count.
+
+    Two views: from opposite sides they show depth by little else. One view has a lifter, which
+    learned from the same recordings; more views need no such help.
+    """
+    if not config.prior.poses or detections.views != 2:
+        return None
+    return load_pose_prior().ordered(tuple(actor.skeleton.angle_names))
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.deformation_graph import DeformationGraph
-from perfcap.actor.limbs import limb_of_triangles
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import NEAR
@@ -38,6 +37,10 @@ from perfcap.segment import SequenceSettings
 
 # a context in which a stage runs, by name; it gives what to tell progress to
 StageContext = Callable[[str], AbstractContextManager[Progress]]
+
+TRUNK = 0
+_ARM = ("shoulder", "elbow", "wrist")
+_LIMBS = (("l", True), ("r", True), ("l", False), ("r", False))  # side, arm; numbered from 1
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,25 @@ class Refiner:
                 *(settings, self.workers, tell, kept),
             )
         return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
+
+
+def limb_of_triangles(actor: Actor) -> NDArray[np.int64]:
+    """Trunk and head 0, left and right arm 1 and 2, left and right leg 3 and 4, by triangle, (T,).
+
+    A vertex belongs to the limb of the joint that moves it most, a triangle to that of two of its
+    vertices; where all three differ, to the one numbered in between.
+    """
+    heaviest = actor.skin.rows()[2].cpu().numpy()
+    of_joint = np.array([_limb(joint) for joint in actor.skeleton.rig.joints])
+    corners = of_joint[heaviest][actor.template.faces]
+    limbs: NDArray[np.int64] = np.sort(corners, 1)[:, 1]
+    return limbs
+
+
+def _limb(joint: str) -> int:
+    side, _, name = joint.partition("_")
+    limb = (side, name in _ARM)
+    return _LIMBS.index(limb) + 1 if name and limb in _LIMBS else TRUNK
 
 
 def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tensor:

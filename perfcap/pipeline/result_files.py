@@ -14,8 +14,9 @@ import yaml
 from torch import Tensor
 
 from perfcap.io.atomic import writing
-from perfcap.io.bvh import bvh_motion, save_bvh
-from perfcap.io.gltf import save_animation
+from perfcap.io.bvh_read import bvh_motion
+from perfcap.io.bvh_write import save_bvh
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.mask_files import save_masks
 from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE, VOLUME
 from perfcap.io.surface_file import save_surface

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.energy.joint_trajectory import JointTrajectory
 from perfcap.io.journal import Record
 from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
-from perfcap.pipeline.joint_paths import with_paths
 from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.objective import angle_bounds
+from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
 from perfcap.temporal.window import Window, partition
 
@@ -125,10 +125,31 @@ def solve_windows(
         WindowData.stack([clips[clip].at(window, clip) for clip, window in group])
     )
     start = Motion.stack([initial[clip][window.index] for clip, window in group])
-    objective, start = with_paths(problem, objective, start)
+    objective, start = _with_paths(problem, objective, start)
     method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
     bounds = angle_bounds(problem.actor)
     return solve(objective, start, method, bounds, adjoint), objective
+
+
+def _with_paths(
+    problem: ClipProblem, objective: Objective, start: Motion
+) -> tuple[Objective, Motion]:
+    """Windows with the paths that their settings ask for among the energies and the unknowns.
+
+    Args:
+        problem: of the windows.
+        objective: of them.
+        start: motion to start from, (N, W); its own paths are where theirs start.
+    """
+    config = problem.config.paths
+    if config is None:
+        return objective, start
+    rank = min(config.rank, start.frames)
+    robust = kernel(config.scale)
+    energy = JointTrajectory(
+        problem.actor.landmarks, start.frames, rank, config.weight, robust, config.deviation
+    ).to(start.angles)
+    return Objective(dict(objective.items()), paths=energy), energy.started(start)
 
 
 def _codec(like: Tensor) -> Codec[tuple[Motion, list[WindowReport]]]:

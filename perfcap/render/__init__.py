@@ -1,5 +1,6 @@
 """Meshes to pixels."""
 
+from perfcap.geometry.camera import look_at
 from perfcap.render.density import Splats, background
 from perfcap.render.label_map import Cull, LabelMap, rasterize
 from perfcap.render.lighting import DAYLIGHT, FLAT, Lighting
@@ -10,7 +11,6 @@ from perfcap.render.shading import Rendering, render, shade
 from perfcap.render.shadow import Visibility, shade_ground, visibility
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.render.texture import Texture
-from perfcap.render.viewpoint import look_at
 
 __all__ = [
     "DAYLIGHT",

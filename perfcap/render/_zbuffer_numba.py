@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def fill(
     grid: NDArray[np.int64],
     inverse_depth: NDArray[np.float64],
@@ -57,19 +57,19 @@ def fill(
         _fill_triangle((ax, ay, bx, by, cx, cy), inverse, area, box, bits, index, depth, triangle)
 
 
-@numba.njit(nogil=True)
+@numba.njit(nogil=True, cache=True)
 def _cross(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
     """Twice the signed area of a, b, (x, y): positive on the inner side of the edge a, b."""
     return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
 
 
-@numba.njit(nogil=True)
+@numba.njit(nogil=True, cache=True)
 def _least(ax, ay, bx, by):  # type: ignore[no-untyped-def]
     """Smallest value of the edge a, b that counts as inside: 0 on top and left edges, else 1."""
     return 0 if by < ay or (by == ay and bx > ax) else 1
 
 
-@numba.njit(nogil=True)
+@numba.njit(nogil=True, cache=True)
 def _fill_triangle(corners, inverse, area, box, bits, index, depth, triangle):  # type: ignore[no-untyped-def]
     """Draw one triangle of positive area; edge values grow by constant steps along a row."""
     ax, ay, bx, by, cx, cy = corners

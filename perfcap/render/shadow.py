@@ -16,12 +16,11 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera import Camera, look_at
 from perfcap.render.label_map import rasterize
 from perfcap.render.lighting import Lighting, unit
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.texture import to_linear, to_srgb
-from perfcap.render.viewpoint import look_at
 from perfcap.setting_checks import require_count, require_number
 
 SUN_SPREAD = math.radians(2.5)  # half angle; ten times the sun's, as if behind thin haze

@@ -23,7 +23,7 @@ from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.overrides import Override
-from perfcap.rigging.target_surface import TargetSurface
+from perfcap.rigging.surface_match import TargetSurface
 from perfcap.rigging.upright import Upright, stand_up
 from perfcap.rigging.view_landmarks import (
     JointDetector,

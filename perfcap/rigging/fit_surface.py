@@ -18,8 +18,13 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior, SharedPrior
-from perfcap.rigging.surface_match import Matches, SurfaceMatch
-from perfcap.rigging.target_surface import TargetSurface, spread, vertex_normals
+from perfcap.rigging.surface_match import (
+    Matches,
+    SurfaceMatch,
+    TargetSurface,
+    spread,
+    vertex_normals,
+)
 from perfcap.rigging.view_landmarks import SeenLandmarks
 from perfcap.setting_checks import Settings
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve

@@ -192,6 +192,14 @@ def test_bones_of_the_rig_move_as_one_chain() -> None:
             assert torch.allclose(*ends, atol=1e-12), rig.bone_names[bone]
 
 
+def test_bones_of_a_batch_are_those_of_each() -> None:
+    motion = random_motion(SKELETON, 5)
+    both = [motion, replace(motion, angles=0.5 * motion.angles)]
+    moved = ACTOR.bone_transforms(Motion.stack(both))
+    for one, of_batch in zip(both, moved, strict=True):
+        assert torch.allclose(ACTOR.bone_transforms(one), of_batch, rtol=0, atol=1e-14)
+
+
 def test_angles_are_found_from_the_sixteen_rotations() -> None:
     inside = SKELETON.rest_motion(1)
     motion = replace(inside, angles=inside.angles + 0.1 * torch.rand(1, 27, dtype=F64))

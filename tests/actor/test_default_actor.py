@@ -10,7 +10,7 @@ import pytest
 from perfcap.actor.template import Template
 from perfcap.io.actor_import import import_actor
 from perfcap.io.doctor import Severity
-from perfcap.io.gltf import load_template
+from perfcap.io.gltf_read import load_template
 
 FOLDER = Path(__file__).parents[2] / "models/actors/sam"
 SIDES = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")

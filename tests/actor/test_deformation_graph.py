@@ -15,7 +15,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.folding import find_folds
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.surface_topology import surface_topology
-from perfcap.io.gltf import load_template
+from perfcap.io.gltf_read import load_template
 
 F64 = torch.float64
 ROOT = Path(__file__).parents[2]

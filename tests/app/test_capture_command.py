@@ -26,8 +26,8 @@ from written_files import FILES, motion, report
 
 from perfcap.app.capture_request import settings_of
 from perfcap.commands.capture import Capture
-from perfcap.io.bvh import joint_positions, load_bvh
-from perfcap.io.gltf import load_template
+from perfcap.io.bvh_read import joint_positions, load_bvh
+from perfcap.io.gltf_read import load_template
 
 CONTRACT = {
     "capture": ((), "U"),

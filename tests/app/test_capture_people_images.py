@@ -1,6 +1,7 @@
 """``perfcap capture`` of several people whom images show."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from crowd_files import SIZE, CrowdFiles, write_crowd
-from crowds import make_crowd
+from crowds import Crowd, make_crowd
 from painted_crowd import PaintedCrowd
 from runs import Command
 
@@ -16,14 +17,22 @@ from perfcap.cli import main
 from perfcap.io.result import read_result
 from perfcap.io.result_folder import people_of
 
-CROWD = make_crowd(3, frames=6, views=3, size=SIZE, noise=6.0)
-PAINTED = PaintedCrowd(CROWD)
 WHOLE = ("--until", "refine_surface", "--no-overlay")
+
+
+@cache
+def crowd() -> Crowd:
+    return make_crowd(3, frames=6, views=3, size=SIZE, noise=6.0)
+
+
+@cache
+def painted() -> PaintedCrowd:
+    return PaintedCrowd(crowd())
 
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> CrowdFiles:
-    return write_crowd(tmp_path_factory.mktemp("painted"), CROWD, PAINTED.pictures)
+    return write_crowd(tmp_path_factory.mktemp("painted"), crowd(), painted().pictures)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +52,7 @@ def masks_of(folder: Path, view: int) -> list[np.ndarray]:
 def test_masks_say_who_is_where(captured: Path) -> None:
     for view in range(3):
         everybody = np.array(masks_of(captured, view))
-        truth = PAINTED.labels[view]
+        truth = painted().labels[view]
         given = (truth > 0) & (everybody > 0)
         assert (everybody == truth)[given].mean() > 0.96
         assert given.sum() > 0.85 * (truth > 0).sum()
@@ -55,7 +64,7 @@ def test_masks_say_who_is_where(captured: Path) -> None:
 def test_each_is_a_whole_result(captured: Path) -> None:
     for number, folder in enumerate(people_of(captured)):
         result = read_result(folder)
-        error = np.linalg.norm(result.joints - CROWD.joints[number].numpy(), axis=-1)
+        error = np.linalg.norm(result.joints - crowd().joints[number].numpy(), axis=-1)
         assert 1000 * error.mean() < 40
         with np.load(folder / "surface.npz") as surface:
             assert len(surface["vertices"]) == 6
@@ -92,7 +101,7 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
     assert found.code in (0, 3), found
     for number, folder in enumerate(people_of(out)):
         result = read_result(folder)
-        error = np.linalg.norm(result.joints - CROWD.joints[number, :3].numpy(), axis=-1)
+        error = np.linalg.norm(result.joints - crowd().joints[number, :3].numpy(), axis=-1)
         assert 1000 * error.mean() < 100  # three views, and one person is cut off
         report = json.loads((folder / "run.json").read_text())
         assert len(report["refinement"]["tracking"]["released_share"]) == 3

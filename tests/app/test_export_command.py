@@ -13,7 +13,7 @@ from runs import Command
 from perfcap.app.export import _recording
 from perfcap.commands.results import Export
 from perfcap.io import export
-from perfcap.io.bvh import load_bvh
+from perfcap.io.bvh_read import load_bvh
 from perfcap.io.result import read_result
 
 PLAIN = ("glb", "bvh", "obj", "ply", "trc", "npz", "csv")  # nothing else is needed for them

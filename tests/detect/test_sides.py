@@ -176,6 +176,13 @@ def test_many_joints_in_the_middle_say_nothing_of_sides() -> None:
     torch.testing.assert_close(settled.points[:, :16], points)
 
 
+def _alone(places: torch.Tensor, support: torch.Tensor, pair: tuple[int, int]) -> float:
+    """What a frame says for a pair of candidates, nats."""
+    a, b = pair
+    apart = float((places[0, a] - places[1, b]).norm())
+    return math.log(support[0, a] + 1e-3) + math.log(support[1, b] + 1e-3) - 0.6 * (apart < 0.03)
+
+
 def test_pairs_are_chosen_as_by_trying_everything() -> None:
     """Four frames of one pair with three candidates each: 6561 ways."""
     generator = torch.Generator().manual_seed(3)
@@ -189,18 +196,15 @@ def test_pairs_are_chosen_as_by_trying_everything() -> None:
         middle = points.median(1).values
         line = torch.stack((torch.ones(4), torch.arange(4.0)), 1)
         relative = places - (line @ torch.linalg.pinv(line) @ middle)[:, None, None]
+        pairs = list(itertools.product(range(3), repeat=2))
+        own = [{pair: _alone(places[f], support[f], pair) for pair in pairs} for f in range(4)]
+        step = (relative[1:, :, :, None] - relative[:-1, :, None]) / 0.03  # frame side now then xy
+        moved = (0.5 * step.square().sum(-1)).clamp(max=8.0).tolist()
         best, way = -math.inf, None
-        for chosen in itertools.product(itertools.product(range(3), repeat=2), repeat=4):
-            total = 0.0
-            for frame, (a, b) in enumerate(chosen):
-                total += math.log(support[frame, 0, a] + 1e-3)
-                total += math.log(support[frame, 1, b] + 1e-3)
-                total -= 0.6 * float((places[frame, 0, a] - places[frame, 1, b]).norm() < 0.03)
-                if frame:
-                    before = chosen[frame - 1]
-                    for side, now, then in ((0, a, before[0]), (1, b, before[1])):
-                        step = relative[frame, side, now] - relative[frame - 1, side, then]
-                        total -= min(8.0, 0.5 * float((step / 0.03).square().sum()))
+        for chosen in itertools.product(pairs, repeat=4):
+            total = sum(own[frame][pair] for frame, pair in enumerate(chosen))
+            for frame, (before, now) in enumerate(itertools.pairwise(chosen)):
+                total -= sum(moved[frame][side][now[side]][before[side]] for side in range(2))
             if total > best:
                 best, way = total, chosen
         assert way is not None

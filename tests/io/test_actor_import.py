@@ -14,13 +14,13 @@ from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import ActorMapping, ImportedActor, import_actor, require_sound
-from perfcap.io.bvh import load_bvh, save_bvh
-from perfcap.io.bvh_read import bvh_motion, joint_positions
+from perfcap.io.bvh_read import bvh_motion, joint_positions, load_bvh
+from perfcap.io.bvh_write import save_bvh
 from perfcap.io.doctor import Severity
-from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
+from perfcap.io.gltf_write import save_animation
 
 FRAMES, RATE = 30, 30.0
 TENTH_MM = 1e-4

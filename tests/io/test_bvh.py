@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
-from perfcap.io.bvh import BvhMotion, bvh_motion, joint_positions, load_bvh, save_bvh
-from perfcap.io.bvh_write import euler_angles
+from perfcap.io.bvh_read import BvhMotion, bvh_motion, joint_positions, load_bvh
+from perfcap.io.bvh_write import euler_angles, save_bvh
 
 CLIPS = Path(__file__).parents[2] / "../shared/data/mocap_cmu_bvh"
 ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")

@@ -16,7 +16,7 @@ from takes import make_take, person
 from perfcap.actor.actor import Actor
 from perfcap.errors import InputError
 from perfcap.io import gltf_morph
-from perfcap.io.bvh import joint_positions, load_bvh
+from perfcap.io.bvh_read import joint_positions, load_bvh
 from perfcap.io.export import FORMATS, Options, Recording, upright_from
 from perfcap.io.export.meshes import SeamlessNormals
 from perfcap.io.export.options import unique_names, word
@@ -159,10 +159,10 @@ def test_bones_in_centimetres_name_no_skeleton(tmp_path: Path) -> None:
 def test_surfaces_of_long_clips_come_in_pieces(
     recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from perfcap.io.export import scene
+    from perfcap.io.export import characters
 
     monkeypatch.setattr(gltf_morph, "MAX_TARGETS", 5)
-    monkeypatch.setattr(scene, "MAX_TARGETS", 5)
+    monkeypatch.setattr(characters, "MAX_TARGETS", 5)
     write("glb", tmp_path, recording)
     names = [f"{NAME}_surface_{span}.glb" for span in ("000040-000043", "000044-000047",
                                                        "000048-000051")]  # fmt: skip

@@ -14,8 +14,9 @@ from gltf_files import ROOT, armature_file, bar, played, random_motion, skinned
 from scipy.spatial.transform import Rotation
 
 from perfcap.errors import InputError
-from perfcap.io.gltf import load_template, save_animation
 from perfcap.io.gltf_document import open_document
+from perfcap.io.gltf_read import load_template
+from perfcap.io.gltf_write import save_animation
 
 SHARED = ROOT / "../shared/data/rendered"
 

@@ -8,9 +8,9 @@ import pytest
 from gltf_files import bar, played, random_motion, skinned
 
 from perfcap.errors import InputError
-from perfcap.io.gltf import save_animation
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_merge import merge_characters
+from perfcap.io.gltf_write import save_animation
 
 
 def test_everybody_moves_as_in_their_own_file(tmp_path: Path) -> None:

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io import gltf_morph
-from perfcap.io.gltf import load_template, save_animation
 from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_morph import blended, displacement
+from perfcap.io.gltf_read import load_template
+from perfcap.io.gltf_write import save_animation
 
 
 def gentle_motion(template: Template, frames: int) -> np.ndarray:

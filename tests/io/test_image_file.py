@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.io.datasets.silhouettes import read_silhouette
-from perfcap.io.image_file import decode_image, is_whole_png, read_image
+from perfcap.io.image_file import decode_image, is_whole_png, read_image, read_silhouette
 
 
 def encoded(suffix: str = ".png") -> bytes:

@@ -18,8 +18,9 @@ from perfcap.actor.anatomy import JOINTS
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.actor_import import ActorMapping, import_actor
-from perfcap.io.bvh import bvh_motion, save_bvh
-from perfcap.io.gltf import save_animation
+from perfcap.io.bvh_read import bvh_motion
+from perfcap.io.bvh_write import save_bvh
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.moving_rig import read_moving_rig
 
 PERSON = actor()

@@ -11,7 +11,8 @@ import pytest
 from takes import make_take
 
 from perfcap.errors import InputError
-from perfcap.io.gltf import load_template, save_animation
+from perfcap.io.gltf_read import load_template
+from perfcap.io.gltf_write import save_animation
 from perfcap.io.result import read_result
 from perfcap.io.surface_file import save_surface
 from perfcap.pipeline import CaptureConfig

@@ -115,6 +115,20 @@ def test_mjcf_orientations_units_and_references(tmp_path: Path) -> None:
         assert hinge.rest == pytest.approx(0.5 if unit == "radian" else math.radians(0.5))
 
 
+def test_mjcf_turns_about_axes_in_any_order(tmp_path: Path) -> None:
+    """Small letters turn axes that turn along, capitals those of the parent."""
+    path, angles = tmp_path / "arm.xml", (20, -50, 110)
+    for order in ("xyz", "zyx", "XYZ", "zxz"):
+        path.write_text(
+            f'<mujoco><compiler eulerseq="{order}"/><worldbody><body name="a"><freejoint/>'
+            f'<body name="b" euler="{robots.words(angles)}"><joint/></body></body></worldbody>'
+            "</mujoco>"
+        )
+        # scipy has it the other way round: capitals for axes that turn along
+        expected = robots.Rotation.from_euler(order.swapcase(), angles, degrees=True).as_matrix()
+        assert np.allclose(read_robot(path).bodies[1].pose[:3, :3], expected, atol=1e-9)
+
+
 def test_mapping_names_bodies(tmp_path: Path) -> None:
     path = tmp_path / "walker.urdf"
     path.write_text(robots.urdf().replace("left_shin", "left_x").replace("left_knee", "left_y"))
@@ -207,6 +221,12 @@ HOSTILE = {
     '<mujoco><compiler meshdir="/"/></mujoco>': "lies outside of",
     '<mujoco><worldbody><body><freejoint/><body><joint type="slide"/></body></body>'
     "</worldbody></mujoco>": "'slide', expected hinges",
+    '<mujoco><worldbody><body><freejoint/><body><joint type="free"/></body></body>'
+    "</worldbody></mujoco>": "'free', expected hinges",
+    '<mujoco><worldbody><body><joint type="hinge"/><body><joint/></body></body>'
+    "</worldbody></mujoco>": "'hinge', expected a free joint",
+    '<mujoco><compiler eulerseq="xyzx"/></mujoco>': "expected three axes",
+    '<mujoco><compiler eulerseq="xyw"/></mujoco>': "expected three axes",
     '<mujoco><worldbody><body><joint type="free"/><body pos="1 2 nan"><joint/></body></body>'
     "</worldbody></mujoco>": "expected 3 numbers",
     '<robot><link name="a"><collision><geometry><mesh filename="package://x/../../y.stl"/>'

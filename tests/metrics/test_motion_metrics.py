@@ -68,6 +68,11 @@ def test_standing_feet_that_slide() -> None:
         foot_skate(sliding, contact[1:], UP)
     with pytest.raises(InputError, match="fps is 0"):
         floor_contact(truth, truth[..., 1], 0.0)
+    for feet, height in ((truth[1:], truth[..., 1]), (truth[..., :2], truth[..., 1])):
+        with pytest.raises(InputError, match="feet have shape"):
+            floor_contact(feet, height, 30.0)
+    with pytest.raises(InputError, match="feet have shape"):
+        floor_contact(truth[0], truth[0, :, 1], 30.0)
 
 
 def test_penetration() -> None:

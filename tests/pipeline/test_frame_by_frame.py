@@ -130,16 +130,34 @@ def test_same_bits_after_a_kill(
     assert journal.read_bytes() == whole
 
 
+class Known:
+    """Silhouettes that somebody has, but for the first frames."""
+
+    def __init__(self, labels: np.ndarray) -> None:
+        self.labels = labels
+
+    def knows(self, view: int, frame: int) -> bool:
+        return frame > 2
+
+    def mask(self, view: int, frame: int) -> np.ndarray | None:
+        return self.labels[view][frame] > 0 if self.knows(view, frame) else None
+
+
 def test_one_person_without_surface() -> None:
     (person,) = cast(1)
     alone = replace(CROWD, actors=CROWD.actors[:1], motions=CROWD.motions[:1])
-    images = Images(PaintedCrowd(alone), CROWD.cameras)
+    painted = PaintedCrowd(alone)
+    images = Images(painted, CROWD.cameras, masks=Known(painted.labels))
     found = perfcap.capture(
         *(person.actor, CROWD.cameras, person.detections, RATE, replace(LIU, frames=QUICK)),
         images=images, until=Stage.REFINE_POSE, workers=1,
     )  # fmt: skip
     assert errors(found, 0).max() < 45
     assert found.refinement is not None and found.refinement.surface is None
+    given = [np.array(found.refinement.evidence.masks(f)) == (painted.labels[:, f] > 0)
+             for f in range(FRAMES)]  # fmt: skip
+    assert not all(frame.all() for frame in given[:3])
+    assert all(frame.all() for frame in given[3:])
 
 
 class GoesBlank(PaintedCrowd):

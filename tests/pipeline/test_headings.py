@@ -1,5 +1,6 @@
 """Frames of which one view shows 2D joints only find their own pose."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,10 +10,11 @@ from takes import Take, make_take, without
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
+from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.headings import search_headings
-from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.headings import _standing_start, search_headings
+from perfcap.pipeline.initialize import initialize, joint_places
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
 
@@ -112,3 +114,27 @@ def test_two_joints_in_each_of_two_views_are_nobody() -> None:
     confidence[:, 0, :2], confidence[:, 1, 4:6] = 1, 1
     with pytest.raises(InputError, match="in no frame"):
         start(take, replace(take.detections, confidence2d=confidence))
+
+
+def test_3d_joints_of_several_views_are_averaged_where_2d_joints_are_missing() -> None:
+    take = make_take(FRAMES, views=2)
+    unseen = torch.zeros_like(take.detections.confidence2d)
+    prepared = prepare(take.actor, take.cameras, take.detections)
+    assert prepared.lifted is not None and bool(prepared.detections.trusted3d.all())
+    blind = replace(prepared, detections=replace(prepared.detections, confidence2d=unseen))
+    points, weights = joint_places(take.cameras, blind)
+    torch.testing.assert_close(points, prepared.lifted.mean(1))
+    assert (weights == 1).all()
+
+
+def test_headings_are_of_people_upright_in_the_image() -> None:
+    take = make_take(FRAMES, views=1, lifted=False)
+    up = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    ahead = []
+    for yaw in (0.0, 0.8, 4.0):
+        start = _standing_start(take.actor, take.cameras, take.detections, yaw)
+        turn = take.cameras.rotation[..., 0, :, :] @ rotvec_to_matrix(start.rotation)
+        torch.testing.assert_close(turn @ up, -up.expand(FRAMES, 3))  # y is down in a camera
+        ahead.append(turn[0] @ up.roll(1))
+    assert float(ahead[0] @ ahead[1]) == pytest.approx(math.cos(0.8))
+    assert float(ahead[0] @ ahead[2]) == pytest.approx(math.cos(4.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import pytest
 import torch
@@ -112,8 +113,12 @@ def window() -> tuple[Window, Motion]:
 WINDOW, START = window()
 BOUNDS = angle_bounds(actor())
 NAMES = tuple(WINDOW.__dataclass_fields__)
-with torch.no_grad():
-    MINIMUM = minimum(WINDOW.objective(), START, BOUNDS)
+
+
+@cache
+def solved() -> Motion:
+    with torch.no_grad():
+        return minimum(WINDOW.objective(), START, BOUNDS)
 
 
 def loss(state: Motion) -> Tensor:
@@ -122,10 +127,12 @@ def loss(state: Motion) -> Tensor:
     return sum((part * normal(*part.shape, seed=9)).sum() for part in parts)
 
 
-def gradient(name: str, adjoint: Implicit, start: Motion = MINIMUM) -> tuple[Tensor, Sensitivity]:
+def gradient(
+    name: str, adjoint: Implicit, start: Motion | None = None
+) -> tuple[Tensor, Sensitivity]:
     leaf = getattr(WINDOW, name).clone().requires_grad_()
     objective = replace(WINDOW, **{name: leaf}).objective()
-    solution = solve(objective, start, LevenbergMarquardt(0), BOUNDS, adjoint)
+    solution = solve(objective, start or solved(), LevenbergMarquardt(0), BOUNDS, adjoint)
     (found,) = torch.autograd.grad(loss(solution.state), leaf)
     return found, solution.sensitivity
 
@@ -135,14 +142,14 @@ def difference(name: str, direction: Tensor, size: float) -> float:
 
     def at(change: float) -> Tensor:
         moved = getattr(WINDOW, name) + change * direction
-        return loss(minimum(replace(WINDOW, **{name: moved}).objective(), MINIMUM, BOUNDS))
+        return loss(minimum(replace(WINDOW, **{name: moved}).objective(), solved(), BOUNDS))
 
     return float((at(size) - at(-size)) / (2 * size))
 
 
 def test_bounds_act() -> None:
     lower, upper = BOUNDS.lower.frame, BOUNDS.upper.frame
-    here = MINIMUM.coordinates().frame
+    here = solved().coordinates().frame
     assert int(((here <= lower) | (here >= upper)).sum()) >= 10
 
 

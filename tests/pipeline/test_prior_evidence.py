@@ -11,10 +11,9 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.energy.trajectory import Trajectory
-from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.adapt import adapted, calibrated, gain, variance
 from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
 from perfcap.pipeline.config import MONOPERFCAP_POSE, EvidenceConfig, PoseConfig
-from perfcap.pipeline.error_sizes import calibrated, gain, variance
 from perfcap.pipeline.objective import person_height, trajectory_prior
 from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.prior_evidence import _likelihood, _maximize

@@ -8,12 +8,14 @@ from synthetic import actor, rest_positions, template
 from takes import sway
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length, wanted_turns
+from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.retarget_scores import retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
 
@@ -180,3 +182,19 @@ def test_joints_of_other_shapes_and_units_are_refused() -> None:
     turned = rotvec_to_matrix(torch.tensor([0.0, 0.0, 1.2], dtype=F64)) @ rotation
     with pytest.warns(UserWarning, match="rotations take the source's limbs"):
         retarget(PERSON, JointMotion(turned, position), PERSON, 30.0, FREE)
+
+
+def test_hands_are_kept_together_the_more_the_nearer_they_are() -> None:
+    """Full weight where they touch, a quarter at the stated distance, next to none far apart."""
+    motion = sway(PERSON, 5)
+    joints = joints_of(PERSON, motion)
+    left, right = JOINTS.index("l_wrist"), JOINTS.index("r_wrist")
+    apart = torch.tensor([0.0, 1.0, 3.0, 6.0, 10.0], dtype=F64) * FREE.near
+    position = joints.position.clone()
+    position[:, left] = position[:, right]
+    position[:, left, 0] += apart
+    rows = Rows.of(PERSON, JointMotion(joints.rotation, position), PERSON, motion, FREE)
+    (row,) = [k for k in range(rows.sure.shape[1]) if rows.sure[:, k].min() < 1]
+    sure = rows.sure[:, row]
+    assert sure[0] == 1 and sure[1] == pytest.approx(0.25)
+    assert (sure.diff() < 0).all() and sure[-1] < 1e-3

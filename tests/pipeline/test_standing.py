@@ -13,14 +13,16 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import ContactConfig
 from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import neutral_angles
+from perfcap.pipeline.objective import neutral_angles, person_height
 from perfcap.pipeline.presets import MONOPERFCAP, CaptureConfig
 from perfcap.pipeline.stances import find_stances, settled_places, split_stances
 from perfcap.pipeline.standing import find_standing
+from perfcap.pipeline.track_twice import track_twice
 
 F64 = torch.float64
 UP = torch.tensor([0.0, 1.0, 0.0], dtype=F64)
@@ -158,6 +160,19 @@ def test_a_capture_keeps_feet_where_they_stand(lifted: bool) -> None:
             soles = sole_skeleton(person)(found.motion).landmarks[:, -8:]
             slides[enabled] += float(soles.diff(dim=0).norm(dim=-1).mean())
     assert slides[True] < 0.7 * slides[False]
+
+
+def test_the_second_solve_starts_where_feet_stand() -> None:
+    """Without steps of the solver, the start is the result: the drift of the motion is gone."""
+    person, motion = actor(), swaying()
+    drift = 0.04 * torch.linspace(0, 1, motion.frames, dtype=F64)[:, None] * UP.roll(1)
+    start = replace(motion, translation=motion.translation + drift)
+    seen, pose = detect(person, circle(3), motion), CaptureConfig().pose
+    pose = replace(pose, max_steps=0, evidence=replace(pose.evidence, enabled=False))
+    unit = 0.01 * person_height(seen)
+    found, _, last = track_twice(ClipProblem(person, circle(3), seen, pose, unit, 30.0), start)
+    assert last.standing is not None and last.standing.shift.norm(dim=-1).max() > 0.005
+    torch.testing.assert_close(found.translation, start.translation + last.standing.shift)
 
 
 def test_who_is_in_the_air_stands_nowhere() -> None:

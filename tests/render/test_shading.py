@@ -6,13 +6,12 @@ import trimesh
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera import Camera, look_at
 from perfcap.render.lighting import FLAT, Lighting
 from perfcap.render.projected_mesh import ProjectedMesh, vertex_normals
 from perfcap.render.shading import _gather, _gather_compiled, render
 from perfcap.render.shadow import Visibility
 from perfcap.render.texture import Texture, to_linear, to_srgb
-from perfcap.render.viewpoint import look_at
 
 SIZE = (40, 56)
 BACKGROUND = torch.randint(

@@ -8,10 +8,9 @@ import trimesh
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.camera import Camera
+from perfcap.geometry.camera import Camera, look_at
 from perfcap.render.lighting import Lighting
 from perfcap.render.shadow import cone, cosine_hemisphere, shade_ground, visibility
-from perfcap.render.viewpoint import look_at
 
 UP = torch.tensor([0.0, 1, 0], dtype=torch.float64)
 SIZE = (81, 101)

@@ -15,7 +15,7 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.actor import load_actor
-from perfcap.io.gltf import load_template
+from perfcap.io.gltf_read import load_template
 from perfcap.render import _coverage, _outline_reference
 from perfcap.render import _soft_silhouette_reference as reference
 from perfcap.render.soft_silhouette import SoftSilhouette

@@ -143,3 +143,11 @@ def test_equal_shares_of_many_bones_stay_weights() -> None:
     check(few)
     assert ((few > 0).sum(1) == 4).all()
     assert np.array_equal(fewest(few[:, :4], 4), few[:, :4])
+
+
+@pytest.mark.parametrize("influences", [1, 2, 3, 6])
+def test_any_number_of_influences(influences: int) -> None:
+    weights = np.random.default_rng(4).dirichlet(np.full(7, 0.7), 50)
+    few = fewest(weights, influences)
+    check(few)
+    assert ((few > 0).sum(1) == influences).all()

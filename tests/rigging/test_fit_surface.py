@@ -83,6 +83,14 @@ def test_a_posed_body_is_recovered(fitter: BodyFitter) -> None:
     assert found.far == 0.0
 
 
+def test_starts_have_the_stature_of_the_mesh(fitter: BodyFitter) -> None:
+    (start, *_) = fitter.starts()
+    plain = float(np.ptp(fitter.surface(start)[0].numpy()[:, 1]))
+    for height in (plain - 0.12, plain + 0.12):
+        sized = fitter._with_stature(start, height)
+        assert np.ptp(fitter.surface(sized)[0].numpy()[:, 1]) == pytest.approx(height, abs=0.02)
+
+
 def test_what_is_no_person_is_refused(model: BodyModel) -> None:
     import trimesh
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from box_grabcut import box_grabcut
 from disc_scene import disc, disc_clip, overlap
 
 from perfcap.errors import InputError
 from perfcap.segment.background import Lighting, Plate
-from perfcap.segment.baselines import box_grabcut
 from perfcap.segment.evidence import Backdrop, Pixels, learn_colors, log_ratio
 from perfcap.segment.grabcut import segment
 from perfcap.segment.mixed_pixels import settle_mixed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from disc_scene import RADIUS, SIZE, disc_clip
@@ -9,7 +11,7 @@ from disc_scene import RADIUS, SIZE, disc_clip
 from perfcap.segment.grabcut import segment
 from perfcap.segment.scene import survey
 from perfcap.segment.trimap import TrimapSettings, build_trimap
-from perfcap.segment.trust import boundary_trust
+from perfcap.segment.trust import TrustSettings, boundary_trust
 
 CENTER = np.array([SIZE / 2, SIZE / 2 + 2])
 
@@ -45,6 +47,12 @@ def test_wrong_places_are_not_trusted(strong):
     for radius in (RADIUS - 5, RADIUS + 5):
         wrong = boundary_trust(strong, *circle(radius))
         assert np.median(wrong) < np.median(right) - 0.4
+
+
+def test_a_boundary_that_no_clue_speaks_for_is_rather_wrong(strong):
+    silent = replace(TrustSettings(), inside=0.0, outside=0.0, contrast=0.0, departure=0.0)
+    trust = boundary_trust(strong, *circle(), silent)
+    assert 0.3 < trust.max() < 0.5
 
 
 def test_limits_of_the_band_measure_nothing():

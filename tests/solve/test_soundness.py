@@ -172,3 +172,10 @@ def test_inference_mode_is_refused_where_derivatives_are_recorded(method):
         solve(lambda x: x - target, torch.zeros(3, dtype=F64), method)
     with torch.inference_mode(), pytest.raises(InputError, match=r"use torch\.no_grad"):
         solve(Objective(own=Own(lambda s: rows(s.frame))), start(), Adam(max_steps=2))
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_first_order_descent_takes_as_many_steps_as_it_may(steps):
+    energy = Own(COUPLED["the frame before"])
+    found = solve(Objective(smooth=energy), start(), Adam(max_steps=steps))
+    assert (found.steps == steps).all()

@@ -139,6 +139,9 @@ def test_parts_are_learned_at_people_as_much_as_around_them() -> None:
     assert parts_loss(nobody, batch) > 30  # though few pixels are of people
     unknown = replace(batch, parts=torch.full_like(batch.parts, UNKNOWN))
     assert parts_loss(even, unknown) == 0
+    everybody = right.clone()
+    everybody[:, 0] -= 100  # and so is this where pixels are of nobody
+    assert parts_loss(everybody, batch) > 30
 
 
 def test_sizes_follow_the_progress() -> None:

@@ -17,7 +17,7 @@ from perfcap.train.checkpoint import Checkpoint, load_checkpoint, save_checkpoin
 from perfcap.train.config import LifterConfig, LiftingData, LiftingLoss, LoopConfig
 from perfcap.train.lifter import Lifter
 from perfcap.train.lifter_task import LiftingTask, lifting_loss
-from perfcap.train.loop import BEST, LAST, LOG, learning_rate, train
+from perfcap.train.loop import BEST, LAST, LOG, learning_rate, mixed_seed, train
 from perfcap.train.motion_library import MotionLibrary
 
 SMALL = LifterConfig(channels=16, dilations=(1, 3), dropout=0.1)
@@ -201,3 +201,8 @@ def test_files_that_are_no_checkpoints(tmp_path: Path, data: bytes) -> None:
         load_checkpoint(tmp_path / LAST)
     with pytest.raises(InputError, match="no such file"):
         load_checkpoint(tmp_path / "none")
+
+
+def test_seeds_of_neighbours_differ_and_fit_every_generator() -> None:
+    seeds = [mixed_seed(seed, number) for seed in range(20) for number in range(20)]
+    assert len(set(seeds)) == len(seeds) and all(0 <= seed < 2**63 for seed in seeds)

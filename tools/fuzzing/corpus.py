@@ -32,9 +32,9 @@ from perfcap.io.calibration import read_cameras, read_pixel_map
 from perfcap.io.clip_list import read_clip_list
 from perfcap.io.datasets.monoperfcap import read_off
 from perfcap.io.datasets.safe_pickle import read_pickle
-from perfcap.io.datasets.silhouettes import read_silhouette
 from perfcap.io.datasets.trc import read_trc
 from perfcap.io.detections import read_detections
+from perfcap.io.image_file import read_silhouette
 from perfcap.io.mesh import read_mesh
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.project import open_project

@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from perfcap.detect.association.grouping import Groups, group_views
-from perfcap.detect.association.limbs import own_limbs
-from perfcap.detect.association.settle import Settled, settle
+from perfcap.detect.association.settle import Settled, own_limbs, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
 from perfcap.detect.association.view_doubts import view_doubts

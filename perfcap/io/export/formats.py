@@ -8,13 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from perfcap.errors import InputError
+from perfcap.io.export.characters import write_bvh, write_glb
 from perfcap.io.export.markers import write_c3d, write_trc
 from perfcap.io.export.meshes import write_obj, write_ply
 from perfcap.io.export.opensim import write_osim
 from perfcap.io.export.options import Options
 from perfcap.io.export.recording import Recording
-from perfcap.io.export.scene import write_glb
-from perfcap.io.export.skeleton import write_bvh
 from perfcap.io.export.tables import write_csv, write_npz, write_qpos
 from perfcap.io.export.usd import write_usd, write_usdz
 

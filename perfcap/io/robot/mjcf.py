@@ -15,7 +15,7 @@ import numpy as np
 from perfcap.errors import InputError
 from perfcap.io.robot import shapes
 from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge, coupled_note
-from perfcap.io.robot.elements import Element, inside, numbers, read_xml, unit
+from perfcap.io.robot.elements import Element, inside, numbers, unit
 from perfcap.io.robot.mjcf_defaults import MAIN, Rules, least_turn, read_rules, with_includes
 
 _FLAT = ("plane", "hfield", "sdf")
@@ -23,13 +23,13 @@ _COLLIDES = ("contype", "conaffinity")
 _MADE = ("attach", "replicate")
 
 
-def read_mjcf_robot(path: Path, root: Element | None = None) -> Robot:
-    """The robot of a file.
+def read_mjcf_robot(path: Path, root: Element) -> Robot:
+    """The robot of a file, whose outermost element is read.
 
     Raises:
         InputError: it is no MJCF of one robot on hinges, or names files outside of its folder.
     """
-    root = with_includes(path, read_xml(path, "an MJCF") if root is None else root)
+    root = with_includes(path, root)
     rules = read_rules(path, root)
     tops = [top for w in root.findall("worldbody") for top in _parts(path, w, "body", MAIN, rules)]
     tops = [top for top in tops if _moves(top.element)] or tops

@@ -12,19 +12,18 @@ from scipy.spatial.transform import Rotation
 from perfcap.errors import InputError
 from perfcap.io.robot import shapes
 from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge, coupled_note
-from perfcap.io.robot.elements import Element, inside, numbers, read_xml, unit
+from perfcap.io.robot.elements import Element, inside, numbers, unit
 
 _PACKAGE = "package://"
 _TURNING = ("revolute", "continuous")
 
 
-def read_urdf_robot(path: Path, root: Element | None = None) -> Robot:
-    """The robot of a file.
+def read_urdf_robot(path: Path, root: Element) -> Robot:
+    """The robot of a file, whose outermost element is read.
 
     Raises:
         InputError: it is no URDF of hinges, or names files outside of its package.
     """
-    root = read_xml(path, "a URDF") if root is None else root
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = root.findall("joint")
     children: dict[str, list[Element]] = {}

@@ -1,13 +1,23 @@
-"""Characters as GLB; the surface of long clips in pieces."""
+"""Characters in motion: BVH of the bones, GLB with skin, the surface of long clips in pieces."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from perfcap.io.export.options import Options
+from perfcap.io.bvh_read import bvh_motion
+from perfcap.io.bvh_write import save_bvh
+from perfcap.io.export.options import Options, unique_names, word
 from perfcap.io.export.recording import Recording
 from perfcap.io.gltf_morph import MAX_TARGET_BYTES, MAX_TARGETS, fits
 from perfcap.io.gltf_write import save_animation
+
+
+def write_bvh(folder: Path, recording: Recording, options: Options) -> None:
+    """The actor's own bones in motion; rest offsets are those of its rest pose."""
+    motion = bvh_motion(recording.template, recording.bone_transforms, recording.rate)
+    motion = replace(motion, names=unique_names(motion.names, word))
+    save_bvh(folder / f"{recording.name}.bvh", motion, 1 / options.per_metre, options.order)
 
 
 def write_glb(folder: Path, recording: Recording, options: Options) -> None:

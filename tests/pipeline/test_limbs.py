@@ -3,7 +3,7 @@
 import numpy as np
 from synthetic import actor, rest_positions
 
-from perfcap.actor.limbs import TRUNK, limb_of_triangles
+from perfcap.pipeline.refine import TRUNK, limb_of_triangles
 
 
 def test_limbs_lie_where_they_are() -> None:

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from perfcap.errors import InputError
-from perfcap.render.viewpoint import look_at
+from perfcap.geometry.camera import look_at
 
 
 def random_view(seed: int = 0, batch: int = 5):
