@@ -141,8 +141,18 @@ def _unsteadiness(
 def _placed(track: Track, places: Tensor) -> Tensor:
     """Places (F, ..., 2) in sizes of the crop about the median joint, since people run."""
     lead = (-1, *(1,) * (places.dim() - 2))
-    middle = _smoothed(track.points.nanmedian(1).values.nan_to_num(0.0)).reshape(*lead, 2)
+    middle = _smoothed(_filled(track.points.nanmedian(1).values)).reshape(*lead, 2)
     return ((places - middle) / track.size.reshape(*lead, 1)).nan_to_num(0.0)
+
+
+def _filled(places: Tensor) -> Tensor:
+    """Places (F, 2) with those of frames in which nothing is seen on the line between others."""
+    seen = places.isfinite().all(-1).cpu().numpy()
+    if seen.all() or not seen.any():
+        return places.nan_to_num(0.0)
+    frames, known = np.arange(len(seen)), places.detach().cpu().double().numpy()
+    between = [np.interp(frames, frames[seen], column[seen]) for column in known.T]
+    return torch.from_numpy(np.stack(between, -1)).to(places)
 
 
 def _smoothed(values: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 
 from perfcap.detect.candidates import Candidates
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
-from perfcap.detect.sides import Track, _choose, settle_sides
+from perfcap.detect.sides import Track, _choose, _placed, settle_sides
 
 ORDER = list(LANDMARKS16.mirrored())
 FRAMES, SIZE = 40, 200.0
@@ -214,3 +214,18 @@ def test_pairs_are_chosen_as_by_trying_everything() -> None:
                 if (place - points[frame, side]).norm() < 0.03:
                     place = points[frame, side]
                 assert torch.equal(settled.points[frame, side], place)
+
+
+def test_frames_without_a_person_do_not_drag_their_neighbours() -> None:
+    """Their middle was the image's corner, and a line through it the middle of frames beside."""
+    points = person(speed=0.05)
+    gap = slice(18, 22)
+    hidden = points.clone()
+    hidden[gap] = math.nan
+    whole = _placed(track(points), points[:, :, None])
+    found = _placed(track(hidden), points[:, :, None])
+    kept = torch.ones(FRAMES, dtype=torch.bool)
+    kept[gap] = False
+    assert (found - whole)[kept].norm(dim=-1).max() < 0.02  # of the person's size
+    nothing = _placed(track(torch.full_like(points, math.nan)), points[:, :, None])
+    assert nothing.isfinite().all()
