@@ -9,7 +9,7 @@ from perfcap.segment.silhouette_consistency import MISSED, CoarseSilhouette, Cov
 
 HEIGHT, WIDTH = 60, 80
 WHOLE = (slice(0, HEIGHT), slice(0, WIDTH))
-FACES = np.array([[0, 1, 2], [2, 1, 3]])  # a quadrilateral
+FACES = np.array([[0, 2, 1], [2, 3, 1]])  # a quadrilateral, seen from outside
 ALL = np.ones(4, np.bool_)
 SEEN = np.ones(2, np.bool_)
 
