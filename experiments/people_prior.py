@@ -42,8 +42,8 @@ class Experiment:
     """Samples (LIU-E4)."""
     every: int = 6
     """Frames between those that are labelled, in all views."""
-    seeds: int = 1
-    """Of the samples; counts are repeated with each."""
+    parts: bool = True
+    """Also compare weights, projections and meshes, and what shapes and colours say alone."""
     pictures: bool = False
     """Write the priors of one frame in all views beside the numbers."""
 
@@ -60,14 +60,15 @@ class Method:
 
 def methods(config: Experiment) -> list[Method]:
     """By number of samples, then by what is asked."""
-    found = [Method(_CLOSED), Method(_CLOSED + ", no colours", colors=False)]
-    found.append(Method(_COLORS, shape=False))
     best, paper = ShapeSamples(), ShapeSamples(center="previous")
-    for seed in range(config.seeds):
-        for count in config.counts:
-            given = {"count": count, "seed": seed}
-            found.append(Method(f"solved pose, n = {count}", replace(best, **given)))
-            found.append(Method(f"previous pose, n = {count}", replace(paper, **given)))
+    found = [Method(_CLOSED)]
+    for count in config.counts:
+        found.append(Method(f"solved pose, n = {count}", replace(best, count=count)))
+        found.append(Method(f"previous pose, n = {count}", replace(paper, count=count)))
+    if not config.parts:
+        return found
+    found.append(Method(_CLOSED + ", no colours", colors=False))
+    found.append(Method(_COLORS, shape=False))
     for name, each in (("solved pose", best), ("previous pose", paper)):
         found.append(Method(f"{name}, no colours", each, colors=False))
         half = replace(each, effective=0.3)
@@ -128,11 +129,8 @@ def _compared(take: Take, seen: Sequence[Seen], config: Experiment) -> Iterator[
                 picked = [k for k, m in enumerate(chosen) if m.name in priors]
                 drawn = [_drawn(found, layers, sources[k].prior(view, frame)) for k in picked]
                 tiles.append([block.images[frame - block.shown.start], *drawn])
-    names = {method.name: None for method in chosen}
-    for name in names:
-        own = [k for k, method in enumerate(chosen) if method.name == name]
-        total = sum((scores[k] for k in own), Counter[str]())
-        yield (name, *shares(total), 1000 * float(spent[own].mean()) / count)
+    for method, total, seconds in zip(chosen, scores, spent, strict=True):
+        yield (method.name, *shares(total), 1000 * seconds / count)
     if tiles:
         RESULTS.mkdir(exist_ok=True)
         picture = np.vstack([np.hstack(row) for row in tiles])
