@@ -28,7 +28,9 @@ GROUPS = {
         "body_fit", "real_body", "shape_over_time", "orbit_frames", "auto_rig", "actor_import",
         "actor_sheets", "template_quality", "shoulders",
     ),
-    "Several people": ("people_association", "people_joints", "people_labels", "people_real"),
+    "Several people": (
+        "people_association", "people_joints", "people_labels", "people_prior", "people_real",
+    ),
     "What if the input is bad?": (
         "noise_sweep", "occlusion", "calibration_sweep", "clocks", "leg_swaps", "mask_corruption",
         "trust", "trust_video",

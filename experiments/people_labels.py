@@ -29,7 +29,7 @@ from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.overlay import COLORS
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.pose_spread import part_deviations
+from perfcap.pipeline.pose_spread import part_deviations, pose_factors
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.segment import SequenceSettings
@@ -37,7 +37,7 @@ from perfcap.segment.person_layer import PersonLayer
 
 Labels = NDArray[np.uint8]
 
-_CONTESTED = 8  # px of both people
+CONTESTED = 8  # px of both people
 _METHODS = ("nearest projected model", "shape alone", "shape and colours")
 _PASSES = "extract_silhouettes"  # how the names of stages begin that find labels
 
@@ -116,7 +116,7 @@ def run(config: Experiment) -> Report:
             Table("joints, and distance of surfaces to the truth, mm", titles, tuple(joints)),
         ),
         (
-            f"Contested: the {_CONTESTED} px around where two people meet, % of it. Beyond: true "
+            f"Contested: the {CONTESTED} px around where two people meet, % of it. Beyond: true "
             "background given to somebody. CPU: a frame and view; of a result, of all its passes.",
             "Joints of shuffled detections. CPU s: of everybody, all stages.",
         ),
@@ -126,7 +126,7 @@ def run(config: Experiment) -> Report:
 def _compared(take: Take, found: Sequence[Performance], every: int) -> Iterator[tuple[object, ...]]:
     """Labels about the motion of joints alone, by method."""
     source = PeopleSource(
-        [_seen(take, each) for each in found], take.images.reader, SequenceSettings(), 1
+        [seen_of(take, each) for each in found], take.images.reader, SequenceSettings(), 1
     )
     scores = {method: Counter[str]() for method in _METHODS}
     spent, count, frames = dict.fromkeys(_METHODS, 0.0), 0, found[0].frames
@@ -143,13 +143,13 @@ def _compared(take: Take, found: Sequence[Performance], every: int) -> Iterator[
                     (one,) = source.label(chosen)
                     labels = one.labels
                 spent[method] += time.process_time() - start
-                scores[method] += _score(labels, truth[frame])
+                scores[method] += score(labels, truth[frame])
             count += 1
     for method in _METHODS:
-        yield (method, *_shares(scores[method]), 1000 * spent[method] / count)
+        yield (method, *shares(scores[method]), 1000 * spent[method] / count)
 
 
-def _seen(take: Take, found: Performance) -> Seen:
+def seen_of(take: Take, found: Performance) -> Seen:
     cameras = take.images.cameras.to(found.motion.angles)
     template = found.actor.template
     sight = Sight(cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
@@ -157,7 +157,8 @@ def _seen(take: Take, found: Performance) -> Seen:
     given = found.actor, found.cameras, found.detections, found.config.pose
     problem = ClipProblem(*given, unit, found.rate)
     deviations = part_deviations(problem, found.motion)
-    return Seen(found.actor, sight, found.motion, deviations, 100 * unit)
+    factors = pose_factors(problem, found.motion)
+    return Seen(found.actor, sight, found.motion, deviations, 100 * unit, factors=factors)
 
 
 def _nearest(layers: Sequence[PersonLayer]) -> Labels:
@@ -171,12 +172,12 @@ def _nearest(layers: Sequence[PersonLayer]) -> Labels:
     return labels
 
 
-def _score(labels: Labels, truth: Labels) -> Counter[str]:
+def score(labels: Labels, truth: Labels) -> Counter[str]:
     """Pixels of a frame by what became of them."""
     there, people = truth > 0, range(1, int(truth.max()) + 1)
     near = [
         cv2.distanceTransform((truth != k).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        <= _CONTESTED
+        <= CONTESTED
         for k in people
         if (truth == k).any()
     ]
@@ -191,7 +192,7 @@ def _score(labels: Labels, truth: Labels) -> Counter[str]:
     return Counter({name: int(pixels.sum()) for name, pixels in sets.items()})
 
 
-def _shares(found: Counter[str]) -> Iterator[float]:
+def shares(found: Counter[str]) -> Iterator[float]:
     there, contested = max(found["there"], 1), max(found["contested"], 1)
     yield from (100 * found[name] / there for name in ("right", "none", "wrong"))
     yield 100 * found["right"] / max(found["right"] + found["wrong"], 1)
@@ -211,8 +212,8 @@ def _result(take: Take, found: Sequence[Performance]) -> Iterator[float]:
     total = Counter[str]()
     for view, truth in enumerate(take.truth):
         for frame in range(found[0].frames):
-            total += _score(_labels_of(found, frame, view), truth[frame])
-    yield from _shares(total)
+            total += score(_labels_of(found, frame, view), truth[frame])
+    yield from shares(total)
     stages = [stage for each in found for stage in each.stages if stage.name.startswith(_PASSES)]
     yield 1000 * sum(stage.cpu for stage in stages) / (found[0].frames * len(take.truth))
 

@@ -77,6 +77,8 @@ def run(config: Experiment) -> Report:
     rows: list[tuple[object, ...]] = []
     for name in config.sequences:
         take = Take.read(config.data, name)
+        if name == config.sequences[0]:
+            followed(take, LIU, 2)  # compiles
         count = config.frames or take.people[0].detections.frame_count
         for variant in chosen:
             frames = known[variant]

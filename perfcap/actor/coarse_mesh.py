@@ -54,7 +54,9 @@ class CoarseMesh:
         faces = cluster.reshape(-1)[actor.template.faces]
         proper = (faces != np.roll(faces, 1, 1)).all(1)
         faces = faces[proper]
-        _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
+        # the two sides of what has become flat stay: each is seen from its own side
+        turned = (np.argmin(faces, 1)[:, None] + np.arange(3)) % 3
+        _, first = np.unique(np.take_along_axis(faces, turned, 1), axis=0, return_index=True)
         faces = faces[np.sort(first)]
         index = torch.from_numpy(chosen)
         skin = SkinWeights(weights[index], joints[index])

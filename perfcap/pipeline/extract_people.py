@@ -18,21 +18,25 @@ from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encod
 from perfcap.pipeline.extract_silhouettes import FEET, FrameBlock, SilhouetteSource
 from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.pose_spread import parts_of_triangles
+from perfcap.pipeline.sampled_poses import PoseSampler, PoseSpread, plain_factor
 from perfcap.pipeline.sight import Sight, View
 from perfcap.pipeline.surface import SurfaceFrames
 from perfcap.pipeline.track_motion import Progress
-from perfcap.segment import SequenceSettings, extract_contour, survey
+from perfcap.segment import Segmentation, SequenceSettings, extract_contour, survey
 from perfcap.segment.label_people import (
     PeopleLabels,
     PeopleSettings,
+    Prior,
     label_people,
     near_each_other,
 )
 from perfcap.segment.part_colors import learn_part_colors
-from perfcap.segment.person_layer import PersonLayer
+from perfcap.segment.person_layer import PersonLayer, Plane
 from perfcap.segment.scene import Scene
 from perfcap.segment.sequence import Footage, segment_block
+from perfcap.segment.shape_samples import ShapeSamples
 from perfcap.segment.silhouettes import encode_labels
+from perfcap.segment.trimap import Box
 from perfcap.segment.trust import boundary_trust
 from perfcap.workers import ordered_map
 
@@ -55,6 +59,8 @@ class Seen:
         heights: of the upright person in each view, (C,) px.
         surface: of every frame, where it is better known than as the motion skins it. It says who
             is where in a foreground.
+        factors: of the covariance of each pose, (F, D, D), where poses are drawn about it; see
+            ``pose_factors``.
     """
 
     actor: Actor
@@ -63,6 +69,7 @@ class Seen:
     deviations: Tensor
     heights: Tensor
     surface: SurfaceFrames | None = None
+    factors: Tensor | None = None
 
     def look(self, view: int, frame: int, skinned: bool = False) -> View:
         """The surface in a frame and view, as it is known best, or as the motion skins it."""
@@ -73,6 +80,25 @@ class Seen:
             else:
                 vertices = self.surface[span]
             return self.sight.look(vertices, span, (view,))[0][0]
+
+    def spread(self, frame: int, settings: ShapeSamples) -> PoseSpread:
+        """Where the person's pose may be in a frame, by a surface at rest that is known best."""
+        here = self.motion[frame : frame + 1]
+        actor, plain = self.actor, plain_factor(here, settings.spread)
+        if self.surface is not None:
+            surface = self.surface[frame : frame + 1].to(actor.vertices)
+            actor = actor.with_vertices(actor.at_rest(here, surface)[0])
+        if settings.center == "previous":
+            first = max(frame - 1, 0)
+            return PoseSpread(actor, self.motion[first : first + 1], plain)
+        if self.factors is None:
+            return PoseSpread(actor, here, plain)
+        return PoseSpread(actor, here, self.known * _SHARE * self.factors[frame])
+
+    @property
+    def known(self) -> float:
+        """Factor of all deviations."""
+        return 1.0 if self.surface is None else _SETTLED
 
 
 def extract_people(
@@ -150,11 +176,22 @@ class PeopleSource(SilhouetteSource):
         super().__init__(first.actor, first.sight, reader, first.motion, settings, workers)
         self.people, self.labels = people, labels or PeopleSettings()
         self.parts = [torch.from_numpy(parts_of_triangles(each.actor)) for each in people]
+        samples = self.labels.samples
+        actors = [each.actor for each in people]
+        self.sampler = None if samples is None else PoseSampler(actors, self.parts, samples)
 
     def label(
         self, block: FrameBlock, frames: Sequence[int] | None = None
     ) -> Iterator[PeopleLabels]:
         """Who is where in the wanted frames of a block, or in some of them, increasing."""
+        for frame, found, people in self.foregrounds(block, frames):
+            prior = self.prior(block.view, frame)
+            yield label_people(found, people, block.scene.colors, self.labels, prior)
+
+    def foregrounds(
+        self, block: FrameBlock, frames: Sequence[int] | None = None
+    ) -> Iterator[tuple[int, Segmentation, Sequence[PersonLayer]]]:
+        """Frames, where everybody is in them, and each as if alone."""
         frames = block.wanted if frames is None else frames
         layers = {frame: self.layers(block.view, frame) for frame in frames}
         drawn = {frame: self.models(block.view, frame, layers[frame]) for frame in frames}
@@ -166,8 +203,12 @@ class PeopleSource(SilhouetteSource):
         for index, found in zip(
             chosen, segment_block(footage, chosen, block.scene, self.settings), strict=True
         ):
-            people = layers[block.shown.start + index]
-            yield label_people(found, people, block.scene.colors, self.labels)
+            frame = block.shown.start + index
+            yield frame, found, layers[frame]
+
+    def prior(self, view: int, frame: int) -> Prior | None:
+        """Of shapes, from samples of everybody's poses; None where it is the closed form."""
+        return None if self.sampler is None else partial(self._prior, self.sampler, view, frame)
 
     def layers(self, view: int, frame: int) -> list[PersonLayer]:
         """Everybody as if they were alone in one frame and view."""
@@ -185,6 +226,20 @@ class PeopleSource(SilhouetteSource):
             ]
         )
 
+    def _prior(
+        self,
+        sampler: PoseSampler,
+        view: int,
+        frame: int,
+        box: Box,
+        foreground: Mask,
+        closed: Plane,
+    ) -> Plane:
+        people = [each.spread(frame, sampler.settings) for each in self.people]
+        outline = _OUTLINE * max(each.known for each in self.people)
+        camera = self.sight.cameras.frames(slice(frame, frame + 1)).select([view])
+        return sampler.sample(people, camera, frame, outline).prior(box, foreground, closed)
+
     def _layer(self, number: int, view: int, frame: int) -> PersonLayer:
         person, span = self.people[number], slice(frame, frame + 1)
         drawn = person.look(view, frame)
@@ -194,7 +249,7 @@ class PeopleSource(SilhouetteSource):
         far = float(np.median(depth[inside])) if inside.any() else 1.0
         camera = person.sight.cameras.frames(span).select([view])
         focal = float(torch.linalg.det(camera.intrinsics[..., :2, :2]).abs().sqrt().mean())
-        known = 1.0 if person.surface is None else _SETTLED
+        known = person.known
         unsure = _SHARE * person.deviations[frame].double().numpy(force=True)
         pixels = known * np.hypot(unsure, _OUTLINE) * focal / far
         doubt = known * float(np.hypot(unsure.mean(), 2 * _OUTLINE))

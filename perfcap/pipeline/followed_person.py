@@ -160,6 +160,8 @@ class PersonState:
         }
         for name, values in parts.items():
             values[rows] = getattr(motion, name)
+            if self.history:
+                values[frame - 1] = getattr(self.history[-1], name)[0]
         self.seen = Seen(
             self.actor, self.person.sight, Motion(**parts), deviations, self.person.heights
         )

@@ -36,6 +36,7 @@ from perfcap.pipeline.local_global import FramePose
 from perfcap.pipeline.surface import StoredSurface
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import Scene, SequenceSettings
+from perfcap.segment.label_people import PeopleSettings
 from perfcap.segment.silhouettes import decode_labels, encode_labels
 from perfcap.workers import ordered_map
 
@@ -77,6 +78,7 @@ def follow(
     workers: int | None,
     progress: Progress,
     checkpoint: Checkpoint,
+    labels: PeopleSettings | None = None,
 ) -> tuple[Followed, ...]:
     """Follow everybody through a clip.
 
@@ -89,9 +91,10 @@ def follow(
         workers: threads; all cores when not given. The result does not depend on it.
         progress: called with (frames done, frames).
         checkpoint: keeps finished frames.
+        labels: how people are told apart.
     """
     frames = people[0].motion.frames
-    walk = _Walk(people, images, config, silhouettes, refined, workers)
+    walk = _Walk(people, images, config, silhouettes, refined, workers, labels)
     kept = checkpoint.kept("follow_frames")
     found: list[_Frame] = []
     kept_surfaces = [StoredSurface.empty(frames, len(each.actor.vertices)) for each in people]
@@ -134,11 +137,12 @@ class _Walk:
         silhouettes: SequenceSettings,
         refined: bool,
         workers: int | None,
+        labels: PeopleSettings | None,
     ) -> None:
         self.images, self.config, self.workers = images, config, workers
         self.states = [PersonState(each, config, refined) for each in people]
         self.source = PeopleSource(
-            [each.seen for each in self.states], images.reader, silhouettes, workers
+            [each.seen for each in self.states], images.reader, silhouettes, workers, labels
         )
         self.scenes: dict[int, Scene] = {}
         self.stretch = -1

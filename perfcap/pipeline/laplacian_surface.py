@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
 
 from perfcap.actor.template import Template
 from perfcap.geometry.camera import NEAR, Camera
@@ -93,13 +93,14 @@ class LaplacianSurface:
             cameras: C views of the frame, (1, C) or (C,).
             heights: of the upright person in every view, px.
         """
-        surface = posed
+        surface, shift, factor = posed, np.zeros((len(self.area), 3)), None
         for _ in range(self.config.rounds):
             rows = [
                 self._rays(surface, found, cameras.select([view]), height)
                 for view, (found, height) in enumerate(zip(pairs(surface), heights, strict=True))
             ]
-            shift = self._solve(posed, [each for each in rows if each is not None])
+            rays = [each for each in rows if each is not None]
+            shift, factor = self._solve(posed, rays, shift, factor)
             surface = posed + shift[self.weld]
         return surface
 
@@ -121,11 +122,17 @@ class LaplacianSurface:
         vertices = self.weld[found.vertices]
         return _Rays(vertices, found.weights, points, slope, missing, weight)
 
-    def _solve(self, posed: Floats, rays: Sequence[_Rays]) -> Floats:
-        """Shifts (U, 3) of the welded vertices."""
+    def _solve(
+        self, posed: Floats, rays: Sequence[_Rays], start: Floats, factor: SuperLU | None
+    ) -> tuple[Floats, SuperLU | None]:
+        """Shifts (U, 3) of the welded vertices, by conjugate gradients from those before.
+
+        What pairs hold on average hardly changes between rounds: the factor of the first one
+        preconditions all of them.
+        """
         size = len(self.area)
         if not rays:
-            return np.zeros((size, 3))
+            return np.zeros((size, 3)), factor
         parts = [each.normal(posed, self.weld, size) for each in rays]
         pull = np.sum([part.right for part in parts], 0)
         blocks = [part.matrix for part in parts]
@@ -133,12 +140,15 @@ class LaplacianSurface:
         tether = self.config.alpha * pairs / self.config.reach**2 * self.area
         slack = _SLACK * float(self.bending.diagonal().mean())
         bend = csr_array(self.bending + diags_array(tether + slack))
-        held = np.sum([part.held for part in parts], 0)
-        options = {"SymmetricMode": True}
-        factor = splu(
-            csc_array(bend + diags_array(held)),
-            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options,
-        )  # fmt: skip
+        if factor is None:
+            held = np.sum([part.held for part in parts], 0)
+            factor = splu(
+                csc_array(bend + diags_array(held)),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        known = factor
 
         def curved(shift: Floats) -> Floats:
             whole: Floats = (bend @ shift.reshape(size, 3)).ravel()
@@ -148,14 +158,14 @@ class LaplacianSurface:
 
         shape = (3 * size, 3 * size)
         solved, _ = cg(
-            LinearOperator(shape, curved, dtype=np.float64), pull.ravel(),
+            LinearOperator(shape, curved, dtype=np.float64), pull.ravel(), start.ravel(),
             rtol=_TOLERANCE, maxiter=_MOST,
             M=LinearOperator(
-                shape, lambda x: factor.solve(x.reshape(size, 3)).ravel(), dtype=np.float64
+                shape, lambda x: known.solve(x.reshape(size, 3)).ravel(), dtype=np.float64
             ),
         )  # fmt: skip
         shift: Floats = solved.reshape(size, 3)
-        return shift
+        return shift, known
 
 
 def bending(matrix: csr_array, area: Floats, stiffness: float) -> csr_array:

@@ -184,14 +184,14 @@ class _Covers:
 
 @dataclass(frozen=True, eq=False)
 class _Posed:
-    """Some vertices of a coarse mesh: at rest (U, 3) m, and their weights."""
+    """Some vertices of a coarse mesh: at rest (U, 3) m float32, and their weights."""
 
     rest: Tensor
     skin: SkinWeights
 
     @classmethod
     def of(cls, actor: Actor, coarse: CoarseMesh, corners: NDArray[np.int64]) -> Self:
-        rest = actor.vertices[torch.from_numpy(coarse.chosen[corners])]
+        rest = actor.vertices[torch.from_numpy(coarse.chosen[corners])].float()
         joints, weights, _ = coarse.skin.rows()
         index = torch.from_numpy(corners)
         return cls(rest, SkinWeights(weights[index], joints[index]).to(rest))
@@ -201,9 +201,11 @@ class _Posed:
         self, actor: Actor, cameras: Camera, motion: Motion
     ) -> tuple[NDArray[np.float32], Flags]:
         """Columns and rows in N poses, (C, 2, N, U) px, and what is in front, (C, N, U)."""
-        placed = dual_quaternion_blend(self.rest, self.skin, *actor.joint_transforms(motion))
+        rotation, translation = actor.joint_transforms(motion)
+        transforms = rotation.to(self.rest), translation.to(self.rest)
+        placed = dual_quaternion_blend(self.rest, self.skin, *transforms)
         shape = placed.shape[:2]
-        points = placed.reshape(-1, 3).float()
+        points = placed.reshape(-1, 3)
         views = cameras.to(points)
         rotation, translation = views.rotation.reshape(-1, 3), views.translation.reshape(-1, 1)
         local = torch.addmm(translation, rotation, points.mT).reshape(-1, 3, len(points))

@@ -42,26 +42,50 @@ def part_deviations(problem: ClipProblem, motion: Motion, most: float = 0.1) -> 
         motion: (F,).
         most: m; larger ones say that nothing is known.
     """
-    parts = []
-    for start in range(0, motion.frames, _STRETCH):
-        span = slice(start, start + _STRETCH)
-        parts.append(_landmark_variance(problem, motion[span], span))
+    parts = [_landmark_variance(problem, motion[span], span) for span in _spans(motion)]
     variance = torch.cat(parts)[:, None] * _shares().to(motion.angles)  # F P L
     return variance.sum(-1).clamp(min=0).sqrt().clamp(max=most)
 
 
+@torch.no_grad()
+def pose_factors(problem: ClipProblem, motion: Motion, most: float = 1.0) -> Tensor:
+    """Factors L of the covariance L L^T of each frame's pose, (F, D, D), see ``part_deviations``.
+
+    Args:
+        problem: what the motion was found from.
+        motion: (F,).
+        most: m or rad; larger deviations say that nothing is known.
+    """
+    found = []
+    for span in _spans(motion):
+        covariance = _covariance(problem, motion[span], span)
+        variance, axes = torch.linalg.eigh((covariance + covariance.mT) / 2)
+        found.append(axes * variance.clamp(0, most**2).sqrt()[:, None])
+    return torch.cat(found)
+
+
+def _spans(motion: Motion) -> list[slice]:
+    return [slice(start, start + _STRETCH) for start in range(0, motion.frames, _STRETCH)]
+
+
 def _landmark_variance(problem: ClipProblem, motion: Motion, span: slice) -> Tensor:
     """Mean variance along an axis of every landmark, (F, L) square metres."""
+    covariance = _covariance(problem, motion, span)
+    _, slope, _ = problem.actor.skeleton.linearize(motion)  # F L 3 D
+    variance: Tensor = ((slope @ covariance[:, None]) * slope).sum((-2, -1)) / 3
+    return variance[:, : len(LANDMARKS)]
+
+
+def _covariance(problem: ClipProblem, motion: Motion, span: slice) -> Tensor:
+    """Of the unknowns of each pose, (F, D, D)."""
     seen = problem.detections.frames(span)
     given = problem.cameras.frames(span), seen, problem.config, problem.pixel_unit
     objective = pose_objective(problem.actor, *given)
     total = torch.stack([frame_curvature(energy, motion) for _, energy in objective.items()]).sum(0)
     scale = total.diagonal(dim1=-2, dim2=-1).amax(-1)[:, None, None].clamp(min=1e-9)
     eye = torch.eye(total.shape[-1]).to(total)
-    covariance = torch.linalg.inv(total + _DAMPING * scale * eye)
-    _, slope, _ = problem.actor.skeleton.linearize(motion)  # F L 3 D
-    variance: Tensor = ((slope @ covariance[:, None]) * slope).sum((-2, -1)) / 3
-    return variance[:, : len(LANDMARKS)]
+    covariance: Tensor = torch.linalg.inv(total + _DAMPING * scale * eye)
+    return covariance
 
 
 def _shares() -> Tensor:

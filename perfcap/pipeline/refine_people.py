@@ -21,7 +21,7 @@ from perfcap.pipeline.frame_by_frame import Followed, follow
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.overlap import clip_overlaps
-from perfcap.pipeline.pose_spread import part_deviations
+from perfcap.pipeline.pose_spread import part_deviations, pose_factors
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import Refinement, Refiner, StageContext
 from perfcap.pipeline.refine_pose import PoseRefinement
@@ -72,6 +72,8 @@ def refine_people(
     """
     own = _refiners(people, images, config, workers)
     deviations = [part_deviations(each.problem, each.motion) for each in people]
+    sampled = config.silhouettes.people.samples is not None
+    factors = [pose_factors(each.problem, each.motion) if sampled else None for each in people]
 
     def extract(
         name: str,
@@ -80,15 +82,15 @@ def refine_people(
         refined: Sequence[Refinement] = (),
     ) -> tuple[Evidence, ...]:
         seen = [
-            Seen(one.problem.actor, one.sight, motion, unsure, one.heights)
-            for one, motion, unsure in zip(own, motions, deviations, strict=True)
+            Seen(one.problem.actor, one.sight, motion, unsure, one.heights, factors=drawn)
+            for one, motion, unsure, drawn in zip(own, motions, deviations, factors, strict=True)
         ]
         if refined:
             pairs = zip(seen, refined, strict=True)
             seen = [replace(each, surface=known.vertices) for each, known in pairs]
         before = [known.evidence for known in refined] or None
         with stage(name) as tell:
-            given = workers, tell, checkpoint, name
+            given = workers, tell, checkpoint, name, config.silhouettes.people
             return extract_people(seen, images.reader, settings, *given, before=before)
 
     motions = [each.motion for each in people]
@@ -145,7 +147,8 @@ def follow_people(
     refined = until >= Stage.REFINE_SURFACE
     with stage("follow_frames") as tell:
         settings = config.frames, config.silhouettes.first, refined
-        found = follow(followers, images, *settings, workers, tell, checkpoint)
+        labels = config.silhouettes.people
+        found = follow(followers, images, *settings, workers, tell, checkpoint, labels)
     rows = zip(own, people, found, strict=True)
     return tuple(_refinement(one, each.motion, result, refined) for one, each, result in rows)
 

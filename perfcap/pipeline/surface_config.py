@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perfcap.segment import Matching, SequenceSettings
+from perfcap.segment.label_people import PeopleSettings
 from perfcap.segment.settings import PAPER, SECOND_PASS
 from perfcap.setting_checks import Settings, require_counts, require_shares, require_sizes
 
@@ -23,6 +24,8 @@ class SilhouetteConfig(Settings):
     # of several people: how often who is where is found once more from the refined surfaces, where
     # people are near each other, with surfaces refined anew in between
     closer: int = 2
+    # how people are told apart
+    people: PeopleSettings = field(default_factory=PeopleSettings)
 
 
 @dataclass(frozen=True)

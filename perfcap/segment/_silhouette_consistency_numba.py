@@ -1,7 +1,8 @@
 """Coverage of many poses of one mesh in one view, and what it costs: compiled loops.
 
 A pixel that is covered for the first time changes three sums, so that no picture is looked
-through. Pixel centres on an edge are covered by both triangles, which changes nothing.
+through. Pixel centres on an edge are covered by both triangles, which changes nothing. Triangles
+that are seen from inside are left out: of a closed surface they cover nothing else.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def cover(
         x: column of each vertex in the picture, (V,) px.
         y: row, (V,) px.
         usable: (V,), False where a vertex is behind the camera: its triangles are left out.
-        faces: (T, 3).
+        faces: (T, 3), counter-clockwise seen from outside.
         seen: whether each triangle's part was seen before, (T,).
         inside: the silhouette, (h, w).
         distance: to the silhouette, (h, w), 0 inside.
@@ -43,15 +44,13 @@ def cover(
         a, b, c = faces[index, 0], faces[index, 1], faces[index, 2]
         if not (usable[a] and usable[b] and usable[c]):
             continue
-        ax, bx, cx = x[a], x[b], x[c]
-        ay, by, cy = y[a], y[b], y[c]
+        # clockwise where rows go down: seen from outside, two corners change places
+        ax, bx, cx = x[a], x[c], x[b]
+        ay, by, cy = y[a], y[c], y[b]
+        if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0:
+            continue
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0:
-            continue
-        if area < 0:
-            bx, by, cx, cy = cx, cy, bx, by
         bits = ANY | SEEN if seen[index] else ANY
         first, last = max(0, int(np.ceil(left))), min(width - 1, int(np.floor(right)))
         for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):

@@ -8,7 +8,7 @@ one person's labels are the cut itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -20,6 +20,7 @@ from perfcap.segment.grabcut import Segmentation
 from perfcap.segment.label_field import FieldSettings, LabelField
 from perfcap.segment.part_colors import PartColors, PartColorSettings
 from perfcap.segment.person_layer import PersonLayer, Surroundings
+from perfcap.segment.shape_samples import ShapeSamples
 from perfcap.segment.trimap import BACKGROUND, PROBABLE_FOREGROUND, Box, Mask, Trimap
 from perfcap.setting_checks import Settings
 
@@ -82,6 +83,8 @@ def shape_prior(people: Sequence[Surroundings], doubt: float) -> Plane:
 # --- Which person each pixel of a foreground shows (Liu et al. 2013, Sec. 5) ----------------------
 
 Labels = NDArray[np.uint8]
+# of a part of the image, the foreground (h, w) there and the closed form (K, h, w)
+Prior = Callable[[Box, Mask, Plane], Plane]
 
 _MOST = 20.0  # nats in favour of a label that nothing contests
 _CLEAR = 11.0  # nats of shape that neither colours nor neighbours overrule
@@ -95,10 +98,12 @@ class PeopleSettings(Settings):
     Attributes:
         smoothness: prices of neighbours.
         color: what colours say.
+        samples: of poses, whose frequency is the shape prior; the closed form where None.
     """
 
     smoothness: FieldSettings = field(default_factory=FieldSettings)
     color: PartColorSettings = field(default_factory=PartColorSettings)
+    samples: ShapeSamples | None = None
 
 
 @dataclass(frozen=True)
@@ -125,6 +130,7 @@ def label_people(
     layers: Sequence[PersonLayer],
     colors: Sequence[PartColors],
     settings: PeopleSettings | None = None,
+    prior: Prior | None = None,
 ) -> PeopleLabels:
     """Tell the people of a foreground apart.
 
@@ -133,6 +139,7 @@ def label_people(
         layers: each as their model alone would be seen.
         colors: of each, in this view; empty to do without.
         settings: of the field.
+        prior: of shapes, instead of the closed form.
     """
     settings, trimaps = settings or PeopleSettings(), found.trimap.people
     mask = found.mask[found.trimap.box]
@@ -143,9 +150,12 @@ def label_people(
     inner = _bounds(contested)
     ahead = np.ones((len(trimaps), *contested[inner].shape), np.float32)
     if contested.any():
-        around = [each.seen_from(_outward(inner, found.trimap.box)) for each in layers]
+        place = _outward(inner, found.trimap.box)
+        around = [each.seen_from(place) for each in layers]
         doubt = float(np.hypot.reduce([each.doubt for each in layers]))
-        nats[:, *inner] -= np.log(shape_prior(around, doubt))
+        shapes = shape_prior(around, doubt)
+        shapes = shapes if prior is None else prior(place, mask[inner], shapes)
+        nats[:, *inner] -= np.log(shapes)
         image = found.image[inner].astype(np.float32)
         solved = _solved(
             image, nats[:, *inner], labels[inner], contested[inner], around, colors, settings

@@ -9,6 +9,7 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.render import rasterize
+from perfcap.render.label_map import Cull
 
 SAM = load_actor("sam")
 COARSE = CoarseMesh.of(SAM, 0.03)
@@ -46,6 +47,21 @@ def test_silhouette_is_that_of_the_actor() -> None:
         )
     both, either = (masks[0] & masks[1]).sum(), (masks[0] | masks[1]).sum()
     assert both / either > 0.93
+
+
+def test_triangles_seen_from_outside_cover_all() -> None:
+    """The two sides of what has become flat are both there."""
+    rest = SAM.vertices[torch.from_numpy(COARSE.chosen)]
+    faces = torch.from_numpy(COARSE.faces.copy())
+    for axis in range(2):
+        pixels = 100 * rest[:, [2 * axis, 1]] * torch.tensor([1.0, -1.0]) + 120
+        # from the front (+z comes nearer), and from the side
+        depth = 3 - rest[:, 2] if axis == 0 else 3 + rest[:, 0]
+        drawn = [
+            rasterize(pixels, depth, faces, (240, 240), cull).mask
+            for cull in (Cull.NONE, Cull.BACK)
+        ]
+        assert (drawn[0] & ~drawn[1]).sum() <= 0.002 * drawn[0].sum()
 
 
 def test_triangles_that_a_joint_moves() -> None:

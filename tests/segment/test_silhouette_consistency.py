@@ -9,7 +9,7 @@ from perfcap.segment.silhouette_consistency import MISSED, CoarseSilhouette, Cov
 
 HEIGHT, WIDTH = 60, 80
 WHOLE = (slice(0, HEIGHT), slice(0, WIDTH))
-FACES = np.array([[0, 1, 2], [2, 1, 3]])  # a quadrilateral
+FACES = np.array([[0, 2, 1], [2, 3, 1]])  # a quadrilateral, seen from outside
 ALL = np.ones(4, np.bool_)
 SEEN = np.ones(2, np.bool_)
 
@@ -99,3 +99,13 @@ def test_an_empty_silhouette_is_no_place_to_be() -> None:
     )  # fmt: skip
     assert far == 0
     assert outside == pytest.approx(np.hypot(HEIGHT, WIDTH), rel=0.1)
+
+
+def test_what_is_seen_from_inside_covers_nothing() -> None:
+    """Of a closed surface it covers nothing that its other side does not."""
+    silhouette = CoarseSilhouette.of(disc(40, 30, 14.5), WHOLE, 1.0, 1.0)
+    base = Coverage.of(silhouette, box(0, 0, 1, 1), ALL, FACES[:0], SEEN[:0])
+    pose, one = box(30, 20, 50, 44)[:, None], ALL[None]
+    assert base.costs(pose, one, FACES[:, ::-1].copy(), SEEN) == MISSED
+    both, two = np.concatenate([FACES, FACES[:, ::-1]]), np.ones(4, np.bool_)
+    assert base.costs(pose, one, both, two) == base.costs(pose, one, FACES, SEEN) < MISSED
