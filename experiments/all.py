@@ -45,6 +45,7 @@ SMALL: dict[str, tuple[str, ...]] = {
         "--seeds", "1", "--frames", "6", "--smooth", "20", "--sizes", "1.1",
         "--sequences", "dev_tight",
     ),
+    "two_views": ("--clips", "2", "--frames", "40", "--lasting", "12"),
     "term_ablation": ("--seeds", "1", "--frames", "60"),
     "weight_sweep": ("--seeds", "1", "--factors", "0.5", "2", "--frames", "60"),
     "window_sweep": ("--seeds", "1", "--frames", "60"),

@@ -40,6 +40,8 @@ class Experiment:
     """Folder of the recordings."""
     views: int = 2
     """Number of views, around the person."""
+    clips: int = len(_CLIPS)
+    """Of the library, at most."""
     frames: int = 60
     """Of a clip, at most."""
     lasting: tuple[float, ...] = (1.0, 3.0, 12.0, 36.0)
@@ -53,7 +55,7 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     lifter = OnnxLifter(models_folder() / "lifters" / "cmu")
     motion = Motion(config.data, frames=config.frames, seed=config.seed)
-    chosen = list(takes(motion, config.views, _CLIPS))
+    chosen = list(takes(motion, config.views, _CLIPS[: config.clips]))
     rows = [_row(take, lifter, config) for take in chosen]
     errors = torch.tensor([row[1:] for row in rows])
     summary = [
