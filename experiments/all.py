@@ -56,7 +56,7 @@ LONG = (
     "detector_photographs", "export_check", "finetune_through_solver", "held_out_masks",
     "image_memory", "joint_refinement", "lifter_motion", "lifter_real", "long_clip",
     "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "people_labels",
-    "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",
+    "people_memory", "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
     "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
     "trust_video", "video_alone", "views_sweep", "worst_masks",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from perfcap.render._zbuffer_numba import fill
 
 
-@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def show(
     grid: NDArray[np.int64],
     inverse_depth: NDArray[np.float64],
