@@ -100,7 +100,7 @@ class PoseSearch:
 
     def __init__(self, actor: Actor, heights: Sequence[float], config: GlobalConfig) -> None:
         self.heights, self.config = heights, config
-        self.coarse = CoarseMesh.of(actor, config.cell)
+        self.coarse = CoarseMesh.of(actor, config.cell, doubled=True)
 
     def search(
         self,

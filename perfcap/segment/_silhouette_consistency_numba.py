@@ -2,7 +2,8 @@
 
 A pixel that is covered for the first time changes three sums, so that no picture is looked
 through. Pixel centres on an edge are covered by both triangles, which changes nothing. Triangles
-that are seen from inside are left out: of a closed surface they cover nothing else.
+that are seen from inside are left out: of a closed surface they cover nothing else, and what is
+open has triangles of both sides (``CoarseMesh.of``).
 """
 
 from __future__ import annotations

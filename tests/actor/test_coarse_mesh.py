@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from synthetic import actor as person
 
 from perfcap.actor.coarse_mesh import CoarseMesh
 from perfcap.actor.skinning import dual_quaternion_blend
@@ -78,3 +79,37 @@ def test_triangles_that_a_joint_moves() -> None:
 def test_refuses_cells_without_size(cell: float) -> None:
     with pytest.raises(InputError, match="side of cells in metres"):
         CoarseMesh.of(SAM, cell)
+
+
+def test_open_parts_have_both_sides() -> None:
+    """A skirt is seen from below, too: the search draws what is seen from outside alone."""
+    doubled = CoarseMesh.of(SAM, 0.03, doubled=True)
+    both = {tuple(sorted(face)) for face in COARSE.faces.tolist()}
+    assert {tuple(sorted(face)) for face in doubled.faces.tolist()} == both
+    turned = {_turned(face) for face in doubled.faces[:, ::-1].tolist()}
+    one_sided = [face for face in doubled.faces.tolist() if _turned(face) not in turned]
+    weld = SAM.template.weld()[0]
+    assert len(COARSE.faces) < len(doubled.faces) < 2 * len(COARSE.faces)
+    assert 0 < len(one_sided) < len(COARSE.faces)
+    # what clusters fold together is counted once, so that a few edges stay
+    assert _border(doubled.faces) < 0.1 * _border(weld[SAM.template.faces])
+
+
+def test_tubes_are_drawn_from_inside_too() -> None:
+    tubes = CoarseMesh.of(person(), 0.03, doubled=True)
+    plain = CoarseMesh.of(person(), 0.03)
+    assert len(tubes.faces) == 2 * len(plain.faces)
+
+
+def _turned(face: list[int]) -> tuple[int, ...]:
+    """The corners from the smallest on, in their order."""
+    first = face.index(min(face))
+    return tuple(face[first:] + face[:first])
+
+
+def _border(faces: np.ndarray) -> int:
+    """Edges that are passed one way more often than the other."""
+    ways = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges, where = np.unique(np.sort(ways, 1), axis=0, return_inverse=True)
+    balance = np.bincount(where.reshape(-1), np.where(ways[:, 0] < ways[:, 1], 1, -1), len(edges))
+    return int((balance != 0).sum())
