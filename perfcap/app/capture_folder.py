@@ -25,9 +25,12 @@ from perfcap.io.result_folder import (
     WORK,
     holds_result,
     is_several,
+    own_file,
     people_of,
 )
 
+_SHARED = ("input_files", "retargeted_from", "frames", "fps")  # of all people of a capture
+_PERSONAL = ("actor", "detections", "detections_in", "out")  # of the calls that they state
 _MOST_FILES = 1_000_000  # that are looked at in one folder
 
 
@@ -167,9 +170,52 @@ def for_everybody(folder: Path, command: Callable[[Path, str], int]) -> int:
 
 
 def named_people(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Folders of people, and their names; the folder itself and no name where there is one."""
-    for place in people_of(folder):
-        yield place, place.name if is_several(folder) else ""
+    """Folders of people, and their names; the folder itself and no name where there is one.
+
+    Raises:
+        InputError: the list of people is damaged, or the folder of one is of another capture.
+    """
+    several, places = is_several(folder), people_of(folder)
+    if several:
+        _require_same_capture(folder, places)
+    for place in places:
+        yield place, place.name if several else ""
+
+
+def _require_same_capture(folder: Path, places: Iterable[Path]) -> None:
+    """Refuse a person who was captured from other inputs or by another call than all, or twice."""
+    common = _report(folder)
+    people: dict[object, Path] = {}
+    for place in places:
+        report = _report(place)
+        own = _origin(report)
+        for key, value in _origin(common).items():
+            if own.get(key, value) != value:
+                raise InputError(
+                    f"{place}: is of another capture than {folder} (its {key} is another, see both "
+                    f"{REPORT}); put the person's own folder back, or run perfcap capture again"
+                )
+        number = report.get("person", place.name)
+        if number in people:
+            raise InputError(
+                f"{place}: is person {number} of the capture, as is {people[number]}; put the "
+                "person's own folder back, or run perfcap capture again"
+            )
+        people[number] = place
+
+
+def _report(folder: Path) -> dict[str, object]:
+    path = own_file(folder, REPORT)
+    report = None if path is None else read_json(path, "the report of a capture")
+    return report if isinstance(report, dict) else {}
+
+
+def _origin(report: Mapping[str, object]) -> dict[str, object]:
+    """From what, and by which call, a result is, as far as its report says it."""
+    request = report.get("request")
+    call = request.items() if isinstance(request, dict) else ()
+    found = {key: report[key] for key in _SHARED if key in report}
+    return found | {f"--{key}": value for key, value in call if key not in _PERSONAL}
 
 
 def beside(path: Path, person: str) -> Path:

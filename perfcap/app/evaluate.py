@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.table import Table
 
-from perfcap.app.capture_folder import spare_result
+from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
 from perfcap.app.truth import Truth, find_truth, match_truths, read_found, read_truth, read_truths
@@ -17,7 +17,7 @@ from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.result import require_one_capture
-from perfcap.io.result_folder import METRICS, is_several, people_of
+from perfcap.io.result_folder import METRICS, is_several
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (
@@ -72,7 +72,7 @@ def run_evaluate(request: Evaluate) -> int:
 
 def _evaluate_people(request: Evaluate) -> int:
     """Everybody against the truth whose joints are nearest; all together in the folder's file."""
-    folders = people_of(request.folder)
+    folders = [place for place, _ in named_people(request.folder)]
     truths = match_truths(folders, read_truths(request.truth, request.dataset, request.sequence))
     together: dict[str, Any] = {}
     for folder, truth in zip(folders, truths, strict=True):

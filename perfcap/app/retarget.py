@@ -216,11 +216,13 @@ def _about(request: Retarget) -> dict[str, Any]:
 def _doubts(part: _Part) -> Iterator[str]:
     """What no person does, and what no person can have done on this figure."""
     kept, rate = part.scores.report(), part.rig.rate
+    robot = bool(part.target.skeleton.rig.roles)
     speeds = hip_speed(part.found.motion, rate).tolist()
     if kept["limbs_degrees"]["q95"] > _FAR_OFF:
         yield (
             "limbs are far from the source's in some frames; check its bones (--source-mapping) "
             "and the order of its rotations"
+            + (", and axes and limits of the robot's joints" if robot else "")
         )
     if max(speeds, default=0.0) > FASTEST:
         yield (
@@ -230,7 +232,7 @@ def _doubts(part: _Part) -> Iterator[str]:
     yield from places_doubts(part.target.joints(part.found.motion))
     speed = rate * part.found.motion.angles.diff(dim=0).abs().amax(1).rad2deg()
     fast = (speed > _HASTE * RetargetConfig().speed).nonzero().flatten().tolist()
-    if part.target.skeleton.rig.roles and fast:
+    if robot and fast:
         yield (
             f"hinges turn at {float(speed.max()):.0f} degrees a second in {len(fast)} frames, "
             f"first in frame {int(part.rig.frames[fast[0] + 1])}: limits leave no short way "

@@ -16,7 +16,7 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
-from perfcap.train.checkpoint import start_from
+from perfcap.train.checkpoint import require_unseen, start_from
 from perfcap.train.config import LifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter, LifterCommittee
@@ -38,6 +38,8 @@ def run_train_lifter(request: TrainLifter) -> int:
     config, out = request.config, request.out
     config.require_sound()
     library = MotionLibrary.read(request.motion)
+    for path in (*request.together_with, *((request.start,) if request.start else ())):
+        require_unseen(path, (*config.held_out, *config.validation), library.digest)
     others = [_lifter(path, config.lifter) for path in request.together_with]
     make_folder(out, request.resume)
     learned = library.without((*config.held_out, *config.validation))

@@ -18,7 +18,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.card import write_detector_card
 from perfcap.train.cast import Cast
-from perfcap.train.checkpoint import start_from
+from perfcap.train.checkpoint import require_unseen, start_from
 from perfcap.train.config import TrainDetectorConfig
 from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
@@ -45,6 +45,8 @@ def run_train_detector(request: TrainDetector) -> int:
     _check(config)
     config.require_sound()
     library = MotionLibrary.read(request.motion)
+    if request.start is not None:
+        require_unseen(request.start, (*config.held_out, *config.validation), library.digest)
     make_folder(request.out, request.resume)
     torch.set_num_threads(1)  # several processes are faster than several threads
     cv2.setNumThreads(1)

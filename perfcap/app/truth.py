@@ -187,6 +187,12 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(
             f"{path}: frames is {frames.dtype} {frames.shape}, expected {len(joints)} frame numbers"
         )
+    numbers, counts = np.unique(frames, return_counts=True)
+    if counts.max() > 1:
+        raise InputError(
+            f"{path}: frames names {numbers[counts.argmax()]} {counts.max()} times; expected a "
+            "number of its own for each frame"
+        )
     if fps is not None and (
         fps.size != 1 or fps.dtype.kind not in "fiu" or not SLOWEST <= fps < FASTEST
     ):

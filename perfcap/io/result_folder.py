@@ -319,6 +319,9 @@ def people_of(folder: Path) -> tuple[Path, ...]:
     names = [each.get("folder") if isinstance(each, dict) else None for each in entries]
     if not names or not all(isinstance(n, str) and PERSON.fullmatch(n) for n in names):
         raise InputError(f"{path}: names no folders of people; run perfcap capture again")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}: names {twice} twice, expected a folder for each person")
     places = tuple(folder / str(name) for name in names)
     for place in places:
         if place.is_symlink() or not place.is_dir():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import logging
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from torch import Tensor, nn
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 
+_LOG = logging.getLogger(__name__)
 _LIMIT = 8 * 2**30  # bytes
 
 
@@ -96,6 +99,40 @@ def start_from(model: nn.Module, path: Path) -> None:
             "the sizes that it was trained with; a detector may have more blocks"
         )
     model.load_state_dict(own | weights)
+
+
+def require_unseen(path: Path, people: Collection[str], motion: str) -> None:
+    """Refuse weights that have learned from people who are held out; warn where that is unknown.
+
+    Args:
+        path: of the checkpoint.
+        people: who are held out.
+        motion: digest of the library that they are in.
+
+    Raises:
+        InputError: it has learned from some of them, whose errors would be too small.
+    """
+    try:
+        config = json.loads(load_checkpoint(path).values["config"])
+    except ValueError:
+        return
+    if not isinstance(config, dict) or "held_out" not in config:
+        return
+    apart = [str(each) for key in ("held_out", "validation") for each in config.get(key) or ()]
+    seen = sorted(set(people) - set(apart))
+    if not seen:
+        return
+    if config.get("motion") == motion:
+        raise InputError(
+            f"{path}: has learned from people who are held out here ({', '.join(seen)}), whose "
+            f"errors would be too small; hold out some of those that it has not learned from: "
+            f"{', '.join(apart)}"
+        )
+    _LOG.warning(
+        "%s: has learned from other motion, of which it held out %s; errors on %s are too small "
+        "where they were in it",
+        *(path, ", ".join(apart), ", ".join(seen)),
+    )
 
 
 def _require() -> None:

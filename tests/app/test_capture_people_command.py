@@ -13,9 +13,11 @@ from crowds import make_crowd
 from runs import Command
 
 from perfcap.app import networks
+from perfcap.app.capture_folder import named_people
 from perfcap.app.networks import Detecting
 from perfcap.cli import main
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.io.detections import read_candidates
 from perfcap.io.gltf_document import open_document
 from perfcap.io.result import read_result
@@ -62,6 +64,27 @@ def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> 
     assert run["people"] == 2 and run["complete"] and run["request"]["actor"] == [
         str(path) for path in pair.actors
     ]  # fmt: skip
+
+
+def test_people_of_other_captures_are_refused(captured: Path, tmp_path: Path) -> None:
+    """A folder that was put in the place of a person's."""
+    together = shutil.copytree(captured, tmp_path / "both")
+    assert [name for _, name in named_people(together)] == ["person1", "person2"]
+    report = together / "person2/run.json"
+    content = json.loads(report.read_text())
+    shutil.copy(together / "person1/run.json", report)
+    with pytest.raises(InputError, match=r"person2: is person 1 of the capture, as is .*person1;"):
+        list(named_people(together))
+    for other, said in (
+        (content | {"input_files": {"video.mp4": "1"}}, "input_files"),
+        (content | {"request": content["request"] | {"frames": "5:20"}}, "--frames"),
+    ):
+        report.write_text(json.dumps(other))
+        with pytest.raises(InputError, match=rf"person2: is of another capture .*its {said} is"):
+            list(named_people(together))
+    del content["input_files"], content["request"]  # older versions say less
+    report.write_text(json.dumps(content))
+    assert len(list(named_people(together))) == 2
 
 
 def test_what_is_doubtful_is_said_once(

@@ -100,6 +100,7 @@ def test_frames_are_matched_by_number(
         ({"frames": np.arange(20)}, "frames is int64 (20,)"),
         ({"frames": np.linspace(0, 1, 24)}, "frames is float64"),
         ({"frames": np.arange(7, 31)}, "lacks 7 of the 24 frames"),
+        ({"frames": np.arange(24).clip(1)}, "frames names 1 2 times"),
         ({"joints3d": None}, "joints3d is missing"),
         ({"fps": np.array(60.0)}, "runs at 60 frames a second, "),
     ],

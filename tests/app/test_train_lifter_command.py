@@ -52,3 +52,23 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     wider = perfcap([*call, tmp_path / "c", "--start", best, "--lifter.channels", 12])
     assert "is of another network" in wider.refused()
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
+
+
+@pytest.mark.parametrize("option", ["--start", "--together-with"])
+def test_people_held_out_were_never_learned_from(
+    perfcap: Command,
+    library: Path,
+    tmp_path: Path,
+    option: str,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    call = ["train", "lifter", *TINY, "--motion"]
+    assert perfcap([*call, library, "--out", tmp_path / "a"]).code == 0
+    best = tmp_path / "a" / "best.safetensors"
+    again = [*call, library, "--out", tmp_path / "b", option, best, "--held-out", "01"]
+    assert "learned from people who are held out here (01)" in perfcap(again).refused()
+    assert not (tmp_path / "b").exists()
+    other = write_library(tmp_path / "other", frames=21)
+    again[again.index(library)] = other
+    assert perfcap(again).code == 0
+    assert "has learned from other motion, of which it held out 03, 02" in caplog.text

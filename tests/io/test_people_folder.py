@@ -107,6 +107,12 @@ def test_damaged_lists_of_people(tmp_path: Path, content: str) -> None:
         people_of(tmp_path)
 
 
+def test_nobody_is_listed_twice(tmp_path: Path) -> None:
+    (tmp_path / "people.json").write_text(json.dumps({"people": [{"folder": "person1"}] * 2}))
+    with pytest.raises(InputError, match="names person1 twice"):
+        people_of(tmp_path)
+
+
 def test_people_are_listed_in_order(tmp_path: Path) -> None:
     write_people(tmp_path, [{"actor": "a"}, {"actor": "b"}])
     listed = json.loads((tmp_path / "people.json").read_text())

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +185,7 @@ def test_what_a_file_says_and_nothing_here_does_is_noted(tmp_path: Path) -> None
         "a.xml": (robots.mjcf().replace("</mujoco>", f"{coupled}</mujoco>"), "right_knee follow"),
         "b.urdf": (re.sub(r"<limit[^>]*>", "", robots.urdf(), count=1), "have no <limit>"),
         "b.xml": (robots.mjcf().replace('"degree"', '"radian"'), "look like degrees"),
+        "c.xml": (re.sub('range="[^"]*"', 'range="-1.5 2"', robots.mjcf()), "limits in radians"),
     }
     for name, (text, words) in several.items():
         (tmp_path / name).write_text(text)
@@ -191,6 +193,27 @@ def test_what_a_file_says_and_nothing_here_does_is_noted(tmp_path: Path) -> None
         assert re.search(words, note)
     plain = robots.write(tmp_path)
     assert not any(read_robot(path).notes for path in plain.values())
+
+
+def test_robots_in_millimetres_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.urdf"
+    place = re.compile('xyz="([^"]*)"(?=/><axis)')
+    for scale, unit in ((1000, "millimetres"), (100, "centimetres")):
+        path.write_text(place.sub(partial(times, scale), robots.urdf()))
+        with pytest.raises(InputError, match=rf"a.urdf: its bodies lie .* {unit} by {scale}"):
+            load_robot(path)
+    (tmp_path / "foot.obj").write_text("v 0 0 0\nv 220 0 0\nv 0 90 0\nf 1 2 3\n")
+    mesh = '<mesh filename="foot.obj"/>'
+    path.write_text(re.sub("<box[^>]*/>", mesh, robots.urdf()))
+    with pytest.raises(InputError, match="a shape of 'left_foot' is 220 across"):
+        load_robot(path)
+    scaled = mesh.replace("/>", ' scale="0.001 0.001 0.001"/>')
+    path.write_text(re.sub("<box[^>]*/>", scaled, robots.urdf()))
+    load_robot(path)
+
+
+def times(scale: float, found: re.Match[str]) -> str:
+    return f'xyz="{robots.words(scale * np.array(found[1].split(), float))}"'
 
 
 @pytest.mark.parametrize("name", ["package://bot/arm.obj", "package:///bot/arm.obj", "arm.obj"])

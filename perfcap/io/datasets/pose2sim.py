@@ -8,7 +8,8 @@ is read as ``NAME/REFERENCE``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from perfcap.io.datasets.layout import array_of, check_name, landmarks_of, match
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
 from perfcap.io.datasets.trc import read_trc
 from perfcap.metrics import Alignment
+
+Floats = NDArray[np.float64]
 
 _TITLE = "a Pose2Sim recording"
 _LAYOUT = "NAME/calibration/Calib*.toml with NAME/pose3d/ or NAME/pose-3d/ of *.trc"
@@ -51,7 +54,7 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
     recording = folder / base
     references = {path.stem: path for path in _references(recording)}
     reference = references[person] if person else next(iter(references.values()))
-    names, points, rate = _joints(reference)
+    names, points, rate, frames = _joints(reference)
     known = {canonical_name(joint) for joint in names}
     if not known & set(LANDMARKS):
         raise InputError(f"{reference}: names {', '.join(names[:5])}, none of the landmarks")
@@ -60,17 +63,20 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
         dataset="pose2sim",
         name=name,
         folder=recording,
-        frames=torch.arange(len(points)),
+        frames=torch.from_numpy(frames),
         rate=rate,
         joints3d=joints3d,
         rig=read_cameras(_calibration(recording)),
         videos=tuple(matching(recording, "videos/*.mp4")),
-        warnings=("the truth is a triangulation of detected joints, good to some centimetres",),
+        warnings=(
+            "the truth is a triangulation of detected joints, good to some centimetres",
+            *_doubts(reference, frames),
+        ),
     )
 
 
-def _joints(path: Path) -> tuple[Sequence[str], NDArray[np.float64], float]:
-    """Names, positions in the axes of the calibration, and frames a second."""
+def _joints(path: Path) -> tuple[Sequence[str], Floats, float, NDArray[np.int64]]:
+    """Names, positions in the axes of the calibration, frames a second, and which these are."""
     if path.suffix == ".npz":
         values = read_archive(path, ("joints3d_m", "names"), _WHAT)
         points = array_of(f"{path}: joints3d_m", values.get("joints3d_m"), (None, None, 3))
@@ -78,10 +84,27 @@ def _joints(path: Path) -> tuple[Sequence[str], NDArray[np.float64], float]:
         if len(names) != points.shape[1]:
             raise InputError(f"{path}: has {len(names)} names for joints {points.shape}")
         beside = matching(path.parent, "*.trc")
-        return names, points, read_trc(beside[0]).rate if beside else _DEFAULT_RATE
+        rate = read_trc(beside[0]).rate if beside else _DEFAULT_RATE
+        return names, points, rate, np.arange(len(points))
     markers = read_trc(path)
     # files are Y up, calibrations Z up: Pose2Sim turns the axes round when it writes
-    return markers.names, markers.points[..., [2, 0, 1]], markers.rate
+    # rows of whole videos are counted from 0 or 1, of parts from 1, as perfcap does
+    frames = markers.frames - min(int(markers.frames[0]), 1)
+    return markers.names, markers.points[..., [2, 0, 1]], markers.rate, frames
+
+
+def _doubts(reference: Path, frames: NDArray[np.int64]) -> Iterator[str]:
+    """That rows of a file are not those of the whole video."""
+    if frames[0] > 0:
+        yield (
+            f"{reference.name}: its frames are numbered from {frames[0] + 1}, which is taken for "
+            f"frame {frames[0]} of the video; errors are too large where the file counts from 0"
+        )
+    elif reference.suffix == ".trc" and (part := re.search(r"_([1-9]\d*)-\d+\D*$", reference.stem)):
+        yield (
+            f"{reference.name}: its name says that it begins with frame {part[1]}, its rows are "
+            "counted from the start of the video; where they are not, number them so"
+        )
 
 
 def _references(recording: Path) -> list[Path]:

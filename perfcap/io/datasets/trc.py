@@ -56,6 +56,12 @@ def read_trc(path: Path) -> Markers:
     if not 0 < len(rows) <= MAX_FRAMES:
         raise InputError(f"{path}: has {len(rows)} frames, expected 1 to {MAX_FRAMES}")
     table = np.array(rows)
+    numbers = table[:, 0]
+    if numbers[0] < 0 or np.any(numbers % 1) or np.any(np.diff(numbers) <= 0):
+        raise InputError(
+            f"{path}: frames are numbered {', '.join(f'{n:g}' for n in numbers[:4])}, ...; "
+            "expected whole numbers from 0 on that grow from line to line"
+        )
     points = _UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
     return Markers(tuple(name.strip() for name in names), points, table[:, 0].astype(int), rate)
 

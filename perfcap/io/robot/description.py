@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 
 
 _WIDEST = 4 * math.pi  # rad: limits farther apart are degrees, or none
+_FEW = 5  # joints with limits
+_NARROWEST = math.radians(_WIDEST)  # rad: limits of all joints nearer than that were radians
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,14 @@ class Robot:
         return replace(self, bodies=bodies, notes=(*self.notes, *self._degrees()))
 
     def _degrees(self) -> Iterator[str]:
-        """That limits look like degrees."""
+        """That limits look like degrees, or like radians that were taken for degrees."""
         hinges = [hinge for body in self.bodies for hinge in body.hinges]
+        spans = [h.upper - h.lower for h in hinges if h.upper - h.lower < math.inf]
+        if len(spans) > _FEW and max(spans) < _NARROWEST:
+            yield (
+                f"{self.name}: its joints turn by {math.degrees(max(spans)):.2g} degrees at most; "
+                'are limits in radians? MJCF has degrees unless it says <compiler angle="radian"/>'
+            )
         wide = [h for h in hinges if math.inf > h.upper - h.lower > _WIDEST]
         if wide:
             hinge = wide[0]

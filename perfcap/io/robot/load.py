@@ -28,6 +28,7 @@ from perfcap.io.robot.urdf import read_urdf_robot
 _LOG = logging.getLogger(__name__)
 ROBOTS = (".urdf", ".xml", ".mjcf")
 _SAME = 1e-9  # m
+_LARGEST = 20.0  # m, of a robot as drawn
 _CHAINS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 _LARGE = 0.5  # least cosine of an axis of the person to one of the file's
 _UPRIGHT = 0.985  # cosine of a shank's lean from which its foot is drawn with it
@@ -79,6 +80,7 @@ def load_robot(path: str | Path, mapping: ActorMapping | None = None) -> Actor:
     joints = _Joints(robot)
     pose = _upright(robot, bodies, joints)
     roles = tuple(joints.of_body[bodies[name]] for name in JOINTS)
+    _require_metres(path, robot)
     vertices, faces, owners = _mesh(robot, joints, pose)
     rest = pose @ np.array(joints.poses)
     feet = {side: robot.below(bodies[f"{side}_ankle"]) for side in "lr"}
@@ -107,6 +109,24 @@ def load_robot(path: str | Path, mapping: ActorMapping | None = None) -> Actor:
         landmarks={name: (joint, place) for name, (joint, place) in points.items()},
     )
     return Actor(template, rig)
+
+
+def _require_metres(path: Path, robot: Robot) -> None:
+    """Refuse bodies or shapes of a size that no robot has."""
+    span = float(np.ptp(robot.world()[:, :3, 3], axis=0).max())
+    if span > _LARGEST:
+        raise InputError(
+            f"{path}: its bodies lie {span:.4g} apart as drawn, expected a robot in metres; divide "
+            "places in millimetres by 1000, those in centimetres by 100"
+        )
+    for body in robot.bodies:
+        for points, _ in body.shapes:
+            size = float(np.ptp(points, axis=0).max())
+            if size > _LARGEST:
+                raise InputError(
+                    f"{path}: a shape of {body.name!r:.40} is {size:.4g} across, expected metres; "
+                    'meshes in millimetres need scale="0.001 0.001 0.001"'
+                )
 
 
 def _said(mapping: ActorMapping) -> Mapping[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -207,6 +208,30 @@ def test_millimetres(tmp_path: Path) -> None:
     assert sequence.joints3d is not None and sequence.joints3d.nan_to_num().abs().max() < 1e-3
 
 
+def test_rows_of_a_trc_are_the_frames_that_it_numbers(tmp_path: Path) -> None:
+    write_pose2sim(tmp_path)
+    path = tmp_path / "trial" / "pose-3d" / "trial.trc"
+    whole = path.read_text()
+    header, first, *rows = [whole.partition("\n1\t")[0], *whole.splitlines()[5:]]
+    for start in (0, 1):  # of a whole video
+        path.write_text(whole if start else re.sub(r"(?m)^([1-9])(?=\t)", minus_one, whole))
+        assert POSE2SIM.read(tmp_path, "trial").frames.tolist() == list(range(FRAMES))
+    path.write_text("\n".join((header, first, *rows[1:])))  # a row was lost
+    assert POSE2SIM.read(tmp_path, "trial").frames.tolist() == [0, *range(2, FRAMES)]
+    path.write_text("\n".join((header, *rows)))  # a part
+    part = POSE2SIM.read(tmp_path, "trial")
+    assert part.frames.tolist() == list(range(1, FRAMES))
+    assert "numbered from 2" in part.warnings[1]
+    path.write_text(whole)
+    assert len(POSE2SIM.read(tmp_path, "trial").warnings) == 1
+    path.rename(path.with_name("trial_30-60_filt_butterworth.trc"))
+    assert "begins with frame 30" in POSE2SIM.read(tmp_path, "trial").warnings[1]
+
+
+def minus_one(found: re.Match[str]) -> str:
+    return str(int(found[1]) - 1)
+
+
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
@@ -215,6 +240,8 @@ def test_millimetres(tmp_path: Path) -> None:
         ("\n3\t", "\nthree\t", "where a number should be"),
         ("\n3\t", "\n\t3\t", "has 30 cells"),
         ("PathFileType", "\n\n\n\n\n\n", "Units ''"),
+        ("\n3\t", "\n2\t", "numbered 1, 2, 2, 4"),
+        ("\n1\t", "\n-1\t", "numbered -1"),
     ],
 )
 def test_trc_files_that_cannot_be_used(
