@@ -226,6 +226,8 @@ def _read_motion(path: Path) -> dict[str, NDArray[Any]]:
     joints, frames, rate = (motion[name] for name in names)
     if frames.ndim != 1 or frames.dtype.kind not in "iu" or not len(frames):
         raise InputError(f"{path}: frames is {frames.dtype} {frames.shape}; {_AGAIN}")
+    if frames[0] < 0 or (np.diff(frames.astype(np.int64)) != 1).any():
+        raise InputError(f"{path}: frames are not numbered one after the other; {_AGAIN}")
     shape = (len(frames), _LANDMARKS, 3)
     if joints.shape != shape or joints.dtype.kind != "f" or not np.isfinite(joints).all():
         raise InputError(
