@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
 
 from perfcap.errors import InputError
 
@@ -112,7 +112,7 @@ def require_size(size: object, name: str, *, finite: bool = False) -> None:
     Raises:
         InputError: ``name`` is none.
     """
-    if not _number(size) or not size > 0 or (finite and math.isinf(size)):  # type: ignore[operator, arg-type]
+    if not _number(size) or not size > 0 or (finite and math.isinf(size)):
         raise InputError(f"{name} is {size!r:.80}, expected a number above zero")
 
 
@@ -122,7 +122,7 @@ def require_number(value: object, name: str, least: float = -math.inf) -> None:
     Raises:
         InputError: ``name`` is none.
     """
-    if not _number(value) or not math.isfinite(value) or value < least:  # type: ignore[operator, arg-type]
+    if not _number(value) or not math.isfinite(value) or value < least:
         above = "" if math.isinf(least) else f" of {least:g} or more"
         raise InputError(f"{name} is {value!r:.80}, expected a finite number{above}")
 
@@ -171,7 +171,7 @@ def _is_tensor(value: object) -> bool:
     return torch is not None and isinstance(value, torch.Tensor)
 
 
-def _number(value: object) -> bool:
+def _number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 

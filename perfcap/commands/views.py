@@ -36,7 +36,8 @@ class Views:
     person: int | None = None
     """Which person of the first frame, where several are seen: 1 is the surest, 2 the next."""
     lifter: str | None = None
-    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name."""
+    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name;
+    cmu for one or two videos, if neither --detections nor --detector is given."""
     frames: str | None = None
     """Part of the clip, A:B (B exclusive)."""
     video_map: Path | None = None
