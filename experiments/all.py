@@ -52,9 +52,9 @@ SMALL: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 LONG = (
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
-    "contour_cues", "contours", "deformation_speed", "detector_frames", "detector_noise",
-    "detector_photographs", "export_check", "finetune_through_solver", "held_out_masks",
-    "image_memory", "joint_refinement", "lifter_motion", "lifter_real", "long_clip",
+    "contour_bodies", "contour_cues", "contours", "deformation_speed", "detector_frames",
+    "detector_noise", "detector_photographs", "export_check", "finetune_through_solver",
+    "held_out_masks", "image_memory", "joint_refinement", "lifter_motion", "lifter_real", "long_clip",
     "long_surface", "mask_corruption", "orbit_frames", "paired_or_soft", "people_labels",
     "people_memory", "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",

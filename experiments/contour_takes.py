@@ -97,12 +97,27 @@ def film(
         place: where.
         noise: of detections.
     """
+    person = load_actor(str(actor)).double()
+    recording = next(r for r in library.recordings if r.name == clip)
+    part = slice(start, start + _STEP * frames, _STEP)
+    figure = actor_figure(person, 1024)
+    return film_figure(name, person, figure, recording, part, seed, place, noise)
+
+
+def film_figure(
+    name: str,
+    person: Actor,
+    figure: Figure,
+    recording: Recording,
+    part: slice,
+    seed: int,
+    place: Place | None = None,
+    noise: Noise | None = None,
+) -> Take:
+    """A figure, dressed or not, in frames of a recorded motion at 60 Hz; see ``film``."""
     place = place or Place()
     rng = np.random.default_rng(seed)
-    person = load_actor(str(actor)).double()
-    figure = actor_figure(person, 1024)
-    recording = next(r for r in library.recordings if r.name == clip)
-    surfaces, truth = _move(figure, recording, slice(start, start + _STEP * frames, _STEP))
+    surfaces, truth = _move(figure, recording, part)
     cameras = _circle(place, truth, float(rng.uniform(0, 2 * math.pi)))
     images, masks = _shoot(figure, surfaces, cameras, place, rng)
     return Take(name, person, cameras, _detect(cameras, truth, rng, noise), images, masks, truth)

@@ -92,14 +92,14 @@ def run(config: Experiment) -> Report:
     """All tables."""
     joints, overlaps = [], []
     for name in config.sequences:
-        seen = read(config, name)
+        seen = read(name, config.data)
         several = "/" in name
         for count in config.views[: 1 if several else None]:
             some = seen.select(_VIEWS[count])
             found = [_captured(some, stage) for stage in (None, "rhodin2016")]
             found += [_captured(some, "default")] if config.masks else []
             joints.append((name, count, *_joint_row(some, found)))
-            overlaps.append((name, count, *_overlap_row(some, found[:2])))
+            overlaps.append((name, count, *overlap_row(some, found[:2])))
             if config.pictures:
                 save_pictures(some, found[1], f"{name.replace('/', '_')}_{count}")
     columns = ("sequence", "views", *(f"{who} {what}" for who in ("joints alone:", "contours:")
@@ -117,11 +117,11 @@ def run(config: Experiment) -> Report:
     return Report(tables, (note,))
 
 
-def read(config: Experiment, name: str) -> Seen:
+def read(name: str, data: Path) -> Seen:
     """A sequence, or one of its people as ``name/person``."""
     folder, _, number = name.partition("/")
     person = int(number or 1)
-    recording = rendered_views(config.data, folder, person)
+    recording = rendered_views(data, folder, person)
     files = sorted((recording.folder / "views").glob("*.mp4"))
     clip = Clip.open([str(file) for file in files])
     frames, size = len(recording.truth), clip.sizes[0]
@@ -149,7 +149,7 @@ def _joint_row(seen: Seen, found: Sequence[Performance]) -> Iterator[float]:
         yield 100 * (start - ours) / (start - masks)
 
 
-def _overlap_row(seen: Seen, found: Sequence[Performance]) -> Iterator[float]:
+def overlap_row(seen: Seen, found: Sequence[Performance]) -> Iterator[float]:
     faces = torch.tensor(seen.recording.actor.template.faces)
     for performance in found:
         scores = []

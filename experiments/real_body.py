@@ -52,7 +52,7 @@ def run(config: Experiment) -> Report:
     """Fit with every height."""
     real, model = balancing(config.data), load_body_model()
     chosen, masks = _drawn(real, config.every)
-    joints, _ = fit_person(model, chosen, segment=False)
+    joints, _ = fit_person(model, chosen, evidence="joints")
     found = {"joints": joints, "joints and masks": fit_person(model, chosen, None, masks)[0]}
     rows = [(name, *_sizes(fit)) for name, fit in found.items()]
     overlap = [("none", *_overlap(model, found["joints and masks"], chosen, masks))]

@@ -33,7 +33,8 @@ from perfcap.pipeline.objective import neutral_angles
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
-from perfcap.rigging.fit_body import DETECTOR_OFFSETS, extents
+from perfcap.rigging.fit_body import extents
+from perfcap.rigging.view_fit import DETECTOR_OFFSETS
 
 
 @dataclass(frozen=True)

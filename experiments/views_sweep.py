@@ -100,7 +100,7 @@ def fitted_actor(whole: Recording, views: list[int], seen: Detections) -> Actor:
     frames = spread_frames(seen, 24)
     cameras = whole.cameras.select(views).frames(frames)
     chosen = ChosenFrames(clip_of(whole)[0], tuple(frames.tolist()), cameras, seen.frames(frames))
-    fit, _ = fit_person(load_body_model(), chosen, segment=False)
+    fit, _ = fit_person(load_body_model(), chosen, evidence="joints")
     return Actor(fit.template).to(torch.zeros((), dtype=torch.float64))
 
 

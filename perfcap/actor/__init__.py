@@ -14,6 +14,7 @@ from perfcap.actor.points import Landmarks, PointDifferences, Points
 from perfcap.actor.rig import Hinge, Rig
 from perfcap.actor.rig_reader import read_urdf
 from perfcap.actor.shaped_points import ShapedPoints
+from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.skinning import dual_quaternion_blend, linear_blend
 from perfcap.actor.surface_points import SkinnedPoints
@@ -37,6 +38,7 @@ __all__ = [
     "Points",
     "Pose",
     "Rig",
+    "ShapedGaussians",
     "ShapedPoints",
     "Skeleton",
     "SkinnedPoints",

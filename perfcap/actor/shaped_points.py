@@ -111,6 +111,13 @@ class ShapedPoints(nn.Module):
         owner = torch.tensor([*rig.landmark_joints, *range(count)])
         return cls(actor, joints, (mean, basis), torch.eye(count).to(mean)[owner], moved)
 
+    @classmethod
+    def of_rest(
+        cls, model: BodyModel, actor: Actor, points: tuple[Tensor, Tensor], weights: Tensor
+    ) -> Self:
+        """Any points of the rest pose, mean (N, 3) and basis (S, N, 3), with weights (N, J)."""
+        return cls(actor, _joints(model, actor), points, weights)
+
     def at(self, index: Integers) -> ShapedPoints:
         """Some of the points, (N,)."""
         some = copy(self)  # shares the skeleton and the joints

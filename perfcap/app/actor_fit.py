@@ -36,7 +36,7 @@ def run_fit(request: ActorFit) -> int:
             count=request.count,
             height=request.height,
             masks=request.masks,
-            silhouettes=request.silhouettes,
+            evidence=request.evidence,
             model=request.body_model,
         ),
     )
@@ -58,8 +58,10 @@ def run_fit(request: ActorFit) -> int:
 def _check(request: ActorFit) -> None:
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
-    if request.masks and not request.silhouettes:
-        raise InputError("--masks: are given with --no-silhouettes; leave one of them out")
+    if request.masks and request.evidence != "silhouettes":
+        raise InputError(
+            f"--masks: are given with --from {request.evidence}; leave one of them out"
+        )
     if not 1 <= request.count <= 100:
         raise InputError(f"--count: is {request.count}; expected 1 to 100 frames")
     if request.height is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 
 from perfcap.actor.actor import Actor
+from perfcap.app.fit_views import Evidence
 from perfcap.app.inputs import Inputs
 from perfcap.app.personal_body import BodyRequest, PersonalBody, find_body
 from perfcap.commands.capture import AUTO
@@ -17,6 +18,7 @@ from perfcap.io.actor import ActorFile, find_actor, load_actor, models_folder
 from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.io.result_folder import BODY_PICTURE
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.presets import PRESETS
 from perfcap.rigging import Person, ViewFitSettings
 
 BODY_SETTINGS = {"muvs2017": ViewFitSettings(consensus="median")}
@@ -67,8 +69,15 @@ class Casting:
         seen = bool(self.masks) or (self.look and views > 1)
         count = _LOOKED_AT if seen else _FRAMES
         settings = BODY_SETTINGS.get(self.preset)
-        given = {"height": self.height, "masks": self.masks, "settings": settings}
-        return BodyRequest(count=count, silhouettes=seen, **given)  # type: ignore[arg-type]
+        edges = PRESETS[self.preset].contours.enabled and not self.masks
+        shown: Evidence = "contours" if edges else "silhouettes"
+        return BodyRequest(
+            count=count,
+            height=self.height,
+            masks=self.masks,
+            evidence=shown if seen else "joints",
+            settings=settings,
+        )
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,8 @@ def cast(
     """Load an actor by name, or fit the body model to the person.
 
     One view fits it to joints alone: clothes hide how thick somebody is. Several views whose
-    images may be looked at, or masks, show that too; the checkpoint keeps what was found there.
+    images may be looked at, or masks, show that too: by silhouettes, or by the edges of the images
+    where the preset has contours. The checkpoint keeps what was found there.
 
     Raises:
         InputError: the actor cannot be read, or nobody is detected.
@@ -106,8 +116,7 @@ def cast(
     tell("body", 1, 1)
     template = replace(body.template, name=_NAME).rounded()
     found = body.fit.measurements
-    shown = "joints" if body.masks is None else "joints and silhouettes"
-    note = f"--actor {AUTO}: a body {found.height:.2f} m tall was fitted to the {shown}"
+    note = f"--actor {AUTO}: a body {found.height:.2f} m tall was fitted to the {body.evidence}"
     more = body.doubts()
     if casting.height is None and inputs.clip.views == 1:
         note, more = f"{note}; {_ONE_CAMERA}", ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -18,11 +19,12 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.clip import Clip
 from perfcap.io.mask_files import MaskFolders
+from perfcap.pipeline.body_contours import BodyContours
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
-from perfcap.pipeline.images import Frames
+from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.prepare import prepare
@@ -32,6 +34,9 @@ from perfcap.segment import Silhouettes
 from perfcap.segment.random_field import Smoothness
 from perfcap.segment.sequence import SequenceSettings
 from perfcap.segment.settings import GrabCutSettings
+
+Evidence = Literal["joints", "silhouettes", "contours"]
+"""What a body is fitted to: joints, and one of the others beside."""
 
 # chosen frames lie far apart in time: what changed between them says little about either
 _APART = SequenceSettings(frame=replace(GrabCutSettings(), smoothness=Smoothness(temporal=0.0)))
@@ -120,7 +125,7 @@ def fit_person(
     chosen: ChosenFrames,
     height: float | None = None,
     masks: PersonMasks | None = None,
-    segment: bool = True,
+    evidence: Evidence = "silhouettes",
     settings: ViewFitSettings | None = None,
     checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> tuple[BodyFit, PersonMasks | None]:
@@ -131,8 +136,8 @@ def fit_person(
         chosen: the frames.
         height: of the person, metres, if known.
         masks: of the person, if there are some.
-        segment: whether to find masks where there are none: joints are fitted first, and what the
-            posed body covers is segmented.
+        evidence: beside joints, where there are no masks. Silhouettes are found: joints are fitted
+            first, and what the posed body covers is segmented. Contours are edges of the images.
         settings: of the fit.
         checkpoint: keeps masks that were found.
     """
@@ -142,7 +147,13 @@ def fit_person(
     prepared = prepare(actor, cameras, detections, config.position.gate)
     unit = 0.01 * person_height(detections)
     initial, _ = initialize(actor, cameras, prepared, config, unit)
-    if masks is None and segment:
+    if masks is None and evidence == "contours":
+        seen = BodyContours(Images(chosen, cameras), person_height(detections))
+        found = fit_body(
+            model, cameras, detections, initial, None, height, settings=settings, contours=seen
+        )
+        return found, None
+    if masks is None and evidence == "silhouettes":
         first = fit_body(model, cameras, detections, initial, None, height, settings=settings)
         posed = replace(first.motion, shared={})
         person = Actor(first.template).to(detections.joints2d)

@@ -16,7 +16,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
 from perfcap.app.body_doubts import mask_doubts, outline_doubts
-from perfcap.app.fit_views import ChosenFrames, choose_frames, fit_person
+from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
 from perfcap.app.masked_frames import masked_frames
 from perfcap.app.measures import save_measures
@@ -98,6 +98,7 @@ _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
 _TALL = (1.3, 2.15)  # m; of a body that is a grown person's
 _MISSED = 0.06  # m, by which a body misses the height it was given
 _OTHER_LEGS = 0.07  # share, of a body's legs to those of the views; sound ones have up to 0.03
+_SUPPORT = 0.15  # of the outline on edges, of which plain images and noise have less
 _FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
 
 
@@ -109,7 +110,7 @@ class BodyRequest:
         count: frames to fit to, spread over the clip.
         height: of the person, metres, if known.
         masks: folders of silhouettes, one a view; none to find them in the images.
-        silhouettes: whether silhouettes are used at all.
+        evidence: what is looked at beside joints.
         model: name or file of the body model.
         settings: of the fit.
     """
@@ -117,7 +118,7 @@ class BodyRequest:
     count: int
     height: float | None = None
     masks: Sequence[Path] = ()
-    silhouettes: bool = True
+    evidence: Evidence = "silhouettes"
     model: str = DEFAULT_BODY
     settings: ViewFitSettings | None = None
 
@@ -146,13 +147,18 @@ class PersonalBody:
         return self.fit.template
 
     @property
+    def evidence(self) -> str:
+        """What it was fitted to, in words."""
+        if self.fit.support is not None:
+            return "joints and contours"
+        return "joints" if self.masks is None else "joints and silhouettes"
+
+    @property
     def source(self) -> str:
         """What the body was fitted to, in words."""
-        shown = "joints" if self.masks is None else "joints and silhouettes"
         frames, views = len(self.chosen), self.chosen.clip.views
-        return (
-            f"body fitted to {shown} of {frames} frames in {views} view{'s' if views > 1 else ''}"
-        )
+        plural = "s" if views > 1 else ""
+        return f"body fitted to {self.evidence} of {frames} frames in {views} view{plural}"
 
     def save(self, folder: Path, picture: str) -> None:
         """Write body.npz, measurements.json and a picture of the body over the images."""
@@ -200,6 +206,11 @@ class PersonalBody:
                 "the two cameras look at each other and see the same outline; depths are told by "
                 "sizes alone, a view from the side would help most"
             )
+        if fit.support is not None and fit.support < _SUPPORT:
+            yield (
+                f"edges of the images explain {100 * max(fit.support, 0):.0f} % of the body's "
+                "outline; girths are known about as well as from joints alone, give --masks"
+            )
         if self.masks is not None:
             yield from mask_doubts(self.model, fit, self.chosen, self.masks)
             yield from outline_doubts(self.chosen, self.masks)
@@ -219,7 +230,7 @@ def find_body(
         chosen, masks = choose_frames(inputs, request.count), None
     else:
         chosen, masks = masked_frames(inputs, request.count, given_masks)
-    given = request.height, masks, request.silhouettes, request.settings
+    given = request.height, masks, request.evidence, request.settings
     fit, masks = fit_person(model, chosen, *given, checkpoint)
     return PersonalBody(model, fit, chosen, masks, request.height)
 

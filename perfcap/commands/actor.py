@@ -74,8 +74,11 @@ class ActorFit(Views):
     masks: tuple[Path, ...] = ()
     """Silhouettes of the person: a folder of images for each view, one image a frame of the video,
     0 is background; segmented if not given."""
-    silhouettes: bool = True
-    """Fit to silhouettes as well as joints; switch it off for loose clothes."""
+    evidence: Annotated[
+        Literal["silhouettes", "contours", "joints"], tyro.conf.arg(name="from")
+    ] = "silhouettes"
+    """What to look at beside joints: silhouettes; edges of the images, where the background moves
+    or changes (several views); or joints alone, for loose clothes."""
     height: float | None = None
     """Of the person, metres; one camera needs it."""
     count: int = 12

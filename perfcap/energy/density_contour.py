@@ -31,6 +31,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.energy import _contour_torch
 from perfcap.energy._arguments import require_unit
@@ -42,6 +43,8 @@ from perfcap.render.density import LEAST, Splats, optical_depth
 from perfcap.solve.majorized import Expansion, Majorized
 
 Floats = NDArray[np.float64]
+
+_OUTLINE = 2.7  # squared distance of the outline from the middle of a Gaussian, squared deviations
 
 
 class Field(Protocol):
@@ -68,7 +71,9 @@ class DensityContour(Majorized[Any]):
     ``1 / sqrt(bend)`` would have, across the contour; nothing is pulled along it.
 
     Args:
-        points: centres of the Gaussians, such as ``GaussianCentres``.
+        points: centres of the Gaussians, such as ``GaussianCentres``; or centres and logarithms of
+            widths, such as ``ShapedGaussians``: then the optical depth of a ray through the middle
+            of each stays.
         volume: their deviations and densities.
         cameras: C views in pixels of the images, (C,) or (F, C).
         fields: ``[F][C]``, one for each image.
@@ -87,7 +92,7 @@ class DensityContour(Majorized[Any]):
 
     def __init__(
         self,
-        points: GaussianCentres,
+        points: GaussianCentres | ShapedGaussians,
         volume: Volume,
         cameras: Camera,
         fields: Sequence[Sequence[Field]],
@@ -181,14 +186,20 @@ class DensityContour(Majorized[Any]):
                 total = value.sum()
             curved = self._curved(splats.detach())
         (gradient,) = torch.autograd.grad(total, free)
-        _, slope = self.cameras.linearize(points.detach())
+        _, slope = self.cameras.linearize(points[..., :3].detach())
         xx, xy, yy = (self.scale.to(curved)[:, None, None] * curved).unbind(-1)
         bend = torch.stack((torch.stack((xx, xy), -1), torch.stack((xy, yy), -1)), -2)
-        return Expansion(value.detach(), gradient, (slope.mT @ bend @ slope).sum(-4))
+        bent = (slope.mT @ bend @ slope).sum(-4)
+        if points.shape[-1] == 4:
+            bent = _with_width(bent, xx + yy, splats.detach())
+        return Expansion(value.detach(), gradient, bent)
 
     def _splats(self, points: Tensor) -> Splats:
-        widths = (each.to(points) for each in (self.deviations, self.densities))
-        return Splats.seen_by(self.cameras, points, *widths)
+        width, density = (each.to(points) for each in (self.deviations, self.densities))
+        if points.shape[-1] == 4:
+            thickness, width = width * density, points[..., 3].exp()
+            density = thickness / width
+        return Splats.seen_by(self.cameras, points[..., :3], width, density)
 
     def _compiled_for(self, points: Tensor) -> bool:
         given = (points, self.deviations, self.cameras.translation)
@@ -240,6 +251,25 @@ def _strength(field: Field) -> NDArray[Any]:
     """Of the edges of a field, (h, w)."""
     strength: NDArray[Any] = np.hypot(*np.asarray(field.edges))
     return strength
+
+
+def _with_width(bent: Tensor, across: Tensor, splats: Splats) -> Tensor:
+    """Curvature (F, Q, 4, 4) where widths are unknown as well.
+
+    A width that grows by a share moves the outline by that share of its distance from the middle.
+
+    Args:
+        bent: in the centres, (F, Q, 3, 3).
+        across: in a move of the outline, px^-2, (F, C, Q).
+        splats: (F, C, Q).
+    """
+    determinant = splats.form[..., 0] * splats.form[..., 2] - splats.form[..., 1].square()
+    variance = determinant.clamp(min=1e-12).rsqrt()  # px^2
+    width = (_OUTLINE * variance * across).sum(-2)
+    whole = bent.new_zeros(*bent.shape[:-2], 4, 4)
+    # what moves the middle and the width at once counts twice at most
+    whole[..., :3, :3], whole[..., 3, 3] = bent, width
+    return 2 * whole
 
 
 class _Flat:

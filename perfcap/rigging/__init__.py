@@ -4,11 +4,12 @@ from perfcap.rigging.auto_rig import RigReport, auto_rig, rig_with_joints
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import Bones, skeleton_bones
 from perfcap.rigging.build_body import BuiltBody, Person, build_body
-from perfcap.rigging.fit_body import BodyFit, ViewFitSettings, fit_body
+from perfcap.rigging.fit_body import BodyFit, fit_body
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.overrides import Override, read_overrides
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.upright import Upright
+from perfcap.rigging.view_fit import ViewFitSettings
 
 __all__ = [
     "BodyFit",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -14,9 +14,12 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import OFFSETS, ShapedPoints
+from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.actor.template import Template
+from perfcap.actor.volume_fit import fit_volume
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.energy.density_contour import DensityContour
 from perfcap.energy.prior import PosePrior, SharedPrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.energy.silhouette_overlap import SilhouetteOverlap
@@ -26,7 +29,7 @@ from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.build_body import LENGTHS, Scales
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.setting_checks import Settings
+from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import (
     Bounds,
     Coupling,
@@ -67,50 +70,6 @@ def deviations(
 
 # --- Shape of a person from calibrated views: joints and silhouettes of several frames ------------
 
-# How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
-# 5 cm at hips and knees, 1 to 1.5 cm at ankles; the neck is as vague as a hip, the rest between.
-_OFFSETS = {"hip": 0.03, "knee": 0.03, "neck": 0.03, "ankle": 0.015}
-DETECTOR_OFFSETS = tuple(
-    _OFFSETS.get(name.removeprefix("l_").removeprefix("r_"), 0.02) for name in LANDMARKS
-)
-
-
-@dataclass(frozen=True)
-class ViewFitSettings(Settings):
-    """How a body is fitted to views.
-
-    Attributes:
-        joints: weight of a joint's squared reprojection error.
-        joint_scale: of the robust kernel, in pixel units.
-        offsets: deviation of where detectors see each landmark from where the body model has it,
-            metres, (16,): constant errors, which no number of frames averages out. They count in
-            the deviations of measurements, but the skeleton stays where joints are detected, as
-            captures with the same detector want it.
-        edge: deviation of where silhouettes end from where the skin does, metres; in deviations.
-        silhouettes: weight of a view's squared silhouette error, shares of its area.
-        heights: of the person in the images the silhouettes are compared in, px, in turn.
-        band: about the outline, px of those images.
-        shape: weight of the squared coefficients of shape.
-        pose: deviation of angles from the neutral pose, radians.
-        height: deviation of a given height, metres.
-        steps: of the solver, of joints alone and then in each image size.
-        consensus: how frames agree on one shape: ``"shared"`` has one unknown for all of them,
-            ``"median"`` fits each on its own and takes the median (Huang et al. 2017, Sec. IV-B).
-    """
-
-    joints: float = 0.5
-    joint_scale: float = 4.0
-    offsets: tuple[float, ...] = DETECTOR_OFFSETS
-    edge: float = 0.004
-    silhouettes: float = 1500.0
-    heights: tuple[float, ...] = (80.0, 160.0)
-    band: float = 4.0
-    shape: float = 0.5
-    pose: float = 1.0
-    height: float = 0.005
-    steps: tuple[int, ...] = (25, 12, 10)
-    consensus: Literal["shared", "median"] = "shared"
-
 
 @dataclass(frozen=True, eq=False)
 class BodyFit:
@@ -124,6 +83,8 @@ class BodyFit:
         deviations: standard deviations of the measurements, from noise and from what detectors and
             silhouettes are constantly off by; clothes and a wrong calibration come on top.
         covariance: of the coefficients, (S, S), from noise and from detectors likewise.
+        support: share of the body's contours on edges, mean of all frames, -1 to 1; None where no
+            edges were looked at.
     """
 
     shape: Tensor
@@ -132,6 +93,7 @@ class BodyFit:
     measurements: Measurements
     deviations: Measurements
     covariance: Tensor
+    support: float | None = None
 
 
 def fit_body(
@@ -142,8 +104,9 @@ def fit_body(
     masks: PersonMasks | None = None,
     height: float | None = None,
     settings: ViewFitSettings | None = None,
+    contours: Contours | None = None,
 ) -> BodyFit:
-    """Fit shape and poses of a body model to joints, silhouettes and a known height.
+    """Fit shape and poses of a body model to joints, silhouettes or edges, and a known height.
 
     Args:
         model: the body.
@@ -153,6 +116,7 @@ def fit_body(
         masks: of the person, or None. Bodies are taken to fill them: tight clothes.
         height: metres, or None. With one view, size and distance are told apart by it alone.
         settings: how.
+        contours: edges of the images, in place of masks; with ``consensus="shared"`` alone.
 
     Raises:
         InputError: frames of the arguments do not agree.
@@ -170,7 +134,21 @@ def fit_body(
         poses = [motion for motion, _ in alone]
         problem.fixed = torch.stack([motion.shared[BODY] for motion in poses]).median(0).values
         initial = Motion.cat([replace(motion, shared={}) for motion in poses])
+    if contours is not None:
+        motion, contour = problem.outlined(problem.fitted(initial, None)[0], contours)
+        found = problem.result(motion, {"contours": contour})
+        support = contour.support(contour.points(motion))
+        return replace(found, support=float(support.mean()))
     return problem.result(*problem.fitted(initial, masks))
+
+
+class Contours(Protocol):
+    """Edges of images about a person; ``perfcap.pipeline.body_contours.BodyContours`` is one."""
+
+    def energy(
+        self, body: ShapedGaussians, motion: Motion, pixels: float, weight: float
+    ) -> DensityContour:
+        """Contours of a body of Gaussians against them, in images of a person so tall (px)."""
 
 
 def _require_frames(detections: Detections, initial: Motion, masks: PersonMasks | None) -> None:
@@ -242,6 +220,15 @@ class _Problem:
                 energies = {"silhouettes": self.silhouettes(masks, pixels)}
                 motion = self.solved(motion, energies, steps)
         return motion, energies
+
+    def outlined(self, motion: Motion, contours: Contours) -> tuple[Motion, DensityContour]:
+        """Edges, after the joints: the motion with its shape, and the last contours."""
+        settings = self.settings
+        body = ShapedGaussians.of(self.model, self.actor, fit_volume(self.actor))
+        for pixels, steps in zip(settings.edge_heights, settings.edge_steps, strict=True):
+            contour = contours.energy(body, motion, pixels, settings.contours)
+            motion = self.solved(motion, {"contours": contour}, steps)
+        return motion, contour
 
     def solved(self, motion: Motion, more: dict[str, Energy[Any]], steps: int) -> Motion:
         """Minimise."""

@@ -25,8 +25,8 @@ class Expansion:
 
     Attributes:
         value: of each frame, (*b, F).
-        gradient: in each point, (*b, F, N, 3).
-        curvature: symmetric, not negative, (*b, F, N, 3, 3).
+        gradient: in each point, (*b, F, N, d), mostly with d = 3.
+        curvature: symmetric, not negative, (*b, F, N, d, d).
     """
 
     value: Tensor
@@ -56,11 +56,11 @@ class Majorized(Energy[StateType]):
 
     @abstractmethod
     def values(self, points: Tensor) -> Tensor:
-        """The energy of each frame, (*b, F), of points (*b, F, N, 3); differentiable."""
+        """The energy of each frame, (*b, F), of points (*b, F, N, d); differentiable."""
 
     @abstractmethod
     def expand(self, points: Tensor) -> Expansion:
-        """The energy about points (*b, F, N, 3)."""
+        """The energy about points (*b, F, N, d)."""
 
     def forward(self, state: StateType) -> Tensor:
         """The true energy of each batch element, (*b,)."""
@@ -72,7 +72,7 @@ class Majorized(Energy[StateType]):
         return self._weighed(values)
 
     def residual(self, state: StateType) -> Residual:
-        """The pulls, (*b, F, N, 3): zero where the model of the energy is least."""
+        """The pulls, (*b, F, N, d): zero where the model of the energy is least."""
         expansion = self.expand(self.points(state))
         return Residual(_rows(expansion)[1])
 
@@ -94,14 +94,14 @@ class Majorized(Energy[StateType]):
 
 
 def _rows(expansion: Expansion) -> tuple[Tensor, Tensor]:
-    """Rows A (*b, F, N, 3, 3) and b (*b, F, N, 3) with ``|A d + b|^2`` of the expansion's slope.
+    """Rows A (*b, F, N, d, d) and b (*b, F, N, d) with ``|A d + b|^2`` of the expansion's slope.
 
     ``A'A`` is half the curvature, and ``A'b`` half the gradient.
     """
     half = 0.5 * expansion.curvature
     trace = half.diagonal(dim1=-2, dim2=-1).sum(-1)
     largest = trace.amax(-1, keepdim=True).clamp(min=torch.finfo(half.dtype).tiny)
-    ridge = (1e-3 * trace + _RIDGE * largest)[..., None, None] * torch.eye(3).to(half)
+    ridge = (1e-3 * trace + _RIDGE * largest)[..., None, None] * torch.eye(half.shape[-1]).to(half)
     lower = torch.linalg.cholesky(half + ridge)
     pull = torch.linalg.solve_triangular(lower, 0.5 * expansion.gradient[..., None], upper=False)
     return lower.mT, pull.squeeze(-1)

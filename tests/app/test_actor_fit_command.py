@@ -14,7 +14,7 @@ from perfcap.app import actor_sheet, fit_views
 from perfcap.io import load_actor
 from perfcap.rigging import BodyFit, ViewFitSettings, fit_body
 
-QUICK = ViewFitSettings(heights=(50.0,), steps=(8, 2))
+QUICK = ViewFitSettings(heights=(50.0,), steps=(8, 2), edge_heights=(50.0,), edge_steps=(2,))
 
 
 @pytest.fixture(autouse=True)
@@ -25,9 +25,11 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit_views, "fit_body", quick_fit)
 
 
-def quick_fit(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyFit:
+def quick_fit(
+    *arguments: Any, settings: ViewFitSettings | None = None, contours: Any = None
+) -> BodyFit:
     assert settings is None
-    return fit_body(*arguments, settings=QUICK)
+    return fit_body(*arguments, settings=QUICK, contours=contours)
 
 
 def call(take: TakeFiles, out: Path, *more: object) -> list[object]:
@@ -49,6 +51,18 @@ def test_a_person_becomes_a_folder(take: TakeFiles, tmp_path: Path, perfcap: Com
         assert cv2.imread(str(tmp_path / "me" / picture)) is not None
 
 
+@pytest.mark.parametrize(
+    ("evidence", "words"), [("contours", "joints and contours"), ("joints", "joints")]
+)
+def test_what_is_looked_at(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, evidence: str, words: str
+) -> None:
+    done = perfcap(call(take, tmp_path / "me", "--height", 1.7, "--from", evidence))
+    assert done.code == 0, done
+    known = json.loads((tmp_path / "me" / "measurements.json").read_text())
+    assert known["source"].startswith(f"body fitted to {words} of 3 frames")
+
+
 def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     masks = tmp_path / "masks"
     masks.mkdir()
@@ -68,7 +82,7 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
         (["--height", "17"], "expected 1.3 to 2.2 metres"),
         (["--count", "0"], "expected 1 to 100"),
         (["--detector", "pose"], "both given"),
-        (["--masks", "a", "--no-silhouettes"], "leave one"),
+        (["--masks", "a", "--from", "joints"], "leave one"),
         (["--masks", "a", "b"], "are 2 folders, expected one for each of 1 views"),
         (["--masks", "nowhere"], "no such folder"),
         (["--body-model", "nobody"], "ada"),

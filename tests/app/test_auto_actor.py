@@ -32,7 +32,7 @@ class Killed(BaseException):
     """The process ends here."""
 
 
-QUICK = ViewFitSettings(heights=(60.0,), steps=(10, 4))
+QUICK = ViewFitSettings(heights=(60.0,), steps=(10, 4), edge_heights=(60.0,), edge_steps=(3,))
 FRAMES, SIZE = 6, 160
 
 
@@ -111,8 +111,10 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit_views, "fit_body", quick_fit)
 
 
-def quick_fit(*arguments: Any, settings: ViewFitSettings | None = None) -> BodyFit:
-    return fit_body(*arguments, settings=settings or QUICK)
+def quick_fit(
+    *arguments: Any, settings: ViewFitSettings | None = None, contours: Any = None
+) -> BodyFit:
+    return fit_body(*arguments, settings=settings or QUICK, contours=contours)
 
 
 def masks_of(views: Views, *kinds: str) -> list[object]:
@@ -163,6 +165,21 @@ def test_silhouettes_found_for_the_body_are_kept(
     with pytest.raises(Killed):  # from the stage behind
         main([*call, "--resume"])
     assert fits == [False, True, False, True]
+
+
+def test_a_preset_of_contours_fits_the_body_to_edges(
+    views: Views, tmp_path: Path, perfcap: Command
+) -> None:
+    command = views.command(tmp_path, "--preset", "rhodin2016")
+    command[command.index("track_motion")] = "refine_pose"
+    done = perfcap(command)
+    assert done.code in (0, 3), done
+    (note,) = (line for line in done.notes if "--actor auto" in line)
+    assert "fitted to the joints and contours" in note
+    known = json.loads((tmp_path / "measurements.json").read_text())
+    assert "joints and contours of 6 frames in 2 views" in known["source"]
+    # the videos show something else than the person
+    assert any("of the body's outline; girths" in line for line in done.notes), done.notes
 
 
 def test_an_actor_leaves_no_body_of_an_older_result(

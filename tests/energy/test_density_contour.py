@@ -105,6 +105,40 @@ def test_slope_against_differences() -> None:
     assert bool((eigenvalues > -1e-9 * eigenvalues.max()).all())
 
 
+def test_widths_may_be_unknown() -> None:
+    """Slope and curvature in centres and logarithms of widths; the rays' optical depth stays."""
+    energy, points = seen(truth())
+    _, volume = body()
+    here = points(near(truth()))
+    widths = volume.deviations.log().expand(here.shape[:-1])[..., None]
+    both = torch.cat((here, widths), -1)
+    torch.testing.assert_close(energy.values(both), energy.values(here))
+    found = energy.expand(both)
+    draw = torch.Generator().manual_seed(6)
+    way = torch.randn(both.shape, generator=draw, dtype=F64)
+    ahead, behind = (energy.expand(both + s * 1e-6 * way).value for s in (1, -1))
+    slope = (found.gradient * way).sum((-2, -1))
+    torch.testing.assert_close(slope, (ahead - behind) / 2e-6, rtol=2e-3, atol=1e-2)
+    eigenvalues = torch.linalg.eigvalsh(found.curvature)
+    assert bool((eigenvalues > -1e-9 * eigenvalues.max()).all())
+    assert float(found.curvature[..., 3, 3].amin()) >= 0
+    assert float(found.curvature[..., 3, 3].amax()) > 0
+    grown = torch.cat((here, widths + 0.3), -1)
+    wider = DensityContour(
+        points,
+        replace(
+            volume,
+            deviations=volume.deviations * np.exp(0.3),
+            densities=volume.densities / np.exp(0.3),
+        ),
+        energy.cameras,
+        energy.fields,
+        unit=1.0,
+        offset=200.0,
+    )
+    torch.testing.assert_close(energy.values(grown), wider.values(here))
+
+
 def test_kernels_equal_plain_torch() -> None:
     energy, points = seen(truth())
     here = points(near(truth()))

@@ -23,8 +23,9 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
-from perfcap.rigging.fit_body import Stature, ViewFitSettings, extents, fit_body
+from perfcap.rigging.fit_body import Stature, extents, fit_body
 from perfcap.rigging.person_masks import PersonMasks
+from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import Step
 
 QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
