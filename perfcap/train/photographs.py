@@ -174,16 +174,16 @@ def _require_images(
     """
     reach = []
     for person, entry in zip(people, entries, strict=True):
-        size = _size(person.path)
-        told = entry.get("width"), entry.get("height")
-        if size is None or not all(isinstance(side, int) for side in told):
-            told = size  # cameras that were held upright may write either side first
-        if size is not None and sorted(size) != sorted(told):
+        size, told = _size(person.path), (entry.get("width"), entry.get("height"))
+        if size is None:
+            continue
+        # either side may be first: cameras that were held upright write the longer one so
+        if None not in told and {*told} != {*size}:
             raise InputError(
                 f"{path}: says that {person.path.name} has {told[0]}x{told[1]} pixels, it has "
                 f"{size[0]}x{size[1]}; annotate the photographs as they are"
             )
-        if size is not None and np.isfinite(person.joints2d).any():
+        if np.isfinite(person.joints2d).any():
             reach.append(np.nanmax(person.joints2d, 0) / size)
     farthest = float(np.max(reach)) if reach else 1.0
     if len(reach) >= _PEOPLE and farthest < _QUARTER:
