@@ -47,6 +47,8 @@ def make_comparison(folders: Folders, path: str | Path, progress: Progress | Non
 
 def build_comparison(folders: Folders, progress: Progress | None = None) -> str:
     """The page of two captures; see ``make_comparison``."""
+    if isinstance(folders, str | Path) or len(folders) != 2:
+        raise InputError(f"folders: got {folders!r:.80}, expected those of two results")
     one, other = read_result(folders[0]), read_result(folders[1])
     _require_same_frames(one, other)
     rows = slice(0, min(one.frames, LONGEST))

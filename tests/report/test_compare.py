@@ -84,3 +84,8 @@ def test_folders_of_one_name_are_told_apart(made: Path, tmp_path: Path) -> None:
     places = [Path(shutil.copytree(made, tmp_path / name / "take")) for name in ("one", "two")]
     html, _ = data_of(make_comparison((places[0], places[1]), tmp_path / "both.html"))
     assert "one/take" in html and "two/take" in html
+
+
+def test_one_folder_is_no_pair(made: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected those of two results"):
+        make_comparison(str(made), tmp_path / "page.html")  # type: ignore[arg-type]
