@@ -89,3 +89,19 @@ def test_folders_of_one_name_are_told_apart(made: Path, tmp_path: Path) -> None:
 def test_one_folder_is_no_pair(made: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected those of two results"):
         make_comparison(str(made), tmp_path / "page.html")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("other", [["b/solo.mp4"], ["b/one.mp4"], None])
+def test_results_of_other_videos_get_a_warning(
+    made: Path,
+    folder: Path,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    other: list[str] | None,
+) -> None:
+    run = json.loads((folder / "run.json").read_text())
+    run["request"]["videos"] = other
+    (folder / "run.json").write_text(json.dumps(run))
+    make_comparison((made, folder), tmp_path / "both.html")
+    told = "was captured from one.mp4, two.mp4" in caplog.text and "from solo.mp4" in caplog.text
+    assert told == (other == ["b/solo.mp4"])
