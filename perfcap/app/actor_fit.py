@@ -9,10 +9,12 @@ import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
+from perfcap.app.capture_checks import examined
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import read_inputs
 from perfcap.app.measures import print_measures
 from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
+from perfcap.app.project import in_project
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor
@@ -29,7 +31,12 @@ def run_fit(request: ActorFit) -> int:
     """
     torch.set_num_threads(1)  # stages that look at images run a thread a core
     _check(request)
-    inputs = read_inputs(request)
+    request = in_project(request)
+    inputs = examined(
+        read_inputs(request),
+        needs_images=request.silhouettes and not request.masks,
+        detected=bool(request.detectors),
+    )
     body = find_body(
         inputs,
         BodyRequest(
@@ -47,7 +54,7 @@ def run_fit(request: ActorFit) -> int:
     body.save(request.out, FIT_SHEET)
     code = run_inspect(str(request.out), None, request.out)
     print_measures(body.fit.measurements, body.fit.deviations)
-    for line in (*inputs.warnings, *body.doubts()):
+    for line in body.doubts():
         _LOG.warning("%s", line)
     console = PlainConsole()
     console.print(f"look at {request.out / FIT_SHEET}", soft_wrap=True)

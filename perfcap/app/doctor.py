@@ -29,7 +29,8 @@ def run_doctor(request: Doctor) -> int:
         )
     findings = list(examine_installation())
     if cameras is not None:
-        findings += examine_inputs(cameras, list(detections), list(videos), request.video_map)
+        files = (list(detections), list(videos), request.video_map)
+        findings += examine_inputs(cameras, *files, detections_in=request.detections_in)
     console = PlainConsole()
     for finding in findings:
         console.print(str(finding), style=COLORS[finding.severity], soft_wrap=True)

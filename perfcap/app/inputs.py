@@ -32,10 +32,10 @@ from perfcap.io.calibration import (
     read_cameras,
     read_pixel_map,
 )
-from perfcap.io.clip import END_SLACK, RATE_SLACK, Clip
+from perfcap.io.clip import END_SLACK, Clip
 from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.cameras import impossible_cameras
-from perfcap.io.view_names import find_view
+from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
 
@@ -131,12 +131,11 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
         rig = assumed_rig(clip, request.fov)
     else:
         rig = read_cameras(request.cameras, clip.sizes)
-    if rig.fps is not None and all(source.fps is None for source in clip.sources):
-        clip = Clip.open(videos, fps=rig.fps, frames=part)  # images: cheap to open again
+    clip = at_rate(clip, videos, rig, part)
     known = rig.names
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
-    about += (*_camera_rate(rig, clip), *_of_others(request.detections, rig.names, known))
+    about += (*camera_rate(rig, clip), *of_others(request.detections, rig.names, known))
     maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if request.detections_in == "video" and detecting is not None:
@@ -149,7 +148,7 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
         chosen = _detect(clip, rig, pixel_map, detecting)
         told = (*about, *_about_networks(detecting.detectors))
         lost = clip.lost if part.stop is None else 0
-        return Inputs(clip, _camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
+        return Inputs(clip, camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
     reader = read_candidates if request.everybody else read_detections
     read = partial(reader, list(request.detections), views=rig.names, sizes=clip.sizes)
@@ -159,7 +158,7 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     chosen = _part_of(found, clip)
     if request.detections_in == "video":
         chosen = _to_calibration(chosen, pixel_map)
-    rig = _camera_frames(rig, clip, chosen.frame_count)
+    rig = camera_frames(rig, clip, chosen.frame_count)
     lost = len(clip) - chosen.frame_count
     if clip.lost and part.stop is None:
         # of the frames that the file promises, those count that somebody detected joints in
@@ -196,7 +195,7 @@ def _lifted(inputs: Inputs, lifter: OnnxLifter | None, seen: Detections | None =
 
 def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detecting) -> Detections:
     """Joints found in the clip, in pixels of the calibration."""
-    cameras = pixel_map.cameras(_camera_frames(rig, clip, len(clip)).cameras, clip.sizes)
+    cameras = pixel_map.cameras(camera_frames(rig, clip, len(clip)).cameras, clip.sizes)
     detect = detect_clip if detecting.people is None else detect_everybody
     found = detect(clip, detecting, cameras).to(cameras.intrinsics)
     return _to_calibration(found, pixel_map)
@@ -239,44 +238,3 @@ def _short(text: str | None, part: slice, clip: Clip) -> Iterator[str]:
 
 def _to_calibration(detections: Detections, pixel_map: PixelMap) -> Detections:
     return replace(detections, joints2d=pixel_map.to_calibration(detections.joints2d))
-
-
-def _of_others(paths: Sequence[Path], names: Sequence[str], known: Sequence[str]) -> Iterator[str]:
-    """Files of joints whose names are those of cameras that are not looked through."""
-    for path in paths:
-        view = find_view(path.stem.removesuffix("_json"), known)
-        if view is not None and known[view] not in names:
-            yield (
-                f"--detections {path}: is named after the view {known[view]}, the videos are of "
-                f"{', '.join(names)}; is it of another camera?"
-            )
-
-
-def _camera_rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:
-    """A note on cameras of another frame rate, which matters to moving ones alone."""
-    if rig.fps is None or abs(rig.fps / clip.fps - 1) <= RATE_SLACK:
-        return ()
-    rates = f"--cameras: run at {rig.fps:.4g} frames a second, the video at {clip.fps:.4g}"
-    if rig.cameras.moving:
-        raise InputError(
-            f"{rates}; expected a pose for every frame of the video, and its rate or none"
-        )
-    return (rates,)
-
-
-def _camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
-    """The cameras of the clip's part; fixed ones are the same for every frame."""
-    if not rig.cameras.moving:
-        return rig
-    count = rig.cameras.intrinsics.shape[0]
-    if count < clip.start + frames:
-        raise InputError(
-            f"--cameras: has {count} frames, the clip needs {clip.start + frames}; give a camera "
-            "for every frame"
-        )
-    if clip.total is not None and count > clip.total + END_SLACK:
-        raise InputError(
-            f"--cameras: has {count} frames, the video {clip.total}; expected a camera for every "
-            "frame, counted from the first of the video"
-        )
-    return replace(rig, cameras=rig.cameras.frames(slice(clip.start, clip.start + frames)))

@@ -47,13 +47,19 @@ def run_train_detector(request: TrainDetector) -> int:
     library = MotionLibrary.read(request.motion)
     if request.start is not None:
         require_unseen(request.start, (*config.held_out, *config.validation), library.digest)
+    behind, photographs = Backgrounds(request.backgrounds), _photographs(request)
+    digests = {"backgrounds": behind.digest}
+    if photographs is not None:
+        digests["photographs"] = photographs.digest
+    learned_from = {"motion": library.digest, **{k: v for k, v in digests.items() if v is not None}}
     make_folder(request.out, request.resume)
     torch.set_num_threads(1)  # several processes are faster than several threads
     cv2.setNumThreads(1)
     with processes() as first, progress_bars() as tell:
-        shots, validation = _crops(request, library, first, tell)
+        rendered, validation = _crops(request, library, behind, first, tell)
+        shots = rendered if photographs is None else Mixture(rendered, photographs)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        pictures = Backgrounds(request.backgrounds) if request.backgrounds is not None else None
+        pictures = behind if request.backgrounds is not None else None
         task = DetectorTask(shots, validation, config, device, pictures)
         if request.start is not None:
             start_from(task.model, request.start)
@@ -61,7 +67,7 @@ def run_train_detector(request: TrainDetector) -> int:
             task,
             config.loop,
             request.out,
-            asdict(config) | {"motion": library.digest},
+            asdict(config) | learned_from,
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(request.out) if first else None,
@@ -84,10 +90,20 @@ def _check(config: TrainDetectorConfig) -> None:
         )
 
 
+def _photographs(request: TrainDetector) -> Photographs | None:
+    if request.photographs is None:
+        return None
+    return Photographs(request.photographs, request.config.scene.size, request.config.scene.margin)
+
+
 def _crops(
-    request: TrainDetector, library: MotionLibrary, first: bool, tell: Progress
+    request: TrainDetector,
+    library: MotionLibrary,
+    behind: Backgrounds,
+    first: bool,
+    tell: Progress,
 ) -> tuple[Shots, Shots]:
-    """What to learn from and what to validate on; rendered by the first process."""
+    """Rendered people to learn from and to validate on; drawn by the first process."""
     config, folder = request.config, request.crops_folder or request.out / CROPS
     others = (*config.held_out, *config.validation)
     if first:
@@ -100,26 +116,26 @@ def _crops(
             "training": (library.without(others), config.crops, config.loop.seed),
         }
         for name, (people, count, seed) in parts.items():
-            scenes = _scenes(request, people, seed)
+            scenes = _scenes(request, people, behind, seed)
             described: dict[str, object] = {
                 **{"scene": asdict(config.scene), "seed": seed, "motion": people.digest},
                 **{"actors": request.actors, "body_model": request.body_model},
             }
+            if behind.digest is not None:
+                described["backgrounds"] = behind.digest
             render_crops(folder / name, scenes, count, described, tell)
     if distributed.is_initialized():
         distributed.barrier()  # the crops are there
-    shots: Shots = CropStore(folder / "training")
-    if request.photographs is not None:
-        scene = config.scene
-        shots = Mixture(shots, Photographs(request.photographs, scene.size, scene.margin))
-    return shots, CropStore(folder / "validation")
+    return CropStore(folder / "training"), CropStore(folder / "validation")
 
 
-def _scenes(request: TrainDetector, people: MotionLibrary, seed: int) -> Scenes:
+def _scenes(
+    request: TrainDetector, people: MotionLibrary, behind: Backgrounds, seed: int
+) -> Scenes:
     actors = tuple(load_actor(name) for name in request.actors)
     data = request.config.scene
     cast = Cast(load_body_model(request.body_model), actors, people, data)
-    return Scenes(cast, Backgrounds(request.backgrounds), data, seed)
+    return Scenes(cast, behind, data, seed)
 
 
 def _finish(

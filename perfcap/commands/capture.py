@@ -126,3 +126,5 @@ class Doctor:
     """Detections to check against the cameras."""
     video_map: Path | None = None
     """JSON of affine maps from video to calibration pixels."""
+    detections_in: Literal["calibration", "video"] = "calibration"
+    """Which pixels detections are in, where the two differ."""

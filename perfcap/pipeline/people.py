@@ -30,6 +30,14 @@ class Person:
     detections: Detections
     solve_bones: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.detections, Detections):
+            kind = type(self.detections).__name__
+            raise InputError(
+                f"person: detections are a {kind}, expected Detections: Person(actor, detections), "
+                "of one of the people whom associate finds"
+            )
+
 
 @dataclass(frozen=True)
 class Scene:

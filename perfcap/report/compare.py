@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from perfcap.report.views import Views, build_views
 Folders = tuple[str | Path, str | Path]
 Plain = dict[str, Any]
 
+_LOG = logging.getLogger(__name__)
 _RATE = 1e-3  # share by which rates of the same video may differ
 
 
@@ -47,8 +49,11 @@ def make_comparison(folders: Folders, path: str | Path, progress: Progress | Non
 
 def build_comparison(folders: Folders, progress: Progress | None = None) -> str:
     """The page of two captures; see ``make_comparison``."""
+    if isinstance(folders, str | Path) or len(folders) != 2:
+        raise InputError(f"folders: got {folders!r:.80}, expected those of two results")
     one, other = read_result(folders[0]), read_result(folders[1])
     _require_same_frames(one, other)
+    _warn_of_other_videos(one, other)
     rows = slice(0, min(one.frames, LONGEST))
     sources = find_sources(one, rows)
     views = build_views(one, rows, sources, progress or (lambda name, done, total: None))
@@ -88,6 +93,25 @@ def _require_same_frames(one: Result, other: Result) -> None:
             f"{other.folder}: runs at {other.rate:.4g} frames a second, {one.folder} at "
             f"{one.rate:.4g}; expected two results of one rate"
         )
+
+
+def _warn_of_other_videos(one: Result, other: Result) -> None:
+    """Frames that are numbered alike may be of another film; those of other cameras are not."""
+    videos = [_videos(result) for result in (one, other)]
+    if all(videos) and not set(videos[0]) & set(videos[1]):
+        _LOG.warning(
+            "%s: was captured from %s, %s from %s; distances say something only where both show "
+            "the same motion",
+            *(one.folder, ", ".join(videos[0]), other.folder, ", ".join(videos[1])),
+        )
+
+
+def _videos(result: Result) -> list[str]:
+    """Names of the videos of a capture, without their folders, which may have moved."""
+    request = result.report.get("request")
+    found = request.get("videos") if isinstance(request, dict) else None
+    texts = found if isinstance(found, list) else ()
+    return [Path(each).name for each in texts if isinstance(each, str)]
 
 
 def _content(

@@ -192,6 +192,12 @@ def show(
         display: Any = import_module("IPython.display")
     except ImportError as error:
         raise InputError("show is for notebooks; perfcap view opens a folder") from error
+    if not isinstance(result, Performance | str | Path):
+        kind = type(result).__name__
+        raise InputError(
+            f"show: got a {kind}, expected a Performance, or the folder of one; of several people "
+            "show each"
+        )
     places = Places(
         tuple(Path(each) for each in videos), None if cameras is None else Path(cameras)
     )

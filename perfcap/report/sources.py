@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ def find_sources(result: Result, rows: slice, places: Places | None = None) -> S
     rig, cameras, pixel_map = finder.cameras(places.cameras, clip)
     detections = finder.detections(rig, pixel_map, clip)
     for line in finder.doubts:
-        _LOG.warning("--videos: %s", line)
+        _LOG.warning("%s", line)
     shown = clip.names if clip is not None else () if rig is None else rig.names
     if shown and len(names) != len(shown):  # a damaged report
         names = tuple(shown)
@@ -121,24 +121,31 @@ class _Finder:
                 raise
             self.notes.append(f"The input video is not shown: {error}.")
             return None
-        self.notes += self._replaced(paths, given)
+        texts = _texts(self.request.get("videos"))
+        for text, path in zip(texts, paths, strict=False):
+            self._compare(text, path, "--videos" if given else "")
         self.placed = bool(given)
         return clip
 
-    def _replaced(self, paths: Sequence[Path], given: Sequence[Path]) -> Iterator[str]:
-        """Videos of another size than those that the capture read: others, or encoded anew."""
-        for text, path in zip(_texts(self.request.get("videos")), paths, strict=False):
-            state = self.states.get(text)
-            size = state.split(" bytes of ")[0] if isinstance(state, str) else ""
-            if not path.is_file() or not size.isdecimal() or str(path.stat().st_size) == size:
-                continue
-            line = (
-                f"{path}: has {path.stat().st_size} bytes, the video of the capture had {size}; "
-                "if it is another, nothing that is drawn over it fits: give the capture's own"
-            )
-            if given:
-                self.doubts.append(line)
-            yield f"{line}."
+    def _compare(self, text: str, path: Path, option: str) -> None:
+        """Note a file of another size than the capture read: another, or written anew.
+
+        Args:
+            text: its name in the report.
+            path: where it is.
+            option: that gave it; empty where it is the one of the report.
+        """
+        state = self.states.get(text)
+        size = state.split(" bytes of ")[0] if isinstance(state, str) else ""
+        if not path.is_file() or not size.isdecimal() or str(path.stat().st_size) == size:
+            return
+        line = (
+            f"{path}: has {path.stat().st_size} bytes, that of the capture had {size}; if it is "
+            "another, what is drawn over the video does not fit: give the capture's own"
+        )
+        if option:
+            self.doubts.append(f"{option}: {line}")
+        self.notes.append(f"{line}.")
 
     def cameras(
         self, given: Path | None, clip: Clip | None
@@ -156,6 +163,8 @@ class _Finder:
             maps = self._maps() if clip is not None else None
             unmatched = True
             pixel_map = match_image(rig, sizes, maps)
+            if isinstance(text, str):
+                self._compare(text, path, "--cameras" if given else "")
             return rig, pixel_map.cameras(rig.cameras, sizes), pixel_map
         except InputError as error:
             if given:
@@ -191,6 +200,8 @@ class _Finder:
             found = found.frames(self.frames)
             if found.frame_count != self.frames.stop - self.frames.start:
                 raise InputError(f"{paths[0]}: holds other frames than the capture")
+            for text, path in zip(_texts(self.request.get("detections")), paths, strict=False):
+                self._compare(text, path, "")
         except InputError as error:
             self.notes.append(f"Detected joints are not shown: {error}.")
             return None

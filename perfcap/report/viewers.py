@@ -26,8 +26,9 @@ def log_to_rerun(performance: Performance, path: str = "person") -> None:
         path: of the person among what is logged.
 
     Raises:
-        InputError: Rerun is not installed.
+        InputError: Rerun is not installed, or it is no ``Performance``.
     """
+    _require_one(performance)
     rr = _required("rerun")
     faces, joints = performance.actor.template.faces, performance.joints().cpu()
     axis, sign = _up(joints)
@@ -56,8 +57,9 @@ def add_to_viser(
         What shows a frame by its number.
 
     Raises:
-        InputError: viser is not installed.
+        InputError: viser is not installed, or it is no ``Performance``.
     """
+    _require_one(performance)
     _required("viser")
     faces = performance.actor.template.faces
     axis, sign = _up(performance.joints().cpu())
@@ -78,6 +80,14 @@ def _up(joints: Tensor) -> tuple[int, float]:
     up = upright(joints)
     axis = int(up.abs().argmax())
     return axis, float(up[axis])
+
+
+def _require_one(performance: object) -> None:
+    if not isinstance(performance, Performance):
+        raise InputError(
+            f"performance: got a {type(performance).__name__}, expected a Performance; of several "
+            "people give each, under its own name"
+        )
 
 
 def _required(package: str) -> Any:

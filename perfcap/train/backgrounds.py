@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -45,6 +47,11 @@ class Backgrounds:
                     f"{', '.join(sorted(_SUFFIXES))}"
                 )
 
+    @property
+    def digest(self) -> str | None:
+        """SHA-256 of the names and sizes of the pictures; None of procedural ones alone."""
+        return digest_of(self._files) if self._files else None
+
     def draw(self, size: int, rng: np.random.Generator) -> Picture:
         """A picture (size, size, 3), RGB."""
         if self._files and rng.random() >= _KEPT:
@@ -59,6 +66,14 @@ class Backgrounds:
     def photograph(self, size: int, rng: np.random.Generator) -> Picture:
         """A part of a picture of the folder, (size, size, 3); there must be one."""
         return _part(self._files[int(rng.integers(len(self._files)))], size, rng)
+
+
+def digest_of(files: Iterable[Path]) -> str:
+    """SHA-256 of the names and sizes of files: other ones are other data."""
+    total = hashlib.sha256()
+    for path in files:
+        total.update(f"{path.name}\0{path.stat().st_size}\0".encode())
+    return total.hexdigest()
 
 
 def procedural(size: int, rng: np.random.Generator) -> Picture:

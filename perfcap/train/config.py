@@ -119,6 +119,8 @@ class TrainLifterConfig:
         """
         self.loop.require_sound()
         require_counts(self.lifter, "channels")
+        require_counts(self.data, "frames")
+        _require_elevation("data", self.data.elevation)
         taps = self.lifter.dilations
         if not taps or min(taps) < 1:
             raise InputError(f"lifter.dilations: are {taps}; expected one or more of 1 or more")
@@ -236,10 +238,13 @@ class TrainDetectorConfig:
         require_counts(self, "crops", "validation_crops")
         require_counts(self.detector, "size")
         require_counts(self.scene, "size", "group", "places", "texture")
-        for name in ("widths", "blocks"):
+        for name, count in (("widths", 4), ("blocks", 3)):
             sizes = getattr(self.detector, name)
-            if not sizes or min(sizes) < 1:
-                raise InputError(f"detector.{name}: are {sizes}; expected one or more of 1 or more")
+            if len(sizes) != count or min(sizes) < 1:
+                raise InputError(
+                    f"detector.{name}: are {sizes}; expected {count} numbers of 1 or more"
+                )
+        _require_elevation("scene", self.scene.elevation)
         shares = ("recombined", "facing", "tilted", "skirts", "actors", "shadowed", "occluded")
         require_shares(self.scene, *shares, "empty")
         require_shares(self.scene, "loosened", "swung", "roll", most=math.inf)
@@ -257,3 +262,13 @@ class TrainDetectorConfig:
         for name, (low, high) in ranges.items():
             if not 0 < low <= high < math.inf:
                 raise InputError(f"{name}: is {low} {high}; expected FROM TO, above zero")
+
+
+def _require_elevation(part: str, elevation: tuple[float, float]) -> None:
+    """Refuse a mean and a deviation of cameras above people, degrees, that are none."""
+    mean, deviation = elevation
+    if not (-90 <= mean <= 90 and 0 <= deviation <= 90):
+        raise InputError(
+            f"{part}.elevation: is {mean} {deviation}; expected MEAN DEVIATION in degrees, from "
+            "-90 and from 0 to 90"
+        )

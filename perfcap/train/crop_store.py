@@ -98,7 +98,8 @@ def render_crops(
         found.pop("parts", None)
         if json.dumps(found, sort_keys=True) != text:
             raise InputError(
-                f"{folder}: holds crops of other settings; give another folder or the same settings"
+                f"{folder}: holds crops of other settings or backgrounds; give another folder or "
+                "the same settings"
             )
     folder.mkdir(parents=True, exist_ok=True)
     for part in range(parts):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ def check_equal(lifter: Lifter | LifterCommittee, data: bytes) -> None:
     """Compare the export with the module, on tracks of several lengths.
 
     Raises:
-        InputError: they differ by more than a tenth of a millimetre.
+        InputError: they differ by more than a tenth of a millimetre, or are not finite.
     """
     import onnxruntime
 
@@ -164,6 +165,7 @@ def check_equal(lifter: Lifter | LifterCommittee, data: bytes) -> None:
         features = torch.randn(*shape, FEATURES, generator=generator)
         with torch.no_grad():
             expected = lifter(features)
+        _require_finite(expected)
         found = session.run(["joints", "spread"], {"features": features.numpy()})
         worst = max(
             float(np.abs(a - b.numpy()).max()) for a, b in zip(found, expected, strict=True)
@@ -173,6 +175,14 @@ def check_equal(lifter: Lifter | LifterCommittee, data: bytes) -> None:
                 f"export: onnxruntime differs from torch by {worst:.2g} m on {shape[1]} frames, "
                 f"expected at most {TOLERANCE:g}; export with other versions of torch or onnxscript"
             )
+
+
+def _require_finite(answers: Iterable[Tensor]) -> None:
+    """Refuse a network that diverged, as its loss may be finite still."""
+    if not all(bool(answer.isfinite().all()) for answer in answers):
+        raise InputError(
+            "training: the network's answers are not finite; train again with a lower learning rate"
+        )
 
 
 def _quoted(text: str) -> str:
@@ -290,7 +300,7 @@ def check_maps_equal(model: DetectorMaps, data: bytes, size: int) -> None:
     """Compare the export with the module on batches of one and three crops.
 
     Raises:
-        InputError: heat maps or positions (m) differ by more than 1e-4.
+        InputError: heat maps or positions (m) differ by more than 1e-4, or are not finite.
     """
     import onnxruntime
 
@@ -302,6 +312,7 @@ def check_maps_equal(model: DetectorMaps, data: bytes, size: int) -> None:
         crops = 255 * torch.rand(count, 3, size, size, generator=generator)
         with torch.no_grad():
             expected = model(crops)
+        _require_finite(expected)
         found = session.run(list(OUTPUTS), {"crops": crops.numpy()})
         for name, ours, theirs in zip(OUTPUTS, expected, found, strict=True):
             worst = float(np.abs(ours.numpy() - theirs).max())

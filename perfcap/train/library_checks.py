@@ -25,6 +25,7 @@ _FASTEST = 12.5  # m/s, of hips
 _USUALLY = 0.5  # share of the frames
 _FULL_TURN = 6.3  # degrees that no motion stays below, radians that all do
 _LOOKED_AT = 2000  # frames of a library
+_EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -157,17 +158,33 @@ def require_degrees(path: Path, largest: float) -> None:
 
 
 def require_own_motion(path: Path, clips: Mapping[str, Tensor], people: Mapping[str, str]) -> None:
-    """Refuse one motion under two people, of whom one could be held out.
+    """Refuse one motion, or a part of one, under two people, of whom one could be held out.
 
     Raises:
         InputError: names the clips.
     """
     known: dict[bytes, str] = {}
     for name, points in clips.items():
-        digest = hashlib.sha256(np.ascontiguousarray(points.numpy()).tobytes()).digest()
-        first = known.setdefault(digest, name)
-        if people[first] != people[name]:
-            raise InputError(
-                f"{path}: clips {first} and {name} are the same motion under the subjects "
-                f"{people[first]} and {people[name]}; list it once, or nobody can be held out"
-            )
+        for frame in _hashed(points[::_EVERY]):
+            known.setdefault(frame, name)
+    for name, points in clips.items():
+        met: dict[str, set[bytes]] = {}
+        for frame in _hashed(points):
+            first = known.get(frame)
+            if first is not None and people[first] != people[name]:
+                met.setdefault(first, set()).add(frame)
+        for first, frames in met.items():
+            # a pose that is held is one frame, as that in which recordings of all people begin
+            if len(frames) >= min(_SHARED, len(clips[first][::_EVERY])):
+                one, other = sorted((first, name))
+                raise InputError(
+                    f"{path}: clips {one} and {other} are the same motion, or parts of it, under "
+                    f"the subjects {people[one]} and {people[other]}; list it once, or nobody can "
+                    "be held out"
+                )
+
+
+def _hashed(points: Tensor) -> list[bytes]:
+    """Frames (F, 16, 3) to a tenth of a millimetre, a few bytes each."""
+    rounded = np.rint(1e4 * points.numpy()).astype(np.int32)
+    return [hashlib.blake2b(frame.tobytes(), digest_size=12).digest() for frame in rounded]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
 from perfcap.errors import InputError
+from perfcap.io.image_file import image_size
+from perfcap.train.backgrounds import digest_of
 from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.crop_batches import Shots
 from perfcap.train.scenes import Shot
@@ -22,6 +25,8 @@ ANNOTATIONS, IMAGES = "annotations.json", "images"
 _NORMALISED = 2.0  # pixels: nobody is so small
 _PEOPLE, _UPRIGHT = 20, 0.35  # and share of them: of athletes and gymnasts it is 0.68
 _ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "lr"]
+_QUARTER = 0.55  # of the sides: labels of copies half as large end there
+_HEADER = 2**18  # bytes that say how large a photograph is
 _FEWEST = 6  # joints that say where somebody is
 _LIMIT = 256 * 2**20  # bytes of annotations
 _MOST_PIXELS = 64 * 10**6
@@ -62,6 +67,14 @@ class Photographs:
 
     def __len__(self) -> int:
         return len(self._annotations)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of photographs and joints: another one is other data."""
+        total = hashlib.sha256(digest_of(each.path for each in self._annotations).encode())
+        for each in self._annotations:
+            total.update(each.joints2d.tobytes())
+        return total.hexdigest()
 
     def __getitem__(self, number: int) -> Shot:
         """A square around one person; joints that are not known are NaN.
@@ -128,6 +141,7 @@ def read_annotations(folder: Path) -> tuple[Annotation, ...]:
         raise InputError(f"{path}: names no photograph; expected at least one")
     found = tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
     _require_people(path, np.stack([each.joints2d for each in found]))
+    _require_images(path, found, entries)
     return found
 
 
@@ -149,6 +163,42 @@ def _require_people(path: Path, joints: NDArray[np.float32]) -> None:
             f"{path}: {upright:.0%} of the people have their feet below their necks; expected x "
             "before y, y down, and joints in the order of joint_names"
         )
+
+
+def _require_images(
+    path: Path, people: Sequence[Annotation], entries: Sequence[Mapping[str, Any]]
+) -> None:
+    """Refuse photographs that are not there, or of another size than their annotations are of.
+
+    Before the first step: a training would come to some of them after hours.
+    """
+    reach = []
+    for person, entry in zip(people, entries, strict=True):
+        size, told = _size(person.path), (entry.get("width"), entry.get("height"))
+        if size is None:
+            continue
+        # either side may be first: cameras that were held upright write the longer one so
+        if None not in told and {*told} != {*size}:
+            raise InputError(
+                f"{path}: says that {person.path.name} has {told[0]}x{told[1]} pixels, it has "
+                f"{size[0]}x{size[1]}; annotate the photographs as they are"
+            )
+        if np.isfinite(person.joints2d).any():
+            reach.append(np.nanmax(person.joints2d, 0) / size)
+    farthest = float(np.max(reach)) if reach else 1.0
+    if len(reach) >= _PEOPLE and farthest < _QUARTER:
+        raise InputError(
+            f"{path}: joints of all {len(reach)} people lie in the upper left quarter of their "
+            "photographs; expected pixels of these very files, not of smaller copies"
+        )
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    """Width and height by the header of a photograph; None where that does not say."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; the annotations name it")
+    with path.open("rb") as file:
+        return image_size(file.read(_HEADER))
 
 
 def _entries(images: Any) -> Sequence[Mapping[str, Any]]:

@@ -1,14 +1,16 @@
 """``perfcap actor fit``: views to an actor, its measurements and a picture; what is refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from project_files import SIZE, write_pose2sim
 from runs import Command
-from takes import TakeFiles
+from takes import TakeFiles, detect, make_take, shrunk, write_detections
 
 from perfcap.app import actor_sheet, fit_views
 from perfcap.io import load_actor
@@ -93,3 +95,27 @@ def test_what_cannot_be_fitted_is_told(
 ) -> None:
     line = perfcap(call(take, tmp_path / "out", *more)).refused()
     assert words in line and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("change", ["exchanged", "normalised"])
+def test_joints_that_a_capture_refuses_are_refused(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, change: str
+) -> None:
+    given = take.take.detections
+    wrong = given.joints2d.flip(-1) if change == "exchanged" else given.joints2d / 160
+    write_detections(tmp_path / "wrong.npz", replace(given, joints2d=wrong))
+    options = ["--cameras", take.camera, "--detections", tmp_path / "wrong.npz"]
+    files = ["actor", "fit", take.video, *options, "--out", tmp_path / "out"]
+    line = perfcap([*files, "--no-silhouettes", "--height", 1.7]).refused()
+    assert change in line and not (tmp_path / "out").exists()
+
+
+def test_a_project_is_read(tmp_path: Path, perfcap: Command) -> None:
+    made = make_take(10, views=2, lifted=False)
+    cameras = shrunk(made.cameras, SIZE)
+    seen = detect(made.actor, cameras, made.truth, False)
+    project = write_pose2sim(tmp_path / "walk", replace(made, cameras=cameras, detections=seen))
+    out = tmp_path / "me"
+    done = perfcap(["actor", "fit", project, "--out", out, "--no-silhouettes", "--count", 3])
+    assert done.code == 0 and "a project of Pose2Sim with 2 videos" in done.out, done
+    assert "in 2 views" in (out / "measurements.json").read_text()

@@ -151,12 +151,19 @@ def test_videos_of_another_take_are_told(
     moved = Path(shutil.copy(take.video, tmp_path / "moved.mp4"))
     done = perfcap(["report", folder, "--videos", moved])
     assert done.code == 0 and not done.notes
-    assert "bytes, the video of the capture had" not in (folder / PAGE).read_text()
+    assert "bytes, that of the capture had" not in (folder / PAGE).read_text()
     with moved.open("ab") as file:
         file.write(b"\0" * 8)
     done = perfcap(["report", folder, "--videos", moved])
-    assert done.code == 0 and any("the video of the capture had" in line for line in done.notes)
-    assert "bytes, the video of the capture had" in (folder / PAGE).read_text()
+    assert done.code == 0 and any("that of the capture had" in line for line in done.notes)
+    assert "bytes, that of the capture had" in (folder / PAGE).read_text()
+    known = json.loads(take.camera.read_text())
+    moved = tmp_path / take.camera.name
+    moved.write_text(json.dumps(known | {"t": [1000 * each for each in known["t"]]}, indent=3))
+    done = perfcap(["report", folder, "--cameras", moved])
+    assert any(line.startswith("--cameras: ") and "had" in line for line in done.notes), done
+    shutil.copy(take.camera, moved)
+    assert not perfcap(["report", folder, "--cameras", moved]).notes
     small = tmp_path / "small.mp4"
     with VideoWriter(small, 30.0) as writer:
         for _ in range(24):

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import torch
 from motion_files import write_library
@@ -45,6 +47,11 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     assert "Where it fails" in card and "1 recorded people (01)" in card
     assert "--resume" in perfcap(call).refused()
     assert perfcap([*call, "--resume"]).code == 0
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    cv2.imwrite(str(pictures / "grey.png"), np.full((40, 60, 3), 99, np.uint8))
+    behind = perfcap([*call, "--resume", "--backgrounds", pictures])
+    assert "crops of other settings or backgrounds" in behind.refused()
     more = ("--crops-folder", out / "crops", "--start", out / "model/weights.safetensors")
     wider = ("--detector.widths", 8, 8, 8, 16)
     other = perfcap([*call[:4], "--out", tmp_path / "b", *PEOPLE, *TINY, *more, *wider])

@@ -1,6 +1,7 @@
 """Several people in several views: who is who."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -226,8 +227,26 @@ def test_groups_of_a_batch_are_those_of_each_frame() -> None:
     assert together == sorted(alone)
 
 
-@pytest.mark.parametrize("given", [{"rate": 0.0}, {"rate": -30.0}, {"people": 0}, {"people": -1}])
-def test_numbers_that_are_none(given: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"rate": 0.0}, "expected frames a second"),
+        ({"rate": -30.0}, "expected frames a second"),
+        ({"rate": "30"}, "expected frames a second"),
+        ({"people": 0}, "people is 0, expected a whole number of 1 or more"),
+        ({"people": 1.5}, "expected a whole number of 1 or more"),
+        ({"people": True}, "expected a whole number of 1 or more"),
+        ({"config": {"same": 0.1}}, "expected an AssociationConfig"),
+    ],
+)
+def test_arguments_that_are_none(given: dict[str, Any], words: str) -> None:
     crowd = make_crowd(2, frames=4, views=2)
-    with pytest.raises(InputError, match="expected frames a second above 0, and one or more"):
+    with pytest.raises(InputError, match=words):
         associate(crowd.cameras, crowd.candidates, **given)
+
+
+def test_moving_cameras_of_other_frames() -> None:
+    crowd = make_crowd(2, frames=4, views=2)
+    moving = crowd.cameras.map(lambda part: part.expand(3, *part.shape))
+    with pytest.raises(InputError, match="have 3 frames, candidates 4"):
+        associate(moving, crowd.candidates)

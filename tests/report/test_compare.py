@@ -84,3 +84,24 @@ def test_folders_of_one_name_are_told_apart(made: Path, tmp_path: Path) -> None:
     places = [Path(shutil.copytree(made, tmp_path / name / "take")) for name in ("one", "two")]
     html, _ = data_of(make_comparison((places[0], places[1]), tmp_path / "both.html"))
     assert "one/take" in html and "two/take" in html
+
+
+def test_one_folder_is_no_pair(made: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected those of two results"):
+        make_comparison(str(made), tmp_path / "page.html")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("other", [["b/solo.mp4"], ["b/one.mp4"], None])
+def test_results_of_other_videos_get_a_warning(
+    made: Path,
+    folder: Path,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    other: list[str] | None,
+) -> None:
+    run = json.loads((folder / "run.json").read_text())
+    run["request"]["videos"] = other
+    (folder / "run.json").write_text(json.dumps(run))
+    make_comparison((made, folder), tmp_path / "both.html")
+    told = "was captured from one.mp4, two.mp4" in caplog.text and "from solo.mp4" in caplog.text
+    assert told == (other == ["b/solo.mp4"])

@@ -8,6 +8,7 @@ import pytest
 
 from perfcap.errors import InputError
 from perfcap.pipeline.performance import Performance
+from perfcap.report import show
 from perfcap.report.viewers import add_to_viser, log_to_rerun
 
 
@@ -19,6 +20,16 @@ def test_a_viewer_that_is_not_there_is_named(
     given = (take_performance,) if package == "rerun" else (None, take_performance)
     with pytest.raises(InputError, match=rf"{package} is not installed.*perfcap\[{package}\]"):
         hook(*given)
+
+
+def test_several_people_at_once_are_refused(take_performance: Performance) -> None:
+    people: Any = (take_performance, take_performance)
+    for call in (log_to_rerun, lambda given: add_to_viser(None, given)):
+        with pytest.raises(InputError, match="got a tuple, expected a Performance; of several"):
+            call(people)
+    pytest.importorskip("IPython", exc_type=ImportError)
+    with pytest.raises(InputError, match="show: got a tuple, expected a Performance"):
+        show(people)
 
 
 def test_rerun_gets_every_frame(
@@ -40,9 +51,9 @@ def test_viser_shows_the_frame_of_its_slider(take_performance: Performance) -> N
     viser = pytest.importorskip("viser", exc_type=ImportError)
     server = viser.ViserServer(port=0, verbose=False)
     try:
-        show = add_to_viser(server, take_performance, "sam")
+        show_frame = add_to_viser(server, take_performance, "sam")
         for frame in (0, take_performance.frames - 1):
-            show(frame)
+            show_frame(frame)
             found = server.scene._handle_from_node_name["/sam"].vertices
             np.testing.assert_allclose(
                 found, take_performance.shown[frame : frame + 1][0], atol=1e-6

@@ -219,6 +219,8 @@ def test_backgrounds_of_a_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no pictures"):
         Backgrounds(tmp_path)
     cv2.imwrite(str(tmp_path / "red.png"), np.full((40, 60, 3), (0, 0, 255), np.uint8))
+    assert Backgrounds().digest is None
+    assert Backgrounds(tmp_path).digest == Backgrounds(tmp_path).digest is not None
     drawn = [Backgrounds(tmp_path).draw(32, rng) for _ in range(12)]
     assert sum(bool((d == (255, 0, 0)).all()) for d in drawn) >= 6
     (tmp_path / "red.png").write_bytes(b"not a picture")

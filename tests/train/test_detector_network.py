@@ -235,3 +235,6 @@ def test_an_export_that_differs_is_refused(
     other = exporting.DetectorMaps(Detector(TINY).eval())
     with pytest.raises(InputError, match=r"output 'heat' of onnxruntime differs"):
         exporting.check_maps_equal(other, data, 64)
+    torch.nn.init.constant_(other.detector.maps.weight, float("nan"))
+    with pytest.raises(InputError, match="not finite; train again with a lower learning rate"):
+        exporting.check_maps_equal(other, data, 64)

@@ -125,6 +125,9 @@ def test_an_export_that_differs_is_refused(folder: Path) -> None:
     other = Lifter(CONFIG).eval()
     with pytest.raises(InputError, match="differs from torch by"):
         check_equal(other, (folder / "model.onnx").read_bytes())
+    torch.nn.init.constant_(next(other.parameters()), float("inf"))
+    with pytest.raises(InputError, match="not finite; train again with a lower learning rate"):
+        check_equal(other, (folder / "model.onnx").read_bytes())
 
 
 def edit(before: str, after: str) -> Callable[[str], str]:

@@ -81,6 +81,40 @@ def test_joints_of_nobody(tmp_path: Path, spoil: str) -> None:
         Photographs(folder, 64, 1.8)
 
 
+def test_photographs_that_are_not_there(tmp_path: Path) -> None:
+    images = [{"file": name, "joints": [[30, 35, 1]] * 14} for name in ("one.png", "two.png")]
+    with pytest.raises(InputError, match=r"two\.png: no such file; the annotations name it"):
+        Photographs(write(tmp_path / "p", images=images), 64, 1.8)
+
+
+@pytest.mark.parametrize("spoil", ["smaller", "said", "turned", "none"])
+def test_annotations_of_copies_of_another_size(tmp_path: Path, spoil: str) -> None:
+    rng = np.random.default_rng(0)
+    images: list[dict[str, Any]] = []
+    for _ in range(20):
+        joints = np.concatenate([rng.uniform(5, 55, (14, 2)), np.ones((14, 1))], 1)
+        if spoil == "smaller":
+            joints[:, :2] /= 2
+        images.append({"file": "one.png", "joints": joints.tolist()})
+        sizes = {"said": (120, 160), "turned": (80, 60), "none": (60, 80)}
+        if spoil in sizes:
+            images[-1] |= dict(zip(("width", "height"), sizes[spoil], strict=True))
+    folder = write(tmp_path / "p", images=images)
+    if spoil in ("turned", "none"):
+        assert len(Photographs(folder, 64, 1.8)) == 20
+        return
+    words = "upper left quarter" if spoil == "smaller" else "120x160 pixels, it has 60x80"
+    with pytest.raises(InputError, match=words):
+        Photographs(folder, 64, 1.8)
+
+
+def test_other_joints_are_other_data(tmp_path: Path) -> None:
+    one = Photographs(write(tmp_path / "a", [[30, 35, 1]] * 14), 64, 1.8)
+    same = Photographs(write(tmp_path / "b", [[30, 35, 1]] * 14), 64, 1.8)
+    other = Photographs(write(tmp_path / "c", [[30, 36, 1]] * 14), 64, 1.8)
+    assert one.digest == same.digest != other.digest
+
+
 def test_bad_pictures(tmp_path: Path) -> None:
     folder = write(tmp_path / "nobody", joints=[[-5, -5, 0]] * 14)
     with pytest.raises(InputError, match="has 0 annotated joints in the image"):

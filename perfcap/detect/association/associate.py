@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -18,6 +17,8 @@ from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.rates import Timed, frame_rate
+from perfcap.setting_checks import require_count
 
 _LEAST_FRAMES = 3
 _OFTEN = 0.1  # of the frames: a stranger who is told of
@@ -48,7 +49,7 @@ class Association:
 def associate(
     cameras: Camera,
     candidates: Detections,
-    rate: float = 30.0,
+    rate: float | Timed = 30.0,
     *,
     people: int | None = None,
     config: AssociationConfig | None = None,
@@ -63,17 +64,19 @@ def associate(
     Args:
         cameras: C views, (C,) or (F, C), in pixels of the candidates.
         candidates: (P, F, C, 16), see ``read_candidates``.
-        rate: frames a second.
+        rate: frames a second, or the clip that has them.
         people: how many are wanted, the best seen ones; as many as there are when not given.
         config: sizes.
 
     Raises:
-        InputError: one view alone; fewer people than are wanted, or a number or rate that is none.
+        InputError: one view alone; fewer people than are wanted, a number or rate that is none, or
+            arguments of another kind.
     """
-    if not 0 < rate < math.inf or (people is not None and people < 1):
-        raise InputError(
-            f"rate is {rate} and people {people}; expected frames a second above 0, and one or more"
-        )
+    rate = frame_rate(rate)
+    if people is not None:
+        require_count(people, "people")
+    if config is not None and not isinstance(config, AssociationConfig):
+        raise InputError(f"config is {config!r:.80}, expected an AssociationConfig")
     _require_views(cameras, candidates)
     if candidates.views < 2:
         raise InputError(
@@ -120,6 +123,11 @@ def _require_views(cameras: Camera, candidates: Detections) -> None:
         raise InputError(
             f"candidates have joints2d {shape} for cameras of {cameras.views} views; expected "
             "(P, F, C, 16, 2) of as many views: people, who may be in any order, first"
+        )
+    if cameras.moving and len(cameras.intrinsics) != shape[1]:
+        raise InputError(
+            f"moving cameras have {len(cameras.intrinsics)} frames, candidates {shape[1]}; give as "
+            "many poses as frames"
         )
 
 

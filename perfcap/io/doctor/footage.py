@@ -79,7 +79,10 @@ def examine_blank(clip: Frames, names: Sequence[str], start: int = 0) -> list[Fi
         where = ranges([start + frame for frame in plain])
         what = f"images are of one color, nothing can be seen in them (frames {where}"
         what += f" of {len(index)} looked at)"
-        remedy = "check the video; without images, --until track_motion takes joints alone"
+        remedy = (
+            "check the video; joints alone need no images: capture --until track_motion, actor fit "
+            "--no-silhouettes"
+        )
         findings.append(Finding(severity, name, what, remedy))
     return findings
 

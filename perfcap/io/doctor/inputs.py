@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -25,6 +26,7 @@ from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
 
 Value = TypeVar("Value")
 
@@ -34,6 +36,8 @@ def examine_inputs(
     detections: Sequence[str | Path] = (),
     videos: Sequence[str | Path] = (),
     video_map: str | Path | None = None,
+    *,
+    detections_in: str = "calibration",
 ) -> list[Finding]:
     """Read a capture's files and check them alone and against each other.
 
@@ -42,6 +46,7 @@ def examine_inputs(
         detections: as for ``read_detections``.
         videos: one a view.
         video_map: as for ``read_pixel_map``.
+        detections_in: which pixels detections are in, ``calibration`` or ``video``.
 
     Returns:
         Findings; what cannot be read is one of severity error.
@@ -50,7 +55,12 @@ def examine_inputs(
     clip = _try(findings, lambda: Clip.open(videos)) if videos else None
     sizes = None if clip is None else clip.sizes
     rig = _try(findings, lambda: read_cameras(cameras, sizes))
-    maps = _try(findings, lambda: read_pixel_map(video_map)) if video_map else None
+    known = names = () if rig is None else rig.names
+    if clip is not None and rig is not None:
+        clip = _try(findings, partial(at_rate, clip, videos, rig)) or clip
+        rig = _try(findings, partial(rig.match, clip.names)) or rig
+        names = rig.names
+    maps = _try(findings, lambda: read_pixel_map(video_map, names)) if video_map else None
     if clip is not None:
         findings += [
             *_warnings("videos", clip.warnings),
@@ -59,10 +69,13 @@ def examine_inputs(
     if rig is None:
         return findings
     if clip is not None:
-        rig = _try(findings, partial(rig.match, clip.names)) or rig
+        rates = _try(findings, partial(camera_rate, rig, clip)) or ()
+        doubts = (*rates, *of_others(detections, names, known))
+        findings += [_said(line, Severity.WARNING) for line in doubts]
     findings += examine_cameras(rig, sizes, maps)
     if detections:
-        findings += _examine_detections(rig, detections, clip, maps)
+        pixel_map = _pixel_map(rig, clip, maps)
+        findings += _examine_detections(rig, detections, clip, pixel_map, detections_in)
     return findings
 
 
@@ -89,7 +102,8 @@ def _examine_detections(
     rig: CameraRig,
     paths: Sequence[str | Path],
     clip: Clip | None,
-    maps: dict[str, Tensor] | None,
+    pixel_map: PixelMap | None,
+    detections_in: str,
 ) -> list[Finding]:
     findings: list[Finding] = []
     frames = None if clip is None else len(clip)
@@ -104,10 +118,18 @@ def _examine_detections(
     if found is None:
         return findings
     detections, warnings = found
+    if detections_in == "video" and pixel_map is not None:
+        pixels = pixel_map.to_calibration(detections.joints2d)
+        detections = replace(detections, joints2d=pixels)
+    if clip is not None:
+        posed = _try(findings, partial(camera_frames, rig, clip, detections.frame_count))
+        if posed is None:
+            return [*_warnings("detections", warnings), *findings]
+        rig = posed
     return [
         *_warnings("detections", warnings),
         *examine_detections(rig, detections),
-        *examine_take(rig, detections, clip, _pixel_map(rig, clip, maps)),
+        *examine_take(rig, detections, clip, pixel_map),
     ]
 
 
@@ -128,10 +150,15 @@ def _try(findings: list[Finding], read: Callable[[], Value]) -> Value | None:
     try:
         return read()
     except InputError as error:
-        subject, _, rest = str(error).partition(": ")
-        what, _, remedy = rest.partition("; ")
-        findings.append(Finding(Severity.ERROR, subject, what or subject, remedy))
+        findings.append(_said(str(error), Severity.ERROR))
         return None
+
+
+def _said(line: str, severity: Severity) -> Finding:
+    """A sentence, SUBJECT: WHAT; REMEDY, as a finding."""
+    subject, _, rest = line.partition(": ")
+    what, _, remedy = rest.partition("; ")
+    return Finding(severity, subject, what or subject, remedy)
 
 
 def _warnings(subject: str, warnings: Sequence[str]) -> list[Finding]:
