@@ -5,14 +5,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.actor.pose_statistics import Mixture
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.forks import note_threads
@@ -22,19 +20,17 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import examine_images, require_matching
 from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
-from perfcap.pipeline.jitter import relaxed
 from perfcap.pipeline.kinds import require_flags, require_kinds
 from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
 from perfcap.pipeline.look import Looked
-from perfcap.pipeline.objective import person_height, views_with_person
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.result_doubts import doubts, result_doubts
 from perfcap.pipeline.stage import Stage
@@ -213,32 +209,30 @@ def _start(
         actor = actor.with_still_shoulders()
     if not config.pose.rest_hands:
         actor = actor.with_modelled_hands()
-    pixel_unit = 0.01 * person_height(detections)
-    pose = relaxed(config.pose, detections, pixel_unit)
+    frames = relaxed(FrameProblem.of(actor, cameras, detections, config.pose))
     bones: Tensor | None = None
     if solve_bones:
         with clock.stage("bone_lengths"):
             kept = checkpoint.kept("bone_lengths")
-            solved = partial(solve_bone_lengths, actor, cameras, detections, pose, pixel_unit)
-            (bones,) = kept.once(tensors(like), lambda: (solved(),))
-            actor = actor.resized(bones)
+            (bones,) = kept.once(tensors(like), lambda: (solve_bone_lengths(frames),))
+            frames = replace(frames, actor=actor.resized(bones))
     with clock.stage("initialize"):
-        prepared = prepare(actor, cameras, detections, pose.position.gate)
-        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit, checkpoint)
-    poses = known_poses(actor, pose, prepared.detections)
-    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate, poses=poses)
-    return _Start(problem, motion, seen, replace(config, pose=pose), bones)
+        prepared = prepare(frames)
+        motion, seen = initialize(prepared, checkpoint)
+    problem = with_known_poses(ClipProblem.of(prepared.problem, rate))
+    return _Start(problem, motion, seen, replace(config, pose=frames.config), bones)
 
 
-def known_poses(actor: Actor, config: PoseConfig, detections: Detections) -> Mixture | None:
-    """The shipped mixture of poses in the order of an actor's angles, where it is to count.
+def with_known_poses(problem: ClipProblem) -> ClipProblem:
+    """The problem with the shipped mixture of poses, where that is to count.
 
     Two views: from opposite sides they show depth by little else. One view has a lifter, which
     learned from the same recordings; more views need no such help.
     """
-    if not config.prior.poses or detections.views != 2:
-        return None
-    return load_pose_prior().ordered(tuple(actor.skeleton.angle_names))
+    if not problem.config.prior.poses or problem.detections.views != 2:
+        return problem
+    names = tuple(problem.actor.skeleton.angle_names)  # mixture and actor differ in their order
+    return replace(problem, poses=load_pose_prior().ordered(names))
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:
@@ -253,7 +247,7 @@ def _last_stage(until: Stage | None, images: Images | None) -> Stage:
 
 
 def _blind_views(detections: Detections) -> Iterator[str]:
-    for view in torch.nonzero(~views_with_person(detections)).flatten().tolist():
+    for view in torch.nonzero(~detections.views_with_person()).flatten().tolist():
         yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
 
 

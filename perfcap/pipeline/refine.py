@@ -25,7 +25,6 @@ from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.followed_person import Tracking
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
@@ -230,7 +229,7 @@ def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tenso
 
     That of the detections; in views that have none, that of the joints of the motion (F,).
     """
-    seen = views_with_person(problem.detections)
+    seen = problem.detections.views_with_person()
     scale = [
         torch.linalg.det(cameras.intrinsics[..., :2, :2]).abs().sqrt()
         for cameras in (images.cameras.to(problem.pixel_unit), problem.cameras)
@@ -239,7 +238,7 @@ def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tenso
     heights: Tensor = 100 * problem.pixel_unit * ratio.reshape(-1, ratio.shape[-1]).mean(0)
     if bool(seen.all()):
         return heights
-    return torch.where(seen, heights, person_height(_expected(problem.actor, images, motion)))
+    return torch.where(seen, heights, _expected(problem.actor, images, motion).person_height())
 
 
 def _expected(actor: Actor, images: Images, motion: Motion) -> Detections:
