@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, overload
 
@@ -18,14 +17,13 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import Term
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.kinds import require_flags, require_kinds
-from perfcap.pipeline.look import look, look_at_people
+from perfcap.pipeline.look import Looked, look, parted
 from perfcap.pipeline.move import Moved, move
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.refine_people import Moving
+from perfcap.pipeline.refine import ImageJob, Moving, StageContext
 from perfcap.pipeline.stage import Stage
 from perfcap.rates import Timed, frame_rate
 
@@ -160,42 +158,24 @@ def _capture_scene(
         )
         for number, person in enumerate(scene.people, 1)
     ]
-    if alone:
-        return (_looked_alone(moved[0], workers),)
-    return _looked(scene, moved, tell, workers, kept)
-
-
-def _looked_alone(moved: Moved, workers: int | None) -> Performance:
-    """What images add to the motion of the only person, where there are any."""
-    looked = look(
-        *(moved.problem, moved.motion, moved.images, moved.start.config),
-        *(moved.until, moved.clock.stage, workers, moved.kept),
-    )
-    return moved.performance(looked)
+    stage = partial(shared_stage, [each.clock for each in moved], tell)
+    return tuple(_looked(moved, stage, workers, kept))
 
 
 def _looked(
-    scene: Scene,
-    moved: list[Moved],
-    tell: Progress,
-    workers: int | None,
-    checkpoint: Checkpoint,
-) -> tuple[Performance, ...]:
-    """The same of several people, who are found in the images together."""
-    until, images = moved[0].until, scene.images
-    configs = [each.start.config for each in moved]
-    stage = partial(shared_stage, [each.clock for each in moved], tell)
-    if images is None or not until.needs_images:
-        with stage("keep_apart"), torch.no_grad():
-            actors = [each.problem.actor for each in moved]
-            apart = keep_apart(actors, [each.motion for each in moved], configs[0].apart)
-        return tuple(
-            replace(each, motion=motion).unlooked()
-            for each, motion in zip(moved, apart, strict=True)
-        )
+    moved: Sequence[Moved], stage: StageContext, workers: int | None, checkpoint: Checkpoint
+) -> Iterator[Performance]:
+    """What images add to the motions, where there are any."""
+    first = moved[0]
+    images, config, until = first.images, first.start.config, first.until
     people = [Moving(each.problem, each.motion, each.clock.stage, each.kept) for each in moved]
-    looked = look_at_people(people, images, configs, until, stage, workers, checkpoint)
-    return tuple(each.performance(found) for each, found in zip(moved, looked, strict=True))
+    if images is None or not until.needs_images:
+        with torch.no_grad():
+            looked = [Looked(motion) for motion in parted(people, config, stage)]
+    else:
+        looked = [*look(people, ImageJob(images, config, until, stage, workers, checkpoint))]
+    for each, found in zip(moved, looked, strict=True):
+        yield each.performance(found)
 
 
 def _numbered(number: int, progress: Progress) -> Progress:

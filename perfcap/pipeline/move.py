@@ -126,10 +126,6 @@ class Moved:
     kept: Checkpoint
     told: tuple[str, ...] = ()
 
-    def unlooked(self) -> Performance:
-        """The result of joints alone."""
-        return self.performance(Looked(self.motion))
-
     def performance(self, looked: Looked) -> Performance:
         """The result, with what images added."""
         start, problem = self.start, self.problem
