@@ -22,12 +22,12 @@ from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_usable
 from perfcap.pipeline.input_doubts import warn_of_other_joints
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.track_motion import MotionBlender
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.setting_checks import Settings, require_counts, require_sizes
 from perfcap.solve import (

@@ -21,9 +21,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
-from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.track_motion import MotionBlender, Progress
 from perfcap.pipeline.volume_colors import color_volume
 from perfcap.render.density import Splats
 from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk

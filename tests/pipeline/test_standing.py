@@ -15,12 +15,16 @@ from perfcap.actor.sole_points import sole_skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import ContactConfig
-from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import FrameProblem, neutral_angles
 from perfcap.pipeline.presets import MONOPERFCAP, CaptureConfig
-from perfcap.pipeline.stances import find_stances, settled_places, split_stances
+from perfcap.pipeline.stances import (
+    contact_probability,
+    find_stances,
+    settled_places,
+    split_stances,
+)
 from perfcap.pipeline.standing import find_standing
 from perfcap.pipeline.track_twice import track_twice
 
