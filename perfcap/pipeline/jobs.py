@@ -17,7 +17,7 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import Term
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.kinds import require_flags, require_kinds
+from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.look import Looked, look, parted
 from perfcap.pipeline.move import Moved, move
 from perfcap.pipeline.people import Person, Scene

@@ -13,7 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.kinds import require_flags, require_kinds
+from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.rates import frame_rate
 
 

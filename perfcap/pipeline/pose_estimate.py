@@ -20,8 +20,12 @@ from perfcap.pipeline.clip_problem import ClipProblem, targets_energy
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.initialize import initialize, joint_places, trunk_start
-from perfcap.pipeline.input_checks import require_joints, require_shares, require_usable
-from perfcap.pipeline.kinds import require_cameras
+from perfcap.pipeline.input_checks import (
+    require_cameras,
+    require_joints,
+    require_shares,
+    require_usable,
+)
 from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
 from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.solve import LevenbergMarquardt, Objective, solve

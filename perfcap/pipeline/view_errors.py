@@ -20,8 +20,7 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.input_checks import require_matching
-from perfcap.pipeline.kinds import require_kinds
+from perfcap.pipeline.input_checks import require_kinds, require_matching
 from perfcap.pipeline.liveliness import liveliest, require_motion
 from perfcap.pipeline.objective import FrameProblem, kernel, neutral_angles, trajectory_prior
 from perfcap.pipeline.prepare import prepare, relaxed
