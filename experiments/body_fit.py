@@ -27,6 +27,7 @@ from perfcap.geometry.camera import Camera, look_at
 from perfcap.io.body_model import load_body_model
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks, fit_body, rig_with_joints
@@ -107,9 +108,9 @@ def fitted(frames: list[Person], views: int, height: float, config: Experiment) 
     take = film(frames, views, config)
     model = load_body_model()
     actor = model.actor(torch.zeros(0))
-    prepared = prepare(actor, take.cameras, take.detections)
     unit = 0.01 * extents(take.detections)
-    initial, _ = initialize(actor, take.cameras, prepared, PoseConfig(), unit)
+    frames = FrameProblem(actor, take.cameras, take.detections, PoseConfig(), unit)
+    initial, _ = initialize(prepare(frames))
     return fit_body(
         model,
         take.cameras,

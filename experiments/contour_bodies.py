@@ -35,10 +35,10 @@ from perfcap.io.body_model import load_body_model
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.body_contours import BodyContours
 from perfcap.pipeline.bone_lengths import spread_frames
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import PRESETS
@@ -151,9 +151,8 @@ class _Painted:
 def _fitted(take: Take, shown: _Painted, kind: str) -> Measurements:
     model, cameras, seen = load_body_model(), take.cameras, take.detections
     actor = model.actor(torch.zeros(0))
-    initial, _ = initialize(
-        actor, cameras, prepare(actor, cameras, seen), PoseConfig(), 0.01 * extents(seen)
-    )
+    problem = replace(FrameProblem.of(actor, cameras, seen), pixel_unit=0.01 * extents(seen))
+    initial, _ = initialize(prepare(problem))
     masks = PersonMasks(cameras, take.masks) if kind == "masks" else None
     edges = BodyContours(Images(shown, cameras), extents(seen)) if kind == "contours" else None
     with torch.no_grad():

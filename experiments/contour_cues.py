@@ -23,9 +23,8 @@ from perfcap.energy.density_contour import DensityContour
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.objective import angle_bounds, person_height
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.objective import FrameProblem, angle_bounds
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.presets import RHODIN
 from perfcap.pipeline.refine_contours import ContourSight
 from perfcap.pipeline.track_twice import track_twice
@@ -103,12 +102,9 @@ def _begin(take: Take, views: int) -> Begun:
     chosen = list(range(6)) if views == 6 else list(range(0, 6, 2))[:views]
     cameras, seen = take.cameras.select(chosen), take.detections.select(chosen)
     some = replace(take, images=[take.images[view] for view in chosen], cameras=cameras)
-    unit = 0.01 * person_height(seen)
-    pose = relaxed(RHODIN.pose, seen, unit)
-    prepared = prepare(take.actor, cameras, seen, pose.position.gate)
-    motion, _ = initialize(take.actor, cameras, prepared, pose, unit)
-    problem = ClipProblem(take.actor, cameras, prepared.detections, pose, unit, take.rate)
-    motion, _, problem = track_twice(problem, motion)
+    prepared = prepare(relaxed(FrameProblem.of(take.actor, cameras, seen, RHODIN.pose)))
+    motion, _ = initialize(prepared)
+    motion, _, problem = track_twice(ClipProblem.of(prepared.problem, take.rate), motion)
     return Begun(some, problem, motion)
 
 

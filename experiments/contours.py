@@ -23,7 +23,6 @@ from perfcap.io.clip import Clip
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.refine_contours import ContourSight
@@ -200,7 +199,7 @@ def _speed(config: Experiment) -> Table:
     points = GaussianCentres(found.actor.skeleton, volume)
     window, rows = Window(0, 10), []
     centres = points(found.motion[window.index])
-    tall = person_height(own.detections)
+    tall = own.detections.person_height()
     for height in (settings.height, 480.0, 900.0):
         factor = float(height / tall.median())
         images = Images(_Enlarged(seen.images.reader, max(1.0, factor)), seen.images.cameras)

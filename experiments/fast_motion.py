@@ -33,10 +33,9 @@ from perfcap.metrics import joint_errors
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import EvidenceConfig, PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.move import known_poses
-from perfcap.pipeline.objective import person_height
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.move import with_known_poses
+from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.track_twice import track_twice
 
 # the prior was chosen on the other clips, and the rendered sequences were made from some of these
@@ -197,16 +196,12 @@ def _scores(take: Take) -> dict[str, Scores]:
 
 def tracked(take: Take, config: PoseConfig) -> Tensor:
     """Joints (F, 16, 3) of the motion, as a capture without images finds it."""
-    actor, cameras = take.actor, take.cameras
-    unit = 0.01 * person_height(take.detections)
-    config = relaxed(config, take.detections, unit)
-    prepared = prepare(actor, cameras, take.detections, config.position.gate)
-    initial, _ = initialize(actor, cameras, prepared, config, unit)
-    seen = prepared.detections
-    poses = known_poses(actor, config, seen)
-    problem = ClipProblem(actor, cameras, seen, config, unit, _RATE, poses=poses)
+    frames = FrameProblem.of(take.actor, take.cameras, take.detections, config)
+    prepared = prepare(relaxed(frames))
+    initial, _ = initialize(prepared)
+    problem = with_known_poses(ClipProblem.of(prepared.problem, _RATE))
     motion, _, _ = track_twice(problem, initial)
-    return actor.joints(motion)
+    return take.actor.joints(motion)
 
 
 def _score(joints: Tensor, take: Take) -> Scores:

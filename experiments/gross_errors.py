@@ -8,7 +8,6 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import bone_vectors, mid_hip, retarget
-from perfcap.pipeline.objective import person_height
 
 _FAR_2D = 8.0  # percent of the person's height: past any jitter of the simulated detector
 _FAR_3D = 0.25  # m, likewise
@@ -32,7 +31,7 @@ def count_survivors(recording: Recording, joints: Tensor) -> dict[str, tuple[int
     found = recording.cameras.project(joints)[:, 0]
     truth = recording.cameras.project(recording.truth)[:, 0]
     seen = recording.detections.joints2d[:, 0]
-    far = _FAR_2D * 0.01 * person_height(recording.detections)
+    far = _FAR_2D * 0.01 * recording.detections.person_height()
     confident = recording.detections.confidence2d[:, 0] > _CONFIDENT
     gross = ((seen - truth).norm(dim=-1) > far) & confident
     swapped = gross & ((seen - truth[:, _MIRROR]).norm(dim=-1) < far)

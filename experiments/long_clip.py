@@ -22,9 +22,8 @@ from window_motion import default_skeleton, random_landmarks
 from window_problem import Sequence, bare_actor, observe
 
 from perfcap.pipeline.clip_problem import ClipProblem
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.track_twice import track_twice
 
@@ -62,17 +61,15 @@ def _clip(frames: int, seed: int) -> Sequence:
 
 
 def _row(clip: Sequence) -> tuple[object, ...]:
-    actor, cameras, config = clip.actor, clip.cameras, PoseConfig()
     frames = clip.detections.frame_count
-    unit = 0.01 * person_height(clip.detections)
+    known = FrameProblem.of(clip.actor, clip.cameras, clip.detections)
     clocks = [time.process_time()]
     with Memory() as memory:
-        prepared = prepare(actor, cameras, clip.detections, config.position.gate)
+        prepared = prepare(known)
         clocks.append(time.process_time())
-        initial, _ = initialize(actor, cameras, prepared, config, unit)
+        initial, _ = initialize(prepared)
         clocks.append(time.process_time())
-        problem = ClipProblem(actor, cameras, prepared.detections, config, unit, _RATE)
-        motion, windows, _ = track_twice(problem, initial)
+        motion, windows, _ = track_twice(ClipProblem.of(prepared.problem, _RATE), initial)
         clocks.append(time.process_time())
     each = [1e3 * span / frames for span in np.diff(clocks).tolist()]
     steps = sum(window.steps for window in windows) / len(windows)

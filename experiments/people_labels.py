@@ -25,7 +25,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.extract_people import PeopleSource, Seen
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.overlay import COLORS
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
@@ -153,12 +153,13 @@ def seen_of(take: Take, found: Performance) -> Seen:
     cameras = take.images.cameras.to(found.motion.angles)
     template = found.actor.template
     sight = Sight(cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
-    unit = 0.01 * person_height(found.detections)
     given = found.actor, found.cameras, found.detections, found.config.pose
-    problem = ClipProblem(*given, unit, found.rate)
+    problem = ClipProblem.of(FrameProblem.of(*given), found.rate)
     deviations = part_deviations(problem, found.motion)
     factors = pose_factors(problem, found.motion)
-    return Seen(found.actor, sight, found.motion, deviations, 100 * unit, factors=factors)
+    return Seen(
+        found.actor, sight, found.motion, deviations, 100 * problem.pixel_unit, factors=factors
+    )
 
 
 def _nearest(layers: Sequence[PersonLayer]) -> Labels:

@@ -29,7 +29,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.objective import neutral_angles
+from perfcap.pipeline.objective import FrameProblem, neutral_angles
 from perfcap.pipeline.prepare import prepare
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
@@ -143,9 +143,9 @@ def _scores(
 
 def _fitted(model: BodyModel, one: Filmed, shown: bool, consensus: str) -> BodyFit:
     actor = model.actor(torch.zeros(0))
-    prepared = prepare(actor, one.cameras, one.detections)
     unit = 0.01 * extents(one.detections)
-    initial, _ = initialize(actor, one.cameras, prepared, PoseConfig(), unit)
+    frames = FrameProblem(actor, one.cameras, one.detections, PoseConfig(), unit)
+    initial, _ = initialize(prepare(frames))
     masks = PersonMasks(one.cameras, one.masks) if shown else None
     settings = ViewFitSettings(consensus=consensus)  # type: ignore[arg-type]
     return fit_body(model, one.cameras, one.detections, initial, masks, settings=settings)

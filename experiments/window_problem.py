@@ -31,8 +31,8 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.objective import (
+    FrameProblem,
     angle_bounds,
-    person_height,
     pose_objective,
     trajectory_prior,
 )
@@ -156,11 +156,11 @@ class Problem:
     @classmethod
     def of(cls, sequence: Sequence, config: PoseConfig) -> Self:
         """The problem of a window, in the type of its detections."""
-        actor, cameras = sequence.actor, sequence.cameras
-        unit = 0.01 * person_height(sequence.detections)
-        prepared = prepare(actor, cameras, sequence.detections, config.position.gate)
-        initial, _ = initialize(actor, cameras, prepared, config, unit)
-        return cls._build(replace(sequence, detections=prepared.detections), config, unit, initial)
+        frames = FrameProblem.of(sequence.actor, sequence.cameras, sequence.detections, config)
+        prepared = prepare(frames)
+        initial, _ = initialize(prepared)
+        sequence = replace(sequence, detections=prepared.detections)
+        return cls._build(sequence, config, frames.pixel_unit, initial)
 
     def single(self) -> Self:
         """The same in float32."""

@@ -34,7 +34,7 @@ def run_fit(request: ActorFit) -> int:
     request = in_project(request)
     inputs = examined(
         read_inputs(request),
-        needs_images=request.silhouettes and not request.masks,
+        needs_images=request.evidence != "joints" and not request.masks,
         detected=bool(request.detectors),
     )
     body = find_body(

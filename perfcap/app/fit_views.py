@@ -22,11 +22,10 @@ from perfcap.io.mask_files import MaskFolders
 from perfcap.pipeline.body_contours import BodyContours
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.sight import Sight
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
@@ -106,7 +105,7 @@ def find_masks(
     """Masks of the chosen frames, segmented around a posed actor; those that are kept are read."""
     template = actor.template
     sight = Sight(chosen.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
-    heights = person_height(chosen.detections)
+    heights = chosen.detections.person_height()
     evidence = extract_silhouettes(
         actor, sight, chosen, motion, heights, _APART, checkpoint=checkpoint
     )
@@ -143,12 +142,10 @@ def fit_person(
     """
     detections, cameras = chosen.detections, chosen.cameras
     actor = model.actor(torch.zeros(0)).to(detections.joints2d)
-    config = PoseConfig()
-    prepared = prepare(actor, cameras, detections, config.position.gate)
-    unit = 0.01 * person_height(detections)
-    initial, _ = initialize(actor, cameras, prepared, config, unit)
+    problem = FrameProblem.of(actor, cameras, detections)
+    initial, _ = initialize(prepare(problem))
     if masks is None and evidence == "contours":
-        seen = BodyContours(Images(chosen, cameras), person_height(detections))
+        seen = BodyContours(Images(chosen, cameras), detections.person_height())
         found = fit_body(
             model, cameras, detections, initial, None, height, settings=settings, contours=seen
         )

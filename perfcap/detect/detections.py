@@ -13,6 +13,9 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.record import Record
 
+_SEEN = 0.2  # share of the largest confidence from which a joint counts
+_ENOUGH_JOINTS = 6  # that show how tall a person is
+
 
 @dataclass(frozen=True)
 class Detections(Record):
@@ -75,6 +78,27 @@ class Detections(Record):
     def views(self) -> int:
         """C."""
         return self.joints2d.shape[-3]
+
+    def person_height(self) -> Tensor:
+        """Median height of the person in the images of a clip, (C,), pixels; 1 where undetected.
+
+        Joints count from a share of a view's largest confidence, since detectors differ in what
+        they call confident, and frames with at least six of them, or with as many as the view ever
+        shows.
+        """
+        peak = self.confidence2d.amax((0, 2))[:, None]  # C 1
+        seen = self.confidence2d > _SEEN * peak
+        count = seen.sum(-1)
+        enough = count >= count.amax(0).clamp(min=1, max=_ENOUGH_JOINTS)
+        rows = self.joints2d[..., 1]
+        top = torch.where(seen, rows, torch.inf).amin(-1)
+        bottom = torch.where(seen, rows, -torch.inf).amax(-1)
+        height = torch.where(enough, bottom - top, torch.nan)
+        return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
+
+    def views_with_person(self) -> Tensor:
+        """Views of a clip in which anything is detected in any frame, (C,), bool."""
+        return (self.confidence2d > 0).any(-1).any(0)
 
     def frames(self, index: slice | Tensor) -> Self:
         """The detections of some frames."""

@@ -13,10 +13,8 @@ from perfcap.actor.motion import BONES
 from perfcap.detect.detections import Detections
 from perfcap.energy.prior import BoneLengthPrior
 from perfcap.errors import InputError
-from perfcap.geometry.camera import Camera
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.objective import angle_bounds, pose_objective
+from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.prepare import prepare
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, Step, solve
 
@@ -29,13 +27,7 @@ def shows_bone_lengths(detections: Detections) -> bool:
     return bool((together.sum(-1) >= _JOINTS).any())
 
 
-def solve_bone_lengths(
-    actor: Actor,
-    cameras: Camera,
-    detections: Detections,
-    config: PoseConfig,
-    pixel_unit: Tensor,
-) -> Tensor:
+def solve_bone_lengths(problem: FrameProblem) -> Tensor:
     """Log factors of the actor's bone groups that fit the person, (S,).
 
     A person is not the template. Frames spread over the clip are solved together with one set of
@@ -43,29 +35,25 @@ def solve_bone_lengths(
     keeps proportions human where the views say little. Frames are independent otherwise.
 
     Args:
-        actor: the template person.
-        cameras: C views.
-        detections: (F, C), as detected.
-        config: of the pose.
-        pixel_unit: one percent of the person's height in each view, (C,), pixels.
+        problem: the clip as detected, of the template person.
 
     Raises:
         InputError: no two views show the person at once; in one, size and depth trade off.
     """
-    if not shows_bone_lengths(detections):
+    actor, config = problem.actor, problem.config
+    if not shows_bone_lengths(problem.detections):
         raise InputError(
             f"bone lengths: no frame shows {_JOINTS} joints in two views at once, which would tell "
             "them; keep the template's (--bones template), or build a body of the person's height"
         )
-    chosen = spread_frames(detections, config.bones.frames)
-    cameras, some = cameras.frames(chosen), detections.frames(chosen)
-    prepared = prepare(actor, cameras, some, config.position.gate)
-    motion, _ = initialize(actor, cameras, prepared, config, pixel_unit)
+    chosen = spread_frames(problem.detections, config.bones.frames)
+    prepared = prepare(problem.frames(chosen))
+    motion, _ = initialize(prepared)
     # 3D poses are matched by their directions, the more closely the shorter the bones are
     seen = replace(prepared.detections, joints3d=None)
     groups = len(actor.skeleton.group_names)
     prior = BoneLengthPrior(groups, len(chosen), config.bones.size, config.bones.own)
-    plain = pose_objective(actor, cameras, seen, config, pixel_unit)
+    plain = replace(prepared.problem, detections=seen).objective()
     objective = Objective(dict(plain.items()), bones=prior.to(motion.angles))
     start = replace(motion, shared={BONES: motion.angles.new_zeros(groups)})
     limits = angle_bounds(actor)

@@ -21,7 +21,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.record import Record
 from perfcap.pipeline.config import PoseConfig, TrajectoryConfig
-from perfcap.pipeline.objective import kernel, pose_objective, trajectory_prior
+from perfcap.pipeline.objective import FrameProblem, kernel, pose_objective, trajectory_prior
 from perfcap.pipeline.standing import Standing
 from perfcap.solve import Objective
 from perfcap.solve.energy import Energy
@@ -117,6 +117,17 @@ class ClipProblem:
     terms: Mapping[str, Term] = field(default_factory=dict)
     poses: Mixture | None = None
     factors: Mapping[str, Tensor] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, frames: FrameProblem, rate: float) -> Self:
+        """A clip of prepared frames."""
+        given = frames.actor, frames.cameras, frames.detections, frames.config, frames.pixel_unit
+        return cls(*given, rate)
+
+    def apart(self, index: slice) -> FrameProblem:
+        """Some frames of the clip, each on its own."""
+        given = self.cameras, self.detections, self.config, self.pixel_unit
+        return FrameProblem(self.actor, *given).frames(index)
 
     @property
     def frames(self) -> int:

@@ -10,31 +10,24 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.alignment import procrustes
-from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import matrix_to_rotvec
-from perfcap.geometry.triangulation import triangulate
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions
+from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
+from perfcap.geometry.triangulation import translation_from_plane, triangulate
+from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps, require_somebody
-from perfcap.pipeline.headings import search_headings, solve_frames
-from perfcap.pipeline.objective import neutral_angles
+from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
 from perfcap.pipeline.prepare import Prepared
+from perfcap.solve import LevenbergMarquardt, solve
 
 _TRUNK = [LANDMARKS.index(n) for n in ("neck", "r_shoulder", "l_shoulder", "r_hip", "l_hip")]
 _MIN_VIEWS = 2
 _FIT_POINTS = 3  # joints that fix a pose in space
 
 
-def initialize(
-    actor: Actor,
-    cameras: Camera,
-    prepared: Prepared,
-    config: PoseConfig,
-    pixel_unit: Tensor,
-    checkpoint: Checkpoint = NO_CHECKPOINT,
-) -> tuple[Motion, Tensor]:
+def initialize(prepared: Prepared, checkpoint: Checkpoint = NO_CHECKPOINT) -> tuple[Motion, Tensor]:
     """Minimise E_2d + E_3d frame by frame (Xu et al. 2018, Sec. 4; MPC-15).
 
     Where the joints' places in the world are roughly known (two views, or 3D joints) the root
@@ -42,11 +35,7 @@ def initialize(
     heading open: eight are tried.
 
     Args:
-        actor: gives the joints.
-        cameras: C views.
-        prepared: detections of F frames.
-        config: of the pose.
-        pixel_unit: one percent of the person's height in each view, (C,), pixels.
+        prepared: F frames.
         checkpoint: keeps every batch of frames.
 
     Returns:
@@ -56,17 +45,17 @@ def initialize(
     Raises:
         InputError: no view shows the person in any frame.
     """
-    detections = prepared.detections
+    detections, batch = prepared.detections, prepared.problem.config.initial_batch
     seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
     require_somebody(seen)  # before anything is kept
-    starts = range(0, detections.frame_count, config.initial_batch)
-    tasks = [slice(start, start + config.initial_batch) for start in starts]
+    starts = range(0, detections.frame_count, batch)
+    tasks = [slice(start, start + batch) for start in starts]
 
-    def solve(part: slice) -> tuple[Motion, Tensor]:
-        some = prepared.frames(part)
-        return _initialize_part(actor, cameras.frames(part), some, config, pixel_unit)
+    def solved_alone(part: slice) -> tuple[Motion, Tensor]:
+        return _initialize_part(prepared.frames(part))
 
-    kept = checkpoint.kept("initialize").each(_parts_of(detections.joints2d), solve, tasks)
+    codec = _parts_of(detections.joints2d)
+    kept = checkpoint.kept("initialize").each(codec, solved_alone, tasks)
     solved, placed = [], []
     for motion, known in kept:
         solved.append(motion)
@@ -74,7 +63,7 @@ def initialize(
     whole = Motion.cat(solved)
     known = torch.cat(placed) & seen
     more = checkpoint.kept("headings")
-    found = search_headings(actor, cameras, detections, config, pixel_unit, whole, known, more)
+    found = search_headings(prepared.problem, whole, known, more)
     return fill_gaps(*found), seen
 
 
@@ -89,20 +78,17 @@ def _parts_of(like: Tensor) -> Codec[tuple[Motion, Tensor]]:
     return Codec(lambda part: {**motion.pack(part[0]), "known": part[1].numpy(force=True)}, unpack)
 
 
-def _initialize_part(
-    actor: Actor, cameras: Camera, prepared: Prepared, config: PoseConfig, pixel_unit: Tensor
-) -> tuple[Motion, Tensor]:
+def _initialize_part(prepared: Prepared) -> tuple[Motion, Tensor]:
     """Motion (F,) of some frames, and in which of them joints' places are known, (F,)."""
-    points, weights = joint_places(cameras, prepared)
+    problem = prepared.problem
+    points, weights = joint_places(prepared)
     known = (weights[..., _TRUNK] > 0).sum(-1) >= _FIT_POINTS
-    start = trunk_start(actor, points, weights)
+    start = trunk_start(problem.actor, points, weights)
     if not bool(known.any()):
         return start, known
-    detections = prepared.detections
-    if detections.views >= _MIN_VIEWS:
-        wide = _widened(config)
-        start, _ = solve_frames(actor, cameras, detections, wide, pixel_unit, start)
-    return solve_frames(actor, cameras, detections, config, pixel_unit, start)[0], known
+    if problem.detections.views >= _MIN_VIEWS:
+        start, _ = solve_frames(replace(problem, config=_widened(problem.config)), start)
+    return solve_frames(problem, start)[0], known
 
 
 def _widened(config: PoseConfig) -> PoseConfig:
@@ -119,12 +105,12 @@ def _widened(config: PoseConfig) -> PoseConfig:
     )
 
 
-def joint_places(cameras: Camera, prepared: Prepared) -> tuple[Tensor, Tensor]:
+def joint_places(prepared: Prepared) -> tuple[Tensor, Tensor]:
     """Rough places of the joints in the world, (F, 16, 3) m, and their weights, (F, 16).
 
     Triangulated where two or more views see a joint, lifted from the trusted 3D joints elsewhere.
     """
-    detections = prepared.detections
+    cameras, detections = prepared.problem.cameras, prepared.detections
     frames = detections.joints2d.shape[0]
     points = detections.joints2d.new_zeros(frames, len(LANDMARKS), 3)
     weights = points[..., 0]
@@ -153,3 +139,133 @@ def trunk_start(actor: Actor, points: Tensor, weights: Tensor) -> Motion:
     root = (fit.rotation @ skeleton.rest_positions[0]) + fit.translation
     angles = neutral_angles(actor).expand(len(points), -1)
     return Motion(root, matrix_to_rotvec(fit.rotation), angles)
+
+
+# --- Frames solved on their own: windows of one frame, all at once --------------------------------
+
+
+def solve_frames(problem: FrameProblem, start: Motion) -> tuple[Motion, Tensor]:
+    """Solve frames as a batch of one-frame windows; returns the motion (F,) and energies (F,)."""
+    single = problem.detections.map(lambda each: each[:, None])
+    objective = replace(problem, cameras=problem.cameras.apart(), detections=single).objective()
+    initial = start.map(lambda each: each[:, None])
+    config = problem.config
+    method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
+    solution = solve(objective, initial, method, angle_bounds(problem.actor))
+    state: Motion = solution.state
+    return state.map(lambda each: each[:, 0]), solution.energy
+
+
+# --- Frames of which one view shows 2D joints only: headings all around are tried -----------------
+
+_YAWS = 8
+_REACH = 5  # frames from a known one: so near, other headings are sooner left and right exchanged
+_CLEARLY = 9.0  # energy of a joint three deviations off: less may be a matter of depth, by chance
+_FEWEST, _ENOUGH = 3, 6  # joints that place a person, and that show a pose
+
+
+def search_headings(
+    problem: FrameProblem, motion: Motion, known: Tensor, kept: Kept = NOTHING
+) -> tuple[Motion, Tensor]:
+    """Poses for frames far from any that is known, each from the view that shows most joints.
+
+    Eight headings are tried. The best is kept where it explains that view clearly better than what
+    the pose between the frames that are known leads to; else that pose and its depth stay.
+    Nothing is done where every frame is known.
+
+    Args:
+        problem: the frames, prepared.
+        motion: (F,); anything where it is not known.
+        known: frames of which it is, (F,), bool.
+        kept: keeps each batch of poses.
+
+    Returns:
+        motion: with the poses found, (F,).
+        found: frames that are known now, (F,), bool.
+    """
+    batch = problem.config.initial_batch
+    views = _telling_views(problem.detections) & ~_near(known)[:, None]
+    between = fill_gaps(motion, known) if bool(known.any() & views.any()) else None
+    motion, found = motion if between is None else between, known.clone()
+    tasks = [
+        (view, index)
+        for view in torch.nonzero(views.any(0)).flatten().tolist()
+        for index in torch.split(torch.nonzero(views[:, view]).flatten(), batch)
+    ]
+
+    def best_of(task: tuple[int, Tensor]) -> Motion:
+        view, index = task
+        some = problem.frames(index).view(view)
+        some = replace(some, detections=replace(some.detections, joints3d=None))
+        pose, energy = _best_heading(some)
+        if between is None:
+            return pose
+        guess = between[index]
+        _, rival = solve_frames(some, guess)
+        return pose.where(energy + _CLEARLY < rival.nan_to_num(torch.inf), guess)
+
+    poses = kept.each(motions(motion.translation), best_of, tasks)
+    for (_, index), pose in zip(tasks, poses, strict=True):
+        motion = _replaced(motion, index, pose)
+        found[index] = torch.isfinite(pose.coordinates().frame).all(-1)
+    return motion, found
+
+
+def _telling_views(detections: Detections) -> Tensor:
+    """The view that shows most joints of each frame, (F, C), if it shows enough of them.
+
+    Enough are six, or as many as are ever seen: a close-up of the face has a pose as well.
+    """
+    count = (detections.confidence2d > 0).sum(-1)
+    most = count.max(-1, keepdim=True)
+    enough = most.values >= count.amax().clamp(_FEWEST, _ENOUGH)
+    return torch.zeros_like(count, dtype=torch.bool).scatter(-1, most.indices, enough)
+
+
+def _near(known: Tensor) -> Tensor:
+    """Frames that are known or have one that is in reach, (F,), bool."""
+    pool = torch.nn.functional.max_pool1d
+    return pool(known.float()[None], 2 * _REACH + 1, stride=1, padding=_REACH)[0] > 0
+
+
+def _replaced(motion: Motion, index: Tensor, pose: Motion) -> Motion:
+    """The motion (F,) with other poses in some frames."""
+    return motion.map(lambda own, other: own.index_copy(0, index, other), pose)
+
+
+def _best_heading(problem: FrameProblem) -> tuple[Motion, Tensor]:
+    """Try headings all around in one view; the pose of least energy of every frame, and that."""
+    best: tuple[Motion, Tensor] | None = None
+    for turn in range(_YAWS):
+        start = _standing_start(problem, 2 * torch.pi * turn / _YAWS)
+        motion, energy = solve_frames(problem, start)
+        energy = energy.nan_to_num(torch.inf)
+        if best is None:
+            best = motion, energy
+            continue
+        best = motion.where(energy < best[1], best[0]), torch.minimum(energy, best[1])
+    assert best is not None
+    return best
+
+
+def _standing_start(problem: FrameProblem, yaw: float) -> Motion:
+    """A person standing upright in the world axes of the first view, at a heading."""
+    actor, cameras, detections = problem.actor, problem.cameras, problem.detections
+    frames = detections.joints2d.shape[0]
+    rotation = cameras.rotation[..., 0, :, :].expand(frames, 3, 3)
+    # upright in the image: the camera's up, turned about it
+    flip = rotation.new_tensor([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
+    turn = rotvec_to_matrix(rotation.new_tensor([0.0, yaw, 0.0]))
+    angles = neutral_angles(actor).expand(frames, -1)
+    turned = rotation.mT @ flip @ turn
+    zero = rotation.new_zeros(frames, 3)
+    rest = replace(actor.skeleton.rest_motion(frames), angles=angles)
+    pose = Motion(zero, matrix_to_rotvec(turned), rest.angles)
+    local = actor.joints(pose) @ rotation.mT
+    plane = cameras.to_plane(detections.joints2d)[:, 0]
+    shift, _ = translation_from_plane(local, plane, detections.confidence2d[:, 0])
+    shift = shift.nan_to_num(3.0)
+    shift = torch.cat((shift[:, :2], shift[:, 2:].clamp(min=0.5)), -1)
+    origin = cameras.translation[..., 0, :].expand(frames, 3)
+    world = ((shift - origin)[:, None] @ rotation)[:, 0]
+    return Motion(world, pose.rotation, angles)

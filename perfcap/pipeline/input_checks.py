@@ -1,17 +1,79 @@
-"""Whether what a capture is given belongs together: joints, cameras, actor, images."""
+"""Whether what a capture is given is of the right kind and belongs together; else it is refused."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
+from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.calibration import CameraRig
 from perfcap.io.clip import END_SLACK
-from perfcap.io.doctor.finding import Severity
-from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.stage import Stage
+
+# --- Arguments of the right kind, by name and with what to give -----------------------------------
+
+_KINDS: dict[str, tuple[type, str]] = {
+    "actor": (Actor, "load_actor makes one of a name or a file"),
+    "cameras": (Camera, "read_cameras gives a CameraRig, whose cameras are one"),
+    "detections": (Detections, "read_detections gives them and notes, Detections.from_joints both"),
+    "config": (
+        CaptureConfig,
+        "MONOPERFCAP is one, and perfcap.pipeline.PRESETS has others by name",
+    ),
+    "until": (Stage, "such as Stage.TRACK_MOTION"),
+    "images": (Images, "Images(clip, cameras) makes them of a Clip"),
+    "checkpoint": (Checkpoint, "it keeps work in a folder"),
+}
+_LEFT_OUT = ("config", "until", "images", "checkpoint")
+
+
+def require_kinds(**given: object) -> None:
+    """Refuse arguments of ``capture`` that are something else.
+
+    Raises:
+        InputError: one is; those that may be left out may be None.
+    """
+    for name, value in given.items():
+        kind, hint = _KINDS[name]
+        if not isinstance(value, kind) and not (value is None and name in _LEFT_OUT):
+            raise _another(name, value, kind.__name__, hint)
+
+
+def require_flags(**given: object) -> None:
+    """Refuse what is neither true nor false: a word would be true.
+
+    Raises:
+        InputError: one is.
+    """
+    for name, value in given.items():
+        if not isinstance(value, bool):
+            raise InputError(f"{name} is {value!r:.80}, expected True or False")
+
+
+def require_cameras(cameras: object) -> None:
+    """Refuse a rig where its cameras are expected, and what is no sequence of them.
+
+    Raises:
+        InputError: they are something else.
+    """
+    several = cameras if isinstance(cameras, list | tuple) else [cameras]
+    for each in several:
+        if not isinstance(each, Camera):
+            raise _another("cameras", each, "Camera, or a list of them", _KINDS["cameras"][1])
+
+
+def _another(name: str, value: object, kind: str, hint: str) -> InputError:
+    found = "a CameraRig" if isinstance(value, CameraRig) else f"a {type(value).__name__}"
+    return InputError(f"{name}: got {found}, expected {kind}: {hint}")
+
+
+# --- Joints, cameras and images that belong together ----------------------------------------------
 
 _NORMALISED = 2.0  # pixels: nobody is so small
 _MIXED = 0.5  # of the focal lengths: at 1 a lens may have no inverse
@@ -172,35 +234,3 @@ def _require_cameras(what: str, cameras: Camera, detections: Detections) -> None
             "in the same order"
         )
     require_usable(what, cameras, frames)
-
-
-# --- Whether images show the person whose joints are given, where nobody has looked yet -----------
-
-_REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
-
-
-def examine_images(images: Images, cameras: Camera, detections: Detections) -> tuple[str, ...]:
-    """Sentences about images that show little, or something else.
-
-    Args:
-        images: as they are given to a capture.
-        cameras: C views in pixels of the detections.
-        detections: (F, C), of the same frames.
-
-    Raises:
-        InputError: most images of a view are of one color.
-    """
-    images = images.checked()
-    names = [f"images of view {view}" for view in range(detections.views)]
-    plain = torch.zeros((), dtype=torch.float64)
-    detections = detections.map(Tensor.detach).to(plain)
-    found = examine_blank(images.reader, names)
-    for finding in found:
-        if finding.severity is Severity.ERROR:
-            raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
-    if not (cameras.moving or images.cameras.moving):
-        given, shown = (each.map(Tensor.detach).to(plain) for each in (cameras, images.cameras))
-        rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
-        pixels = shown.project_camera(rays)
-        found += examine_footage(images.reader, shown.size, detections, pixels)
-    return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)

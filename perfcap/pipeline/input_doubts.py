@@ -15,6 +15,7 @@ from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
@@ -23,7 +24,10 @@ from perfcap.io.doctor import (
     examine_cameras,
     examine_detections,
 )
-from perfcap.io.doctor.evidence import Scene
+from perfcap.io.doctor.evidence import Scene as Seen
+from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.people import Person, Scene
 
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
@@ -60,6 +64,26 @@ def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) ->
             "from those of the capture; check that they are of the same frames and in its pixels",
             stacklevel=3,
         )
+
+
+def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ...]:
+    """Sentences about a person, their joints, the cameras and the images of a capture.
+
+    Args:
+        scene: where they are.
+        person: with joints that are finite.
+        looked_at: whether a stage looks at the images.
+
+    Raises:
+        InputError: most images of a view are of one color.
+    """
+    cameras, images, joints = scene.cameras, scene.images, person.detections
+    told = tuple(actor_doubts(person.actor, cameras, joints, person.solve_bones))
+    if images is None or not images.examined:
+        told += input_doubts(cameras, joints)
+    if images is not None and looked_at and not images.examined:
+        told += _image_doubts(images, cameras, joints)
+    return told
 
 
 def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:
@@ -177,8 +201,40 @@ def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | 
     rest = actor.skeleton.rest_landmarks.detach().double().cpu()
     known = cameras.map(lambda part: part.detach().double().cpu())
     found = detections.to(known.intrinsics).map(lambda part: part.detach())
-    points, _ = Scene(known, found).straightened().sampled().triangulated(_TRIMS)
+    points, _ = Seen(known, found).straightened().sampled().triangulated(_TRIMS)
     seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
     own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
     shown = float(seen.nanmedian()) if seen.numel() else math.nan
     return own / shown if math.isfinite(shown) and shown > _NONE else None
+
+
+# --- Whether images show the person whose joints are given, where nobody has looked yet -----------
+
+_REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
+
+
+def _image_doubts(images: Images, cameras: Camera, detections: Detections) -> tuple[str, ...]:
+    """Sentences about images that show little, or something else.
+
+    Args:
+        images: as they are given to a capture.
+        cameras: C views in pixels of the detections.
+        detections: (F, C), of the same frames.
+
+    Raises:
+        InputError: most images of a view are of one color.
+    """
+    images = images.checked()
+    names = [f"images of view {view}" for view in range(detections.views)]
+    plain = torch.zeros((), dtype=torch.float64)
+    detections = detections.map(Tensor.detach).to(plain)
+    found = examine_blank(images.reader, names)
+    for finding in found:
+        if finding.severity is Severity.ERROR:
+            raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
+    if not (cameras.moving or images.cameras.moving):
+        given, shown = (each.map(Tensor.detach).to(plain) for each in (cameras, images.cameras))
+        rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
+        pixels = shown.project_camera(rays)
+        found += examine_footage(images.reader, shown.size, detections, pixels)
+    return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)

@@ -1,9 +1,8 @@
-"""The jobs: lists of stages, of one person or of everybody in a scene, and nothing more."""
+"""The job: everybody in a scene, stage by stage, and nothing more."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, overload
 
@@ -12,96 +11,21 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
+from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import Term
-from perfcap.pipeline.clock import Progress, notebook_progress, shared_stage
+from perfcap.pipeline.clock import Clock, Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.keep_apart import keep_apart
-from perfcap.pipeline.look import look, look_at_people
+from perfcap.pipeline.input_checks import require_flags, require_kinds
+from perfcap.pipeline.look import Looked, look, parted
 from perfcap.pipeline.move import Moved, move
-from perfcap.pipeline.people import Scene
+from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.refine_people import Moving
+from perfcap.pipeline.refine import ImageJob, Moving, StageContext
 from perfcap.pipeline.stage import Stage
-from perfcap.rates import Timed
-
-# --- Everybody in a scene: motions one by one, silhouettes together -------------------------------
-
-
-def _capture_scene(
-    scene: Scene,
-    config: CaptureConfig | None = None,
-    *,
-    workers: int | None = None,
-    progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
-    **options: Any,
-) -> tuple[Performance, ...]:
-    """Capture everybody; one person as if there were no scene.
-
-    Args:
-        scene: with its people.
-        config: settings.
-        workers: threads of the stages that look at images; all cores when not given.
-        progress: told of each person's stages, and of those of everybody.
-        checkpoint: keeps each person's work, and everybody's.
-        **options: of ``capture``.
-    """
-    if len(scene.people) == 1:
-        (person,) = scene.people
-        found = _capture_person(
-            person.actor, scene.cameras, person.detections, scene.rate, config,
-            images=scene.images, solve_bones=person.solve_bones,
-            workers=workers, progress=progress, checkpoint=checkpoint, **options,
-        )  # fmt: skip
-        return (found,)
-    if options.get("level"):
-        raise InputError("level: is for one person; several need calibrated views, in one world")
-    tell = progress or notebook_progress() or (lambda stage, done, total: None)
-    everybody = checkpoint or NO_CHECKPOINT
-    moved = [
-        move(
-            person.actor, scene.cameras, person.detections, scene.rate, config,
-            images=scene.images, solve_bones=person.solve_bones,
-            progress=_numbered(number, tell), checkpoint=everybody.of(f"person{number}"),
-            **options,
-        )
-        for number, person in enumerate(scene.people, 1)
-    ]  # fmt: skip
-    return _looked(scene, moved, tell, workers, everybody)
-
-
-def _looked(
-    scene: Scene,
-    moved: list[Moved],
-    tell: Progress,
-    workers: int | None,
-    checkpoint: Checkpoint,
-) -> tuple[Performance, ...]:
-    """What images add to the motions, where there are any."""
-    until, images = moved[0].until, scene.images
-    configs = [each.start.config for each in moved]
-    stage = partial(shared_stage, [each.clock for each in moved], tell)
-    if images is None or not until.needs_images:
-        with stage("keep_apart"), torch.no_grad():
-            actors = [each.problem.actor for each in moved]
-            apart = keep_apart(actors, [each.motion for each in moved], configs[0].apart)
-        return tuple(
-            replace(each, motion=motion).unlooked()
-            for each, motion in zip(moved, apart, strict=True)
-        )
-    people = [Moving(each.problem, each.motion, each.clock.stage, each.kept) for each in moved]
-    looked = look_at_people(people, images, configs, until, stage, workers, checkpoint)
-    return tuple(each.performance(found) for each, found in zip(moved, looked, strict=True))
-
-
-def _numbered(number: int, progress: Progress) -> Progress:
-    return lambda stage, done, total: progress(f"person {number}: {stage}", done, total)
-
-
-# --- The jobs: lists of stages, and nothing more --------------------------------------------------
+from perfcap.rates import Timed, frame_rate
 
 
 @overload
@@ -142,6 +66,9 @@ def capture(
     detections: Detections | None = None,
     rate: float | Timed | None = None,
     config: CaptureConfig | None = None,
+    *,
+    images: Images | None = None,
+    solve_bones: bool | None = None,
     **options: Any,
 ) -> Performance | tuple[Performance, ...]:
     """Motion and surface of one person from detections and images (Xu et al. 2018), or of several.
@@ -179,46 +106,77 @@ def capture(
             both energies of an author's own and a level world, or a scene and what it has.
     """
     if isinstance(actor, Scene):
-        own = {"cameras": cameras, "detections": detections, "rate": rate, "images": None}
-        given = [name for name, value in {**own, **options}.items() if value is not None]
-        twice = [name for name in given if name in (*own, "solve_bones")]
-        if twice:
-            raise InputError(
-                f"a Scene has its own cameras, detections, rate and images, and each Person "
-                f"solve_bones; got {', '.join(twice)} again: leave out what is here"
-            )
-        for name in ("images", "solve_bones"):
-            options.pop(name, None)  # given as None
+        _require_once(
+            **{"cameras": cameras, "detections": detections, "rate": rate},
+            **{"images": images, "solve_bones": solve_bones},
+        )
         return _capture_scene(actor, config, **options)
     if cameras is None or detections is None or rate is None:
         raise TypeError("capture takes a scene, or an actor with cameras, detections and rate")
-    return _capture_person(actor, cameras, detections, rate, config, **options)
+    person = Person(actor, detections, False if solve_bones is None else solve_bones)
+    scene = Scene(cameras, (person,), frame_rate(rate), images)
+    (found,) = _capture_scene(scene, config, **options)
+    return found
 
 
-def _capture_person(
-    actor: Actor,
-    cameras: Camera,
-    detections: Detections,
-    rate: float | Timed,
+def _require_once(**given: object) -> None:
+    """Refuse beside a scene what it has."""
+    twice = [name for name, value in given.items() if value is not None]
+    if twice:
+        raise InputError(
+            f"a Scene has its own cameras, detections, rate and images, and each Person "
+            f"solve_bones; got {', '.join(twice)} again: leave out what is here"
+        )
+
+
+def _capture_scene(
+    scene: Scene,
     config: CaptureConfig | None = None,
     *,
-    images: Images | None = None,
     until: Stage | None = None,
     energies: Mapping[str, Term] | None = None,
-    solve_bones: bool = False,
     level: bool = False,
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
-) -> Performance:
-    """See ``capture``."""
-    moved = move(
-        *(actor, cameras, detections, rate, config),
-        images=images, until=until, energies=energies, solve_bones=solve_bones, level=level,
-        progress=progress, checkpoint=checkpoint,
-    )  # fmt: skip
-    looked = look(
-        *(moved.problem, moved.motion, moved.images, moved.start.config),
-        *(moved.until, moved.clock.stage, workers, moved.kept),
-    )
-    return moved.performance(looked)
+) -> tuple[Performance, ...]:
+    """Everybody in a scene: motions one by one, then what images add; see ``capture``."""
+    note_threads()
+    require_kinds(config=config, until=until, checkpoint=checkpoint)
+    require_flags(level=level)
+    if level and len(scene.people) > 1:
+        raise InputError("level: is for one person; several need calibrated views, in one world")
+    tell = progress or notebook_progress() or (lambda stage, done, total: None)
+    kept, alone = checkpoint or NO_CHECKPOINT, len(scene.people) == 1
+    moved = [
+        move(
+            *(scene, person, config or CaptureConfig(), until),
+            energies=energies,
+            level=level,
+            clock=Clock(tell if alone else _numbered(number, tell)),
+            checkpoint=kept if alone else kept.of(f"person{number}"),
+        )
+        for number, person in enumerate(scene.people, 1)
+    ]
+    stage = partial(shared_stage, [each.clock for each in moved], tell)
+    return tuple(_looked(moved, stage, workers, kept))
+
+
+def _looked(
+    moved: Sequence[Moved], stage: StageContext, workers: int | None, checkpoint: Checkpoint
+) -> Iterator[Performance]:
+    """What images add to the motions, where there are any."""
+    first = moved[0]
+    images, config, until = first.images, first.start.config, first.until
+    people = [Moving(each.problem, each.motion, each.clock.stage, each.kept) for each in moved]
+    if images is None or not until.needs_images:
+        with torch.no_grad():
+            looked = [Looked(motion) for motion in parted(people, config, stage)]
+    else:
+        looked = [*look(people, ImageJob(images, config, until, stage, workers, checkpoint))]
+    for each, found in zip(moved, looked, strict=True):
+        yield each.performance(found)
+
+
+def _numbered(number: int, progress: Progress) -> Progress:
+    return lambda stage, done, total: progress(f"person {number}: {stage}", done, total)

@@ -22,12 +22,12 @@ from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_usable
 from perfcap.pipeline.input_doubts import warn_of_other_joints
-from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.objective import angle_bounds, person_height
+from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.track_motion import MotionBlender
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.setting_checks import Settings, require_counts, require_sizes
 from perfcap.solve import (
@@ -243,11 +243,11 @@ def _problem(start: Performance, detections: Detections | None) -> ClipProblem:
         )
     if not isinstance(start.config, CaptureConfig):
         raise InputError("start is a retargeted motion, which no camera saw; expected a capture")
-    unit, pose = 0.01 * person_height(seen).detach(), start.config.pose
+    frames = FrameProblem.of(start.actor, start.cameras, seen, start.config.pose)
+    unit = frames.pixel_unit.detach()
     warn_of_other_joints(seen, start.detections.to(unit), 100 * unit)
-    prepared = prepare(start.actor, start.cameras, seen, pose.position.gate).detections
-    problem = ClipProblem(start.actor, start.cameras, prepared, pose, unit, start.rate)
-    return adapted(problem, start.motion)
+    prepared = prepare(replace(frames, pixel_unit=unit)).problem
+    return adapted(ClipProblem.of(prepared, start.rate), start.motion)
 
 
 def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> Camera:

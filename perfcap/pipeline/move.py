@@ -3,79 +3,85 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.actor.pose_statistics import Mixture
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
-from perfcap.forks import note_threads
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import compose_rotvec, matrix_to_rotvec
 from perfcap.io.pose_prior import load_pose_prior
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, tensors
+from perfcap.pipeline.checkpoint import Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
-from perfcap.pipeline.clock import Clock, Progress, notebook_progress
-from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.clock import Clock
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.input_checks import examine_images, require_matching
-from perfcap.pipeline.input_doubts import actor_doubts, input_doubts
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.kinds import require_flags, require_kinds
-from perfcap.pipeline.level import moved_cameras, moved_motion, moved_problem, to_level
+from perfcap.pipeline.input_checks import require_matching
+from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.look import Looked
-from perfcap.pipeline.objective import person_height, views_with_person
+from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.result_doubts import doubts, result_doubts
+from perfcap.pipeline.result_doubts import doubts, joint_doubts, result_doubts
 from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.standing import Standing
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
 from perfcap.pipeline.trust import frame_evidence, judge_frames
-from perfcap.rates import Timed, frame_rate
-from perfcap.solve import Status
 
 
 def move(
-    actor: Actor,
-    cameras: Camera,
-    detections: Detections,
-    rate: float | Timed,
-    config: CaptureConfig | None = None,
+    scene: Scene,
+    person: Person,
+    config: CaptureConfig,
+    until: Stage | None,
     *,
-    images: Images | None = None,
-    until: Stage | None = None,
-    energies: Mapping[str, Term] | None = None,
-    solve_bones: bool = False,
-    level: bool = False,
-    progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
+    energies: Mapping[str, Term] | None,
+    level: bool,
+    clock: Clock,
+    checkpoint: Checkpoint,
 ) -> Moved:
-    """The stages before images are looked at; arguments as of ``capture``."""
-    note_threads()
-    require_kinds(
-        **{"actor": actor, "cameras": cameras, "detections": detections, "config": config},
-        **{"images": images, "until": until, "checkpoint": checkpoint},
-    )
-    require_flags(solve_bones=solve_bones, level=level)
-    rate = frame_rate(rate)
-    require_matching(cameras, detections, images)
-    detections = detections.to(detections.joints2d).finite()  # 3D joints may be of another type
-    until = _last_stage(until, images)
-    told = tuple(actor_doubts(actor, cameras, detections, solve_bones))
-    if images is None or not images.examined:
-        told += input_doubts(cameras, detections)
-    if images is not None and until.needs_images and not images.examined:
-        told += examine_images(images, cameras, detections)
+    """The stages of a person in a scene before images are looked at.
+
+    Args:
+        scene: where they are.
+        person: one of its people.
+        config: settings.
+        until: the last stage, or all that the images allow.
+        energies: an author's own.
+        level: whether the result is in a world of the program's own choice.
+        clock: of the stages.
+        checkpoint: keeps finished work.
+    """
+    require_matching(scene.cameras, person.detections, scene.images)
+    like = person.detections.joints2d  # 3D joints may be of another type
+    person = replace(person, detections=person.detections.to(like).finite())
+    until = _last_stage(until, scene.images)
+    told = scene_doubts(scene, person, until.needs_images)
+    own = _own_terms(energies, until, level)
+    start = _start(scene, person, config, clock, checkpoint)
+    problem, motion = replace(start.problem, terms=own), start.motion
+    windows: list[WindowReport] = []
+    if until >= Stage.TRACK_MOTION:
+        with clock.stage("track_motion") as tell:
+            motion, windows, problem = track_twice(problem, motion, tell, checkpoint)
+    found = problem, start.problem, motion, windows, scene.images
+    moved = Moved(start, person.detections, *found, until, clock, checkpoint, told)
+    return _levelled(moved) if level else moved
+
+
+def _own_terms(
+    energies: Mapping[str, Term] | None, until: Stage, level: bool
+) -> Mapping[str, Term]:
+    """An author's energies, if they can act in this capture."""
     own = own_terms(energies)
     if own and level:
         raise InputError(
@@ -87,24 +93,7 @@ def move(
             f"energies {', '.join(own)} act in the windows of track_motion, and until is "
             f"{until.name.lower()}, before there are any; give one or the other"
         )
-    clock = Clock(progress or notebook_progress() or (lambda stage, done, total: None))
-    kept = checkpoint or NO_CHECKPOINT
-    settings = config or CaptureConfig()
-    start = _start(actor, cameras, detections, rate, settings, solve_bones, clock, kept)
-    problem, motion = replace(start.problem, terms=own), start.motion
-    windows: list[WindowReport] = []
-    if until >= Stage.TRACK_MOTION:
-        with clock.stage("track_motion") as tell:
-            motion, windows, problem = track_twice(problem, motion, tell, kept)
-    judged = start.problem
-    if level:
-        transform = to_level(problem)
-        motion = moved_motion(motion, transform)
-        problem, judged = (moved_problem(each, transform) for each in (problem, judged))
-        if images is not None:
-            images = replace(images, cameras=moved_cameras(images.cameras, transform))
-    about = images, until, clock, kept
-    return Moved(start, detections, problem, judged, motion, windows, *about, told)
+    return own
 
 
 @dataclass(frozen=True)
@@ -137,10 +126,6 @@ class Moved:
     kept: Checkpoint
     told: tuple[str, ...] = ()
 
-    def unlooked(self) -> Performance:
-        """The result of joints alone."""
-        return self.performance(Looked(self.motion))
-
     def performance(self, looked: Looked) -> Performance:
         """The result, with what images added."""
         start, problem = self.start, self.problem
@@ -157,16 +142,9 @@ class Moved:
             bone_scales=start.bones,
             warnings=(
                 *self.told,
-                *_blind_views(self.detections),
-                *_warnings(self.windows),
+                *joint_doubts(self.detections, self.windows),
                 *doubts(looked),
-                *result_doubts(
-                    problem.actor,
-                    problem.cameras,
-                    looked.motion,
-                    problem.rate,
-                    start.bones is not None,
-                ),
+                *result_doubts(problem, looked.motion, start.bones is not None),
             ),
             surface=looked.surface,
             refinement=looked.refinement,
@@ -197,48 +175,39 @@ class _Start:
 
 
 def _start(
-    actor: Actor,
-    cameras: Camera,
-    detections: Detections,
-    rate: float,
-    config: CaptureConfig,
-    solve_bones: bool,
-    clock: Clock,
-    checkpoint: Checkpoint,
+    scene: Scene, person: Person, config: CaptureConfig, clock: Clock, checkpoint: Checkpoint
 ) -> _Start:
-    like = detections.joints2d
-    cameras = cameras.to(like)
-    actor = copy.deepcopy(actor).to(like)  # a module moves in place, and this one is the caller's
+    like = person.detections.joints2d
+    actor = copy.deepcopy(person.actor).to(like)  # a module moves in place, and it is the caller's
     if not config.pose.clavicles:
         actor = actor.with_still_shoulders()
     if not config.pose.rest_hands:
         actor = actor.with_modelled_hands()
-    pixel_unit = 0.01 * person_height(detections)
-    pose = relaxed(config.pose, detections, pixel_unit)
+    cameras = scene.cameras.to(like)
+    frames = relaxed(FrameProblem.of(actor, cameras, person.detections, config.pose))
     bones: Tensor | None = None
-    if solve_bones:
+    if person.solve_bones:
         with clock.stage("bone_lengths"):
             kept = checkpoint.kept("bone_lengths")
-            solved = partial(solve_bone_lengths, actor, cameras, detections, pose, pixel_unit)
-            (bones,) = kept.once(tensors(like), lambda: (solved(),))
-            actor = actor.resized(bones)
+            (bones,) = kept.once(tensors(like), lambda: (solve_bone_lengths(frames),))
+            frames = replace(frames, actor=actor.resized(bones))
     with clock.stage("initialize"):
-        prepared = prepare(actor, cameras, detections, pose.position.gate)
-        motion, seen = initialize(actor, cameras, prepared, pose, pixel_unit, checkpoint)
-    poses = known_poses(actor, pose, prepared.detections)
-    problem = ClipProblem(actor, cameras, prepared.detections, pose, pixel_unit, rate, poses=poses)
-    return _Start(problem, motion, seen, replace(config, pose=pose), bones)
+        prepared = prepare(frames)
+        motion, seen = initialize(prepared, checkpoint)
+    problem = with_known_poses(ClipProblem.of(prepared.problem, scene.rate))
+    return _Start(problem, motion, seen, replace(config, pose=frames.config), bones)
 
 
-def known_poses(actor: Actor, config: PoseConfig, detections: Detections) -> Mixture | None:
-    """The shipped mixture of poses in the order of an actor's angles, where it is to count.
+def with_known_poses(problem: ClipProblem) -> ClipProblem:
+    """The problem with the shipped mixture of poses, where that is to count.
 
     Two views: from opposite sides they show depth by little else. One view has a lifter, which
     learned from the same recordings; more views need no such help.
     """
-    if not config.prior.poses or detections.views != 2:
-        return None
-    return load_pose_prior().ordered(tuple(actor.skeleton.angle_names))
+    if not problem.config.prior.poses or problem.detections.views != 2:
+        return problem
+    names = tuple(problem.actor.skeleton.angle_names)  # mixture and actor differ in their order
+    return replace(problem, poses=load_pose_prior().ordered(names))
 
 
 def _last_stage(until: Stage | None, images: Images | None) -> Stage:
@@ -252,15 +221,69 @@ def _last_stage(until: Stage | None, images: Images | None) -> Stage:
     return until
 
 
-def _blind_views(detections: Detections) -> Iterator[str]:
-    for view in torch.nonzero(~views_with_person(detections)).flatten().tolist():
-        yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
+# --- A world of its own choice: y is up, and the floor that feet stand on at y = 0 ----------------
 
 
-def _warnings(windows: list[WindowReport]) -> Iterator[str]:
-    for report in windows:
-        if report.status == Status.NOT_FINITE:
-            yield (
-                f"frames {report.window.start} to {report.window.stop - 1} could not be solved: "
-                f"{report.status.sentence}"
-            )
+def _levelled(moved: Moved) -> Moved:
+    transform, images = _to_level(moved.problem), moved.images
+    if images is not None:
+        images = replace(images, cameras=moved_cameras(images.cameras, transform))
+    return replace(
+        moved,
+        motion=moved_motion(moved.motion, transform),
+        problem=_moved_problem(moved.problem, transform),
+        judged=_moved_problem(moved.judged, transform),
+        images=images,
+    )
+
+
+def _to_level(problem: ClipProblem) -> Tensor:
+    """Rigid transform (4, 4) from the world of a solved problem, one camera's own, to a level one.
+
+    Without a floor the camera is taken to be held level: its y points down.
+    """
+    if problem.standing is not None:
+        return problem.standing.floor.world_to_floor()
+    down = problem.pixel_unit.new_tensor([1.0, -1.0, -1.0, 1.0])
+    return torch.diag(down)
+
+
+def _moved_problem(problem: ClipProblem, transform: Tensor) -> ClipProblem:
+    """The same problem in a world that a rigid transform (4, 4) leads to."""
+    if problem.targets is not None:
+        raise ValueError("targets are places in the world; move the problem before they are given")
+    standing = problem.standing
+    return replace(
+        problem,
+        cameras=moved_cameras(problem.cameras, transform),
+        standing=None if standing is None else _moved_standing(standing, transform),
+    )
+
+
+def moved_motion(motion: Motion, transform: Tensor) -> Motion:
+    """The same motion after a rigid transform (4, 4) of the world."""
+    turn, shift = transform[:3, :3], transform[:3, 3]
+    step = matrix_to_rotvec(turn).expand_as(motion.rotation)
+    return replace(
+        motion,
+        translation=motion.translation @ turn.mT + shift,
+        rotation=compose_rotvec(step, motion.rotation),
+    )
+
+
+def moved_cameras(cameras: Camera, transform: Tensor) -> Camera:
+    """Cameras that see in the world after a rigid transform (4, 4) what they saw before."""
+    turn, shift = transform[:3, :3].to(cameras.rotation), transform[:3, 3].to(cameras.rotation)
+    rotation = cameras.rotation @ turn.mT
+    return replace(cameras, rotation=rotation, translation=cameras.translation - rotation @ shift)
+
+
+def _moved_standing(standing: Standing, transform: Tensor) -> Standing:
+    turn, shift = transform[:3, :3], transform[:3, 3]
+    normal = turn @ standing.floor.normal
+    return replace(
+        standing,
+        floor=replace(standing.floor, normal=normal, height=standing.floor.height + normal @ shift),
+        place=standing.place @ turn.mT + shift,
+        shift=standing.shift @ turn.mT,
+    )

@@ -1,6 +1,9 @@
-"""The pose objective: which energies, in which units, for a stretch of a clip."""
+"""The pose objective: which energies, in which units, for frames or a stretch of a clip."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -23,8 +26,50 @@ from perfcap.solve.kernels import GemanMcClure, Kernel, Quadratic
 
 _REFERENCE_FRAMES, _REFERENCE_RATE = 50, 30.0  # what a rank is stated for
 _STRAIGHT = 2  # DCT vectors that motion in one direction needs: the shortest clip may have it
-_SEEN = 0.2  # share of the largest confidence from which a joint counts
-_ENOUGH_JOINTS = 6  # that show how tall a person is
+
+
+@dataclass(frozen=True)
+class FrameProblem:
+    """What the poses of frames are found from, each frame on its own.
+
+    Attributes:
+        actor: gives the joints and the limits.
+        cameras: C views, fixed or moving.
+        detections: (F, C, 16).
+        config: weights, units and kernels.
+        pixel_unit: one percent of the person's height in each view, (C,), pixels.
+    """
+
+    actor: Actor
+    cameras: Camera
+    detections: Detections
+    config: PoseConfig
+    pixel_unit: Tensor
+
+    @classmethod
+    def of(
+        cls, actor: Actor, cameras: Camera, detections: Detections, config: PoseConfig | None = None
+    ) -> Self:
+        """With the unit of pixels that the detections show."""
+        unit = 0.01 * detections.person_height()
+        return cls(actor, cameras, detections, config or PoseConfig(), unit)
+
+    def frames(self, index: slice | Tensor) -> Self:
+        """The same for some frames, in the same units."""
+        cameras, detections = self.cameras.frames(index), self.detections.frames(index)
+        return replace(self, cameras=cameras, detections=detections)
+
+    def view(self, view: int) -> Self:
+        """The same for one view."""
+        cameras, detections = self.cameras.select([view]), self.detections.select([view])
+        unit = self.pixel_unit[[view]]
+        return replace(self, cameras=cameras, detections=detections, pixel_unit=unit)
+
+    def objective(self) -> Objective:
+        """Joints in images and in space and the pose prior, of motions (F,)."""
+        return pose_objective(
+            self.actor, self.cameras, self.detections, self.config, self.pixel_unit
+        )
 
 
 def pose_objective(
@@ -124,29 +169,6 @@ def neutral_angles(actor: Actor) -> Tensor:
         if name.endswith(("elbow_flexion", "knee_flexion")):
             angles[index] = 0.25
     return angles.clamp(actor.skeleton.lower, actor.skeleton.upper)
-
-
-def person_height(detections: Detections) -> Tensor:
-    """Median height of the person in the image, (C,), pixels; 1 where nothing is detected.
-
-    Joints count from a share of a view's largest confidence, since detectors differ in what they
-    call confident, and frames with at least six of them, or with as many as the view ever shows.
-    """
-    confidence = detections.confidence2d
-    peak = confidence.amax((0, 2))[:, None]  # C 1
-    seen = confidence > _SEEN * peak
-    count = seen.sum(-1)
-    enough = count >= count.amax(0).clamp(min=1, max=_ENOUGH_JOINTS)
-    rows = detections.joints2d[..., 1]
-    top = torch.where(seen, rows, torch.inf).amin(-1)
-    bottom = torch.where(seen, rows, -torch.inf).amax(-1)
-    height = torch.where(enough, bottom - top, torch.nan)
-    return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
-
-
-def views_with_person(detections: Detections) -> Tensor:
-    """Views in which anything is detected in any frame, (C,), bool."""
-    return (detections.confidence2d > 0).any(-1).any(0)
 
 
 def kernel(scale: float | None) -> Kernel:

@@ -1,4 +1,4 @@
-"""Several people, and the scene that they share."""
+"""Who is captured, and the scene that several people share."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.rates import frame_rate
 
 
@@ -31,12 +32,8 @@ class Person:
     solve_bones: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.detections, Detections):
-            kind = type(self.detections).__name__
-            raise InputError(
-                f"person: detections are a {kind}, expected Detections: Person(actor, detections), "
-                "of one of the people whom associate finds"
-            )
+        require_kinds(actor=self.actor, detections=self.detections)
+        require_flags(solve_bones=self.solve_bones)
 
 
 @dataclass(frozen=True)
@@ -56,6 +53,7 @@ class Scene:
     images: Images | None = None
 
     def __post_init__(self) -> None:
+        require_kinds(cameras=self.cameras, images=self.images)
         object.__setattr__(self, "rate", frame_rate(self.rate))
         if not isinstance(self.people, Iterable):
             kind = type(self.people).__name__

@@ -20,16 +20,14 @@ from perfcap.pipeline.clip_problem import ClipProblem, targets_energy
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
 from perfcap.pipeline.initialize import initialize, joint_places, trunk_start
-from perfcap.pipeline.input_checks import require_joints, require_shares, require_usable
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.kinds import require_cameras
-from perfcap.pipeline.objective import (
-    angle_bounds,
-    neutral_angles,
-    person_height,
-    pose_objective,
+from perfcap.pipeline.input_checks import (
+    require_cameras,
+    require_joints,
+    require_shares,
+    require_usable,
 )
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 
 Clips = Tensor | Sequence[Tensor]
@@ -256,57 +254,43 @@ def start_clip(
     Raises:
         InputError: nobody is detected in the whole clip.
     """
-    unit = 0.01 * person_height(clip.detections)
-    relaxing = replace(clip.detections, joints3d=clip.targets) if clip.targets is not None else None
-    calm = relaxed(config, relaxing or clip.detections, unit)
-    problem = ClipProblem(
-        actor,
-        clip.cameras,
-        clip.detections,
-        config,
-        unit,
-        rate,
-        clip.targets,
-        clip.certain,
-        calm.trajectory.weight / config.trajectory.weight,
-    )
+    frames = FrameProblem.of(actor, clip.cameras, clip.detections, config)
+    judged = frames
+    if clip.targets is not None:
+        judged = replace(frames, detections=replace(clip.detections, joints3d=clip.targets))
+    calm = relaxed(judged).config.trajectory.weight / config.trajectory.weight
+    known = ClipProblem.of(frames, rate)
+    problem = replace(known, targets=clip.targets, certain=clip.certain, calm=calm)
     if clip.has_pixels or clip.targets is None:
-        prepared = prepare(actor, clip.cameras, clip.detections, config.position.gate)
-        motion, _ = initialize(actor, clip.cameras, prepared, config, unit)
-        points, weights = joint_places(clip.cameras, prepared)
-        if clip.targets is None and int(((weights > 0).sum(-1) >= _FIT_POINTS).sum()):
-            motion = _better_seen(actor, clip, config, unit, motion, points, weights)
+        prepared = prepare(frames)
+        motion, _ = initialize(prepared)
+        if clip.targets is None:
+            motion = _better_seen(frames, clip, motion, *joint_places(prepared))
         trusted = prepared.detections.trusted3d
         return replace(problem, detections=replace(clip.detections, trusted3d=trusted)), motion
     return problem, _placed_start(actor, clip, config)
 
 
 def _better_seen(
-    actor: Actor,
-    clip: ClipEstimate,
-    config: PoseConfig,
-    unit: Tensor,
-    motion: Motion,
-    points: Tensor,
-    weights: Tensor,
+    frames: FrameProblem, clip: ClipEstimate, motion: Motion, points: Tensor, weights: Tensor
 ) -> Motion:
     """Each frame as it is, or as its joints' rough places show it, whichever images fit better.
 
     From the neutral pose, places lead limbs around where pixels catch them in a wrong minimum.
 
     Args:
-        actor: gives the joints.
+        frames: the clip as it was estimated.
         clip: the estimate.
-        config: of the pose.
-        unit: one percent of the person's height in each view, (C,), pixels.
         motion: (F,).
         points: rough places of the joints in the world, (F, 16, 3).
         weights: of them, 0 where there are none, (F, 16).
     """
+    if not int(((weights > 0).sum(-1) >= _FIT_POINTS).sum()):
+        return motion
     certain = (weights > 0).to(points)[:, None]
     placed = replace(clip, targets=points.nan_to_num()[:, None], certain=certain)
-    other = _placed_start(actor, placed, config)
-    pixels = pose_objective(actor, clip.cameras, clip.detections, config, unit).energies["joints2d"]
+    other = _placed_start(frames.actor, placed, frames.config)
+    pixels = frames.objective().energies["joints2d"]
     assert isinstance(pixels, Reprojection)
     own, others = (
         pixels.kernel.value(pixels.residual(each).squared_norm()).sum(-1)

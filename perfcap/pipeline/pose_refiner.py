@@ -24,11 +24,10 @@ from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.input_doubts import estimate_doubts
-from perfcap.pipeline.kinds import require_flags, require_kinds
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
-from perfcap.pipeline.track_motion import select, solve_windows
+from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
 from perfcap.rates import frame_rate
 from perfcap.solve import Adjoint, Detached, Implicit, Status

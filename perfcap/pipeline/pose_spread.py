@@ -12,7 +12,6 @@ from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.pipeline.clip_problem import ClipProblem
-from perfcap.pipeline.objective import pose_objective
 from perfcap.pipeline.trust import frame_curvature
 
 _STRETCH = 200  # frames whose covariances are held at once
@@ -78,9 +77,7 @@ def _landmark_variance(problem: ClipProblem, motion: Motion, span: slice) -> Ten
 
 def _covariance(problem: ClipProblem, motion: Motion, span: slice) -> Tensor:
     """Of the unknowns of each pose, (F, D, D)."""
-    seen = problem.detections.frames(span)
-    given = problem.cameras.frames(span), seen, problem.config, problem.pixel_unit
-    objective = pose_objective(problem.actor, *given)
+    objective = problem.apart(span).objective()
     total = torch.stack([frame_curvature(energy, motion) for _, energy in objective.items()]).sum(0)
     scale = total.diagonal(dim1=-2, dim2=-1).amax(-1)[:, None, None].clamp(min=1e-9)
     eye = torch.eye(total.shape[-1]).to(total)

@@ -18,14 +18,13 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import NEAR
 from perfcap.geometry.surface_topology import surface_topology
-from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.followed_person import Tracking
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.objective import person_height, views_with_person
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
@@ -88,33 +87,51 @@ class Refinement:
         return {**report, **self.evidence.report(first_frame), "mesh": self.mesh}
 
 
-def refine(
-    problem: ClipProblem,
-    motion: Motion,
-    images: Images,
-    config: CaptureConfig,
-    until: Stage,
-    stage: StageContext,
-    workers: int | None = None,
-    checkpoint: Checkpoint = NO_CHECKPOINT,
-) -> Refinement:
-    """Silhouettes, pose refinement, silhouettes again, surface refinement (Xu 2018, Sec. 5).
+@dataclass(frozen=True)
+class Moving:
+    """A person whose motion is known from joints.
 
-    Args:
+    Attributes:
         problem: what the motion was found from.
         motion: (F,).
+        stage: entered around every stage of this person alone.
+        checkpoint: keeps finished blocks of these.
+    """
+
+    problem: ClipProblem
+    motion: Motion
+    stage: StageContext
+    checkpoint: Checkpoint
+
+
+@dataclass(frozen=True)
+class ImageJob:
+    """Images of people, and what is to be done with them.
+
+    Attributes:
         images: F frames and the cameras in their pixels.
         config: settings of all stages.
         until: the last stage, ``REFINE_POSE`` or ``REFINE_SURFACE``.
-        stage: entered around every stage.
-        workers: threads; all cores when not given.
-        checkpoint: keeps finished blocks of every stage.
+        stage: entered around every stage of everybody.
+        workers: threads; all cores when None.
+        checkpoint: keeps finished blocks of these.
     """
-    own = Refiner.of(problem, motion, images, config, stage, workers, checkpoint)
-    evidence = own.extract("extract_silhouettes", motion, config.silhouettes.first)
-    pose = own.pose(evidence, motion)
-    evidence = own.extract("extract_silhouettes_again", pose.motion, config.silhouettes.again)
-    return own.finish(evidence, pose, until)
+
+    images: Images
+    config: CaptureConfig
+    until: Stage
+    stage: StageContext
+    workers: int | None
+    checkpoint: Checkpoint
+
+
+def refine(person: Moving, job: ImageJob) -> Refinement:
+    """Silhouettes, pose refinement, silhouettes again, surface refinement (Xu 2018, Sec. 5)."""
+    own, settings = Refiner.of(person, job), job.config.silhouettes
+    evidence = own.extract("extract_silhouettes", person.motion, settings.first)
+    pose = own.pose(evidence)
+    evidence = own.extract("extract_silhouettes_again", pose.motion, settings.again)
+    return own.finish(evidence, pose)
 
 
 @dataclass(frozen=True)
@@ -122,86 +139,78 @@ class Refiner:
     """The steps of ``refine``, and what they share.
 
     Attributes:
-        problem: what the motion was found from.
-        images: F frames and the cameras in their pixels.
-        config: settings of all stages.
-        stage: entered around every stage.
-        workers: threads; all cores when None.
-        checkpoint: keeps finished blocks of every stage.
+        person: who is refined.
+        job: in which images, and how.
         sight: of the actor's mesh.
         heights: of the upright person in each image, (C,) px.
     """
 
-    problem: ClipProblem
-    images: Images
-    config: CaptureConfig
-    stage: StageContext
-    workers: int | None
-    checkpoint: Checkpoint
+    person: Moving
+    job: ImageJob
     sight: Sight
     heights: Tensor
 
     @classmethod
-    def of(
-        cls,
-        problem: ClipProblem,
-        motion: Motion,
-        images: Images,
-        config: CaptureConfig,
-        stage: StageContext,
-        workers: int | None,
-        checkpoint: Checkpoint,
-    ) -> Refiner:
-        """Of a person and a motion, (F,)."""
-        template = problem.actor.template
+    def of(cls, person: Moving, job: ImageJob) -> Refiner:
+        """Of a person in images."""
+        template, cameras = person.problem.actor.template, job.images.cameras
         faces = torch.as_tensor(template.faces.copy())
-        sight = Sight(images.cameras.to(motion.angles), faces, template.weld()[0])
-        heights = image_heights(problem, motion, images)
-        return cls(problem, images, config, stage, workers, checkpoint, sight, heights)
+        sight = Sight(cameras.to(person.motion.angles), faces, template.weld()[0])
+        heights = image_heights(person.problem, person.motion, job.images)
+        return cls(person, job, sight, heights)
+
+    @property
+    def actor(self) -> Actor:
+        """The person's."""
+        return self.person.problem.actor
 
     def extract(self, name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
         """Silhouettes about a motion, (F,)."""
-        with self.stage(name) as tell:
+        images = self.job.images
+        with self.person.stage(name) as tell:
             return extract_silhouettes(
-                self.problem.actor,
-                *(self.sight, self.images.reader, motion, self.heights, settings),
-                *(self.workers, tell, self.checkpoint),
+                self.actor,
+                *(self.sight, images.reader, motion, self.heights, settings),
+                *(self.job.workers, tell, self.person.checkpoint),
                 name=name,
-                network=self.images.segmenter,
-                known=self.images.masks,
+                network=images.segmenter,
+                known=images.masks,
             )
 
-    def pose(self, evidence: Evidence, motion: Motion) -> PoseRefinement:
-        """A motion (F,) pulled towards silhouettes."""
-        with self.stage("refine_pose") as tell:
-            settings, given = self.config.refine_pose, (self.workers, tell, self.checkpoint)
-            return refine_pose(self.problem, self.sight, evidence, motion, settings, *given)
+    def pose(self, evidence: Evidence) -> PoseRefinement:
+        """The motion (F,) pulled towards silhouettes."""
+        person, settings = self.person, self.job.config.refine_pose
+        with person.stage("refine_pose") as tell:
+            return refine_pose(
+                *(person.problem, self.sight, evidence, person.motion, settings),
+                *(self.job.workers, tell, person.checkpoint),
+            )
 
     def finish(
-        self, evidence: Evidence, pose: PoseRefinement, until: Stage, name: str = "refine_surface"
+        self, evidence: Evidence, pose: PoseRefinement, name: str = "refine_surface"
     ) -> Refinement:
-        """The surface pulled towards silhouettes, as far as ``until`` says.
+        """The surface pulled towards silhouettes, as far as the job goes.
 
         Args:
             evidence: silhouettes of F frames.
             pose: with the motion, (F,).
-            until: the last stage.
             name: of this one; another one keeps its blocks apart.
         """
-        actor, settings = self.problem.actor, self.config.refine_surface
+        actor, settings = self.actor, self.job.config.refine_surface
         mesh = surface_topology(actor.template.vertices, actor.template.faces).counts()
-        if until < Stage.REFINE_SURFACE:
+        if self.job.until < Stage.REFINE_SURFACE:
             vertices = SkinnedSurface(actor, pose.motion)
             return Refinement(pose.motion, evidence, pose, None, vertices, mesh)
-        kept = self.checkpoint if name == "refine_surface" else self.checkpoint.of(name)
-        with self.stage(name) as tell:
+        kept = self.person.checkpoint
+        kept = kept if name == "refine_surface" else kept.of(name)
+        with self.person.stage(name) as tell:
             limbs = limb_of_triangles(actor)  # they keep their width
             faces = self.sight.faces
             sight = Sight(self.sight.cameras, faces, actor.template.weld()[0], limbs)
             graph = DeformationGraph.build(actor.vertices, faces, settings.nodes)
             surface = refine_surface(
                 *(actor, graph, sight, evidence, pose.motion),
-                *(settings, self.workers, tell, kept),
+                *(settings, self.job.workers, tell, kept),
             )
         return Refinement(pose.motion, evidence, pose, surface, surface.surface, mesh)
 
@@ -230,7 +239,7 @@ def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tenso
 
     That of the detections; in views that have none, that of the joints of the motion (F,).
     """
-    seen = views_with_person(problem.detections)
+    seen = problem.detections.views_with_person()
     scale = [
         torch.linalg.det(cameras.intrinsics[..., :2, :2]).abs().sqrt()
         for cameras in (images.cameras.to(problem.pixel_unit), problem.cameras)
@@ -239,7 +248,7 @@ def image_heights(problem: ClipProblem, motion: Motion, images: Images) -> Tenso
     heights: Tensor = 100 * problem.pixel_unit * ratio.reshape(-1, ratio.shape[-1]).mean(0)
     if bool(seen.all()):
         return heights
-    return torch.where(seen, heights, person_height(_expected(problem.actor, images, motion)))
+    return torch.where(seen, heights, _expected(problem.actor, images, motion).person_height())
 
 
 def _expected(actor: Actor, images: Images, motion: Motion) -> Detections:

@@ -6,6 +6,7 @@ that of the windows, detections and temporal prior included, and the contours' e
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,9 +22,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, Codec, motions, tensors
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Images
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds
-from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.track_motion import MotionBlender, Progress
 from perfcap.pipeline.volume_colors import color_volume
 from perfcap.render.density import Splats
 from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk
@@ -116,12 +116,18 @@ def refine_contours(
     points = GaussianCentres(problem.actor.skeleton, volume)
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
 
-    def refined(window: Window) -> tuple[Motion, Tensor]:
-        return _solve(problem, sight, points, volume, motion[window.index], window, config)
+    def seen(done: int) -> Iterator[tuple[Window, list[list[Patch]]]]:
+        for window in windows[done:]:  # by one thread: a video is read in order
+            yield window, sight.patches(points(motion[window.index]), volume, window)
+
+    def refined(task: tuple[Window, list[list[Patch]]]) -> tuple[Motion, Tensor]:
+        window, patches = task
+        fields = [[patch.edges(config.edges) for patch in row] for row in patches]
+        return _solve(problem, sight, points, volume, motion[window.index], window, fields, config)
 
     blender, shares = MotionBlender(), np.zeros((2, motion.frames))
     kept = checkpoint.kept("refine_contours")
-    parts = kept.each(_codec(motion.angles), refined, windows, workers)
+    parts = kept.rest(_codec(motion.angles), refined, seen, len(windows), workers)
     for window, (part, support) in zip(windows, parts, strict=True):
         blender.push(window, part)
         shares[:, window.index] = support.numpy(force=True)
@@ -142,11 +148,11 @@ def _solve(
     volume: Volume,
     motion: Motion,
     window: Window,
+    fields: list[list[EdgeField]],
     config: ContoursConfig,
 ) -> tuple[Motion, Tensor]:
     """The motion of a window, and the share of contours on edges before and after, (2, W)."""
     cameras = sight.cameras.frames(window.index)
-    fields = sight.fields(points(motion), volume, window)
     contour = DensityContour(
         points, volume, cameras, fields, config.weight, sight.unit, bend=config.bend
     )
@@ -197,6 +203,11 @@ class ContourSight:
 
     def fields(self, points: Tensor, volume: Volume, window: Window) -> list[list[EdgeField]]:
         """Edges about the Gaussians at points (W, Q, 3), ``[W][C]``."""
+        rows = self.patches(points, volume, window)
+        return [[patch.edges(self.config.edges) for patch in row] for row in rows]
+
+    def patches(self, points: Tensor, volume: Volume, window: Window) -> list[list[Patch]]:
+        """Parts of the images about the Gaussians at points (W, Q, 3), ``[W][C]``."""
         cameras = self.cameras.frames(window.index)
         splats = Splats.seen_by(cameras, points, volume.deviations, volume.densities)
         wide = torch.stack((splats.form[..., 2], splats.form[..., 0]), -1)
@@ -213,12 +224,12 @@ class ContourSight:
 
     def _view(
         self, view: int, low: list[list[float]], high: list[list[float]], window: Window
-    ) -> list[EdgeField]:
+    ) -> list[Patch]:
         found, size = [], self.cameras.size[view]
         for frame in range(window.start, window.stop):
             (image,) = self.images.reader.read_view(view, frame, frame + 1)
             box = _clamped(low[frame - window.start], high[frame - window.start], size)
-            found.append(_cut(shrunk(image, size), box, self.config.edges))
+            found.append(Patch.cut(shrunk(image, size), box))
         return found
 
 
@@ -232,20 +243,43 @@ def _clamped(
     return int(first[1]), int(first[0]), int(last[1]), int(last[0])
 
 
-def _cut(
-    image: NDArray[np.uint8], box: tuple[int, int, int, int], settings: EdgeSettings
-) -> EdgeField:
-    """Edges of a part of an image; filters see a rim around it."""
-    top, left, bottom, right = box
-    if bottom <= top or right <= left:
-        none = np.zeros((2, 0, 0), np.float32)
-        return EdgeField(none, none[0], (top, left))
-    first = max(0, top - _RIM), max(0, left - _RIM)
-    found = find_edges(image[first[0] : bottom + _RIM, first[1] : right + _RIM], settings)
-    rows = slice(top - first[0], bottom - first[0])
-    columns = slice(left - first[1], right - first[1])
-    edges = np.ascontiguousarray(found.edges[:, rows, columns])
-    return EdgeField(edges, np.ascontiguousarray(found.flat[rows, columns]), (top, left))
+@dataclass(frozen=True)
+class Patch:
+    """A part of an image.
+
+    Attributes:
+        pixels: RGB, with a rim for the filters where the image goes on.
+        corner: row and column of the part's first pixel in the image.
+        first: those of the first of ``pixels``.
+        size: height and width of the part.
+    """
+
+    pixels: NDArray[np.uint8]
+    corner: tuple[int, int]
+    first: tuple[int, int]
+    size: tuple[int, int]
+
+    @classmethod
+    def cut(cls, image: NDArray[np.uint8], box: tuple[int, int, int, int]) -> Patch:
+        """Rows and columns of a box: top, left, bottom, right."""
+        top, left, bottom, right = box
+        if bottom <= top or right <= left:
+            return cls(np.zeros((0, 0, 3), np.uint8), (top, left), (top, left), (0, 0))
+        first = max(0, top - _RIM), max(0, left - _RIM)
+        pixels = image[first[0] : bottom + _RIM, first[1] : right + _RIM].copy()
+        return cls(pixels, (top, left), first, (bottom - top, right - left))
+
+    def edges(self, settings: EdgeSettings) -> EdgeField:
+        """Edges of the part."""
+        height, width = self.size
+        if not height:
+            none = np.zeros((2, 0, 0), np.float32)
+            return EdgeField(none, none[0], self.corner)
+        found = find_edges(self.pixels, settings)
+        top, left = self.corner[0] - self.first[0], self.corner[1] - self.first[1]
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        edges = np.ascontiguousarray(found.edges[:, rows, columns])
+        return EdgeField(edges, np.ascontiguousarray(found.flat[rows, columns]), self.corner)
 
 
 def _colors(volume: Volume, points: GaussianCentres, motion: Motion, images: Images) -> Tensor:

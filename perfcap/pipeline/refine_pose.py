@@ -21,13 +21,12 @@ from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.overlap import blocks, clip_overlaps, keep_better
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefinePoseConfig
-from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.track_motion import MotionBlender, Progress
 from perfcap.segment import Contour, Correspondences, stack
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.temporal.window import Window, partition

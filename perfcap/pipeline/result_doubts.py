@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import AGREES, Evidence
 from perfcap.pipeline.look import Looked
+from perfcap.pipeline.track_motion import WindowReport
+from perfcap.solve import Status
 
 FASTEST = 12.5
 """m/s, of hips; no runner is faster."""
@@ -24,23 +29,31 @@ _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
 
-def result_doubts(
-    actor: Actor, cameras: Camera, motion: Motion, rate: float, solved_bones: bool
-) -> Iterator[str]:
+def joint_doubts(detections: Detections, windows: Sequence[WindowReport]) -> Iterator[str]:
+    """Views (F, C) that detect nobody, and windows that could not be solved."""
+    for view in torch.nonzero(~detections.views_with_person()).flatten().tolist():
+        yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
+    for report in windows:
+        if report.status == Status.NOT_FINITE:
+            yield (
+                f"frames {report.window.start} to {report.window.stop - 1} could not be solved: "
+                f"{report.status.sentence}"
+            )
+
+
+def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> Iterator[str]:
     """A sentence for each way in which a captured motion (F,) is none of a person.
 
     Args:
-        actor: as captured.
-        cameras: C views, in the world of the motion.
+        problem: in the world of the motion.
         motion: (F,).
-        rate: frames a second.
         solved_bones: whether the actor's bone lengths were solved, so that the calibration of
             several views says how tall it is.
     """
     if solved_bones:
-        yield from _stature(actor)
-    yield from _distance(cameras, motion)
-    yield from _jumps(motion, rate)
+        yield from _stature(problem.actor)
+    yield from _distance(problem.cameras, motion)
+    yield from _jumps(motion, problem.rate)
 
 
 def hip_speed(motion: Motion, rate: float) -> Tensor:

@@ -16,9 +16,13 @@ from perfcap.energy.floor_penetration import FloorPenetration
 from perfcap.energy.joint_target import JointTarget
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.config import ContactConfig
-from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
-from perfcap.pipeline.stances import find_stances, settled_places, split_stances
+from perfcap.pipeline.stances import (
+    contact_probability,
+    find_stances,
+    settled_places,
+    split_stances,
+)
 from perfcap.solve.energy import Energy
 from perfcap.solve.kernels import GemanMcClure
 

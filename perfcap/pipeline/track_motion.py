@@ -11,14 +11,14 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.actor.skeleton import Skeleton
 from perfcap.energy.joint_trajectory import JointTrajectory
 from perfcap.io.journal import Record
 from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
-from perfcap.pipeline.motion_blender import MotionBlender
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
-from perfcap.temporal.window import Window, partition
+from perfcap.temporal.window import Blender, Window, mean_rotations, mean_vectors, partition
 
 Progress = Callable[[int, int], None]
 
@@ -185,3 +185,32 @@ def select(motion: Motion, element: int) -> Motion:
 def _batches(windows: list[Window], size: int) -> Iterator[list[Window]]:
     for start in range(0, len(windows), size):
         yield windows[start : start + size]
+
+
+# --- Windows blended into one motion --------------------------------------------------------------
+
+
+class MotionBlender:
+    """Blends solved windows: linear in the overlaps, on SO(3) for the root (MPC-9).
+
+    Holds the windows that the next one may overlap, and the finished frames.
+    """
+
+    def __init__(self) -> None:
+        means = (mean_vectors, mean_rotations, mean_vectors)
+        self._blenders = [Blender(mean) for mean in means]
+        self._done: list[list[Tensor]] = [[], [], []]
+
+    def push(self, window: Window, solved: Motion) -> None:
+        """Take the motion of the next window, (W,)."""
+        values = (solved.translation, solved.rotation, solved.angles)
+        for blender, done, value in zip(self._blenders, self._done, values, strict=True):
+            done.append(blender.push(window, value))
+
+    def finish(self, skeleton: Skeleton) -> Motion:
+        """The whole motion, (F,), every angle within the skeleton's limits."""
+        for blender, done in zip(self._blenders, self._done, strict=True):
+            done.append(blender.finish())
+        translation, rotation, angles = (torch.cat(done) for done in self._done)
+        # a mean of bounded angles is bounded; only its rounding can be a bit outside
+        return Motion(translation, rotation, angles.clamp(skeleton.lower, skeleton.upper))

@@ -13,8 +13,7 @@ from perfcap.pipeline.adapt import adapted, with_standing
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.motion_blender import MotionBlender
-from perfcap.pipeline.track_motion import WindowReport, solve_each, track_motion
+from perfcap.pipeline.track_motion import MotionBlender, WindowReport, solve_each, track_motion
 
 # --------------------------------------------------------------------------------------------------
 # Stretches of a solved motion that fit badly, solved again from what is on either side of them.

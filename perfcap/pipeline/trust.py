@@ -15,7 +15,6 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
-from perfcap.pipeline.objective import pose_objective
 from perfcap.solve.energy import Energy
 
 FEATURES = (
@@ -88,10 +87,10 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
 
 
 def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> Tensor:
-    cameras, seen = problem.cameras.frames(part), problem.detections.frames(part)
+    frames = problem.apart(part)
+    cameras, seen = frames.cameras, frames.detections
     unit, known = problem.pixel_unit, seen.confidence2d > 0
-    objective = pose_objective(problem.actor, cameras, seen, problem.config, unit)
-    energies = dict(objective.items())
+    energies = dict(frames.objective().items())
     pixels = (cameras.project(problem.actor.joints(motion)) - seen.joints2d).norm(dim=-1)
     error = (pixels / unit[:, None]).nan_to_num(_LOST, _LOST).clamp(max=_LOST)
     error = torch.where(known, error, 0)

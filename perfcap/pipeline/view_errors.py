@@ -20,12 +20,10 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.input_checks import require_matching
-from perfcap.pipeline.jitter import relaxed
-from perfcap.pipeline.kinds import require_kinds
+from perfcap.pipeline.input_checks import require_kinds, require_matching
 from perfcap.pipeline.liveliness import liveliest, require_motion
-from perfcap.pipeline.objective import kernel, neutral_angles, person_height, trajectory_prior
-from perfcap.pipeline.prepare import prepare
+from perfcap.pipeline.objective import FrameProblem, kernel, neutral_angles, trajectory_prior
+from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import Settings
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
@@ -180,7 +178,8 @@ def solve_views(
         require_motion(some, rate)
         clock = _whole_frames(cameras, some, round(settings.reach * rate))
         found = replace(found, clock=clock)
-    problem = _Problem(actor, cameras, some, rate, config, settings)
+    frames = FrameProblem.of(actor, cameras.to(some.joints2d), some, config)
+    problem = _Problem(relaxed(frames), rate, settings)
     for _ in range(settings.rounds):
         found = problem.solved(found, sync, refine)
     return _as_given(found)
@@ -231,29 +230,17 @@ def _disagreement(cameras: Camera, detections: Detections, clock: Tensor) -> Ten
 class _Problem:
     """A stretch of a clip, and the solves of it."""
 
-    def __init__(
-        self,
-        actor: Actor,
-        cameras: Camera,
-        detections: Detections,
-        rate: float,
-        config: PoseConfig,
-        settings: ViewErrorConfig,
-    ) -> None:
-        like = detections.joints2d
-        self.actor, self.cameras, self.detections = actor, cameras.to(like), detections
-        self.rate, self.settings = rate, settings
-        self.unit = 0.01 * person_height(detections)
-        self.config = relaxed(config, detections, self.unit)
+    def __init__(self, frames: FrameProblem, rate: float, settings: ViewErrorConfig) -> None:
+        self.frames, self.rate, self.settings = frames, rate, settings
 
     def solved(self, known: ViewErrors, sync: bool, refine: bool) -> ViewErrors:
         """One round: poses of views as corrected so far, then all unknowns together."""
-        cameras = known.of_cameras(self.cameras)
-        detections = known.of_detections(self.detections)
-        prepared = prepare(self.actor, cameras, detections)
-        motion, _ = initialize(self.actor, cameras, prepared, self.config, self.unit)
-        views = self.cameras.views
-        groups = len(self.actor.skeleton.group_names)
+        frames = self.frames
+        cameras = known.of_cameras(frames.cameras)
+        detections = known.of_detections(frames.detections)
+        motion, _ = initialize(prepare(replace(frames, cameras=cameras, detections=detections)))
+        views = frames.cameras.views
+        groups = len(frames.actor.skeleton.group_names)
         shared = {BONES: motion.angles.new_zeros(groups)}
         if sync:
             assert known.clock is not None
@@ -264,25 +251,25 @@ class _Problem:
             shared[CAMERAS] = zeros if start is None else start.flatten().to(zeros)
         motion = replace(motion, shared=shared)
         objective = self._objective(motion)
-        method = LevenbergMarquardt(self.settings.steps, self.config.tolerance)
+        method = LevenbergMarquardt(self.settings.steps, frames.config.tolerance)
         state: Motion = solve(objective, motion, method, self._bounds(motion)).state
         return self._errors(objective, state)
 
     def _objective(self, motion: Motion) -> Objective:
-        config, settings, frames = self.config, self.settings, motion.frames
-        views = self.cameras.views
-        landmarks, r = self.actor.landmarks, config.reprojection
+        known, settings, frames = self.frames, self.settings, motion.frames
+        config, views = known.config, known.cameras.views
+        landmarks, r = known.actor.landmarks, config.reprojection
         energies: dict[str, Energy[Any]] = {
             "joints2d": UncertainViews(
                 landmarks,
-                self.cameras,
-                self.detections,
+                known.cameras,
+                known.detections,
                 r.weight,
                 kernel(r.scale),
-                r.deviation * self.unit,
+                r.deviation * known.pixel_unit,
             ),
             "trajectory": trajectory_prior(config.trajectory, frames, self.rate),
-            "prior": PosePrior(neutral_angles(self.actor), config.prior.deviation),
+            "prior": PosePrior(neutral_angles(known.actor), config.prior.deviation),
             "bones": BoneLengthPrior(
                 motion.shared_sizes[BONES], frames, config.bones.size, config.bones.own
             ),
@@ -294,7 +281,7 @@ class _Problem:
 
     def _bounds(self, motion: Motion) -> Bounds:
         """Angles within their limits, the first clock fixed, others near the whole frames."""
-        lower, upper = self.actor.skeleton.bounds
+        lower, upper = self.frames.actor.skeleton.bounds
         sides = []
         for sign in (-1.0, 1.0):
             parts = []

@@ -22,9 +22,9 @@ from perfcap.actor.template import INFLUENCES
 from perfcap.errors import InputError
 from perfcap.geometry.laplacian import laplacian
 from perfcap.geometry.surface_topology import SurfaceTopology, surface_topology
+from perfcap.rigging import _sight_numba
 from perfcap.rigging.bones import Bones
 from perfcap.rigging.overrides import Override
-from perfcap.rigging.sight import Sight
 
 # --- Heat on a triangle mesh ----------------------------------------------------------------------
 
@@ -264,3 +264,46 @@ def _only(weights: Floats, allowed: Flags) -> Floats:
     """Weights without bones that are not allowed; equal shares where nothing is left."""
     kept = np.where(allowed, np.maximum(weights, 0.0), 0.0) + 1e-9 * allowed
     return np.asarray(kept / kept.sum(1, keepdims=True))
+
+
+# --- Whether a mesh stands between two points -----------------------------------------------------
+
+_MOST_CELLS = 4_000_000
+_EDGES_A_CELL = 2.0  # cells are about this many edges wide
+
+
+class Sight:
+    """Line of sight through the triangles of a mesh, found through a uniform grid.
+
+    Args:
+        places: (U, 3), metres.
+        faces: (T, 3).
+    """
+
+    def __init__(self, places: Floats, faces: Integers) -> None:
+        self._faces = np.ascontiguousarray(faces)
+        self._corners = np.ascontiguousarray(places[faces])
+        low, high = places.min(0) - 1e-6, places.max(0) + 1e-6
+        edge = np.linalg.norm(self._corners - np.roll(self._corners, 1, 1), axis=-1)
+        cell = _EDGES_A_CELL * float(np.median(edge)) if len(edge) else 1.0
+        cell = max(cell, float(np.prod(high - low) / _MOST_CELLS) ** (1 / 3), 1e-9)
+        shape = np.ceil((high - low) / cell).astype(np.int64).clip(min=1)
+        while np.prod(shape.astype(float)) > _MOST_CELLS:
+            cell *= 1.3
+            shape = np.ceil((high - low) / cell).astype(np.int64).clip(min=1)
+        self._grid = (low, cell, shape)
+        self._cells = _sight_numba.cells_of(self._corners, *self._grid)
+
+    def blocked(self, starts: Floats, ends: Floats, own: Integers) -> Flags:
+        """Whether a triangle lies between starts and ends, (N, 3) each; (N,).
+
+        Args:
+            starts: points, metres.
+            ends: points, metres.
+            own: the place each start is at, (N,); triangles at it never block. -1 for none.
+        """
+        starts, ends = (np.ascontiguousarray(p, dtype=np.float64) for p in (starts, ends))
+        hidden: Flags = _sight_numba.blocked(
+            starts, ends, own, self._corners, self._faces, *self._grid, *self._cells
+        )
+        return hidden

@@ -106,7 +106,7 @@ def test_joints_that_a_capture_refuses_are_refused(
     write_detections(tmp_path / "wrong.npz", replace(given, joints2d=wrong))
     options = ["--cameras", take.camera, "--detections", tmp_path / "wrong.npz"]
     files = ["actor", "fit", take.video, *options, "--out", tmp_path / "out"]
-    line = perfcap([*files, "--no-silhouettes", "--height", 1.7]).refused()
+    line = perfcap([*files, "--from", "joints", "--height", 1.7]).refused()
     assert change in line and not (tmp_path / "out").exists()
 
 
@@ -116,6 +116,6 @@ def test_a_project_is_read(tmp_path: Path, perfcap: Command) -> None:
     seen = detect(made.actor, cameras, made.truth, False)
     project = write_pose2sim(tmp_path / "walk", replace(made, cameras=cameras, detections=seen))
     out = tmp_path / "me"
-    done = perfcap(["actor", "fit", project, "--out", out, "--no-silhouettes", "--count", 3])
+    done = perfcap(["actor", "fit", project, "--out", out, "--from", "joints", "--count", 3])
     assert done.code == 0 and "a project of Pose2Sim with 2 videos" in done.out, done
     assert "in 2 views" in (out / "measurements.json").read_text()

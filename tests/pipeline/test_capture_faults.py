@@ -11,7 +11,6 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
 
@@ -162,12 +161,12 @@ def test_nobody_anywhere_is_bad_input(take: Take) -> None:
 def test_shy_confidences_weigh_like_bold_ones(take: Take, share: float) -> None:
     """Detectors differ in what they call confident; none of the units may collapse for that."""
     shy = replace(take.detections, confidence2d=share * take.detections.confidence2d)
-    assert torch.equal(person_height(shy), person_height(take.detections))
+    assert torch.equal(shy.person_height(), take.detections.person_height())
 
 
 def test_a_close_up_has_a_height() -> None:
     take = make_take(5)
     confidence = torch.zeros_like(take.detections.confidence2d)
     confidence[..., :4] = 1  # head, neck, one arm
-    height = person_height(replace(take.detections, confidence2d=confidence))
+    height = replace(take.detections, confidence2d=confidence).person_height()
     assert 20 < float(height) < 300

@@ -14,7 +14,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import MONOPERFCAP_POSE, PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
@@ -159,9 +159,8 @@ def test_progress_tells_every_stage_to_its_end() -> None:
 def test_a_truth_that_is_smooth_stays_where_it_is() -> None:
     """Tracking from the truth, with what it would detect, moves nothing by more than the prior."""
     take = make_take(50, views=3, lifted=False)
-    unit = 0.01 * person_height(take.detections)
-    config = PoseConfig()
-    problem = ClipProblem(take.actor, take.cameras, take.detections, config, unit, take.rate)
+    frames = FrameProblem.of(take.actor, take.cameras, take.detections)
+    problem = ClipProblem.of(frames, take.rate)
     motion, _ = track_motion(problem, take.truth)
     assert take.error_mm(take.actor.joints(motion)).mean() < 3
 
@@ -169,12 +168,10 @@ def test_a_truth_that_is_smooth_stays_where_it_is() -> None:
 def test_frames_of_the_start_do_not_know_each_other() -> None:
     """Initialisation is per frame: any part of a clip gives that part's poses."""
     take = make_take(12, views=2, lifted=False)
-    config = PoseConfig()
-    unit = 0.01 * person_height(take.detections)
+    frames = FrameProblem.of(take.actor, take.cameras, take.detections)
 
     def start(part: slice) -> Motion:
-        prepared = prepare(take.actor, take.cameras, take.detections.frames(part))
-        return initialize(take.actor, take.cameras, prepared, config, unit)[0]
+        return initialize(prepare(frames.frames(part)))[0]
 
     whole, part = start(slice(0, 12)), start(slice(5, 9))
     assert torch.allclose(whole.angles[5:9], part.angles, atol=1e-6)

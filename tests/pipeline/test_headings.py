@@ -13,9 +13,13 @@ from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.headings import _standing_start, search_headings
-from perfcap.pipeline.initialize import initialize, joint_places
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.initialize import (
+    _standing_start,
+    initialize,
+    joint_places,
+    search_headings,
+)
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 
 FRAMES = 12
@@ -31,10 +35,12 @@ def start(take: Take, detections: Detections, views: list[int] | None = None) ->
     """The motion that a capture of some views starts from."""
     views = views or list(range(detections.views))
     cameras, detections = take.cameras.select(views), detections.select(views)
-    unit = 0.01 * person_height(detections)
-    return initialize(
-        take.actor, cameras, prepare(take.actor, cameras, detections), PoseConfig(), unit
-    )[0]
+    return initialize(prepare(FrameProblem.of(take.actor, cameras, detections)))[0]
+
+
+def problem(take: Take, batch: int = PoseConfig().initial_batch) -> FrameProblem:
+    config = PoseConfig(initial_batch=batch)
+    return FrameProblem.of(take.actor, take.cameras, take.detections, config)
 
 
 def errors(take: Take, motion: Motion) -> torch.Tensor:
@@ -85,25 +91,21 @@ def test_frames_that_nobody_sees_lie_between_those_found() -> None:
 
 def test_many_frames_are_searched_in_parts() -> None:
     take = make_take(6, lifted=False)
-    unit = 0.01 * person_height(take.detections)
     rest = take.actor.skeleton.rest_motion(6)
     none = torch.zeros(6, dtype=torch.bool)
-    given = (take.actor, take.cameras, take.detections)
-    whole, found = search_headings(*given, PoseConfig(), unit, rest, none)
-    parts, _ = search_headings(*given, PoseConfig(initial_batch=4), unit, rest, none)
+    whole, found = search_headings(problem(take), rest, none)
+    parts, _ = search_headings(problem(take, batch=4), rest, none)
     assert found.all() and not none.any()
     torch.testing.assert_close(parts.angles, whole.angles)
 
 
 def test_known_frames_and_those_around_are_left_alone() -> None:
     take = make_take(8, lifted=False)
-    unit = 0.01 * person_height(take.detections)
     known = torch.ones(8, dtype=torch.bool)
-    given = (take.actor, take.cameras, take.detections)
-    motion, found = search_headings(*given, PoseConfig(), unit, take.truth, known)
+    motion, found = search_headings(problem(take), take.truth, known)
     assert motion is take.truth and torch.equal(found, known)
     known[1:] = False
-    motion, found = search_headings(*given, PoseConfig(), unit, take.truth, known)
+    motion, found = search_headings(problem(take), take.truth, known)
     assert torch.equal(motion.angles[0], take.truth.angles[0])
     assert found.tolist() == [True, *5 * [False], True, True]
 
@@ -119,10 +121,11 @@ def test_two_joints_in_each_of_two_views_are_nobody() -> None:
 def test_3d_joints_of_several_views_are_averaged_where_2d_joints_are_missing() -> None:
     take = make_take(FRAMES, views=2)
     unseen = torch.zeros_like(take.detections.confidence2d)
-    prepared = prepare(take.actor, take.cameras, take.detections)
+    prepared = prepare(problem(take))
     assert prepared.lifted is not None and bool(prepared.detections.trusted3d.all())
-    blind = replace(prepared, detections=replace(prepared.detections, confidence2d=unseen))
-    points, weights = joint_places(take.cameras, blind)
+    seen = replace(prepared.detections, confidence2d=unseen)
+    blind = replace(prepared, problem=replace(prepared.problem, detections=seen))
+    points, weights = joint_places(blind)
     torch.testing.assert_close(points, prepared.lifted.mean(1))
     assert (weights == 1).all()
 
@@ -132,7 +135,7 @@ def test_headings_are_of_people_upright_in_the_image() -> None:
     up = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
     ahead = []
     for yaw in (0.0, 0.8, 4.0):
-        start = _standing_start(take.actor, take.cameras, take.detections, yaw)
+        start = _standing_start(problem(take), yaw)
         turn = take.cameras.rotation[..., 0, :, :] @ rotvec_to_matrix(start.rotation)
         torch.testing.assert_close(turn @ up, -up.expand(FRAMES, 3))  # y is down in a camera
         ahead.append(turn[0] @ up.roll(1))

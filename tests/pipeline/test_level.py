@@ -7,7 +7,7 @@ from takes import make_take
 from perfcap.energy import PosePrior
 from perfcap.errors import InputError
 from perfcap.pipeline import capture
-from perfcap.pipeline.level import moved_cameras, moved_motion
+from perfcap.pipeline.move import moved_cameras, moved_motion
 
 F64 = torch.float64
 # a camera that is tilted by 20 degrees, its y down

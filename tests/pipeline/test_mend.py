@@ -10,7 +10,6 @@ from takes import Take, make_take
 from perfcap.actor.motion import Motion
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.objective import person_height
 from perfcap.pipeline.track_motion import WindowReport, track_motion
 from perfcap.pipeline.track_twice import _misfits, mended
 from perfcap.solve import Status
@@ -18,7 +17,7 @@ from perfcap.temporal.window import Window
 
 
 def problem_of(take: Take) -> ClipProblem:
-    unit = 0.01 * person_height(take.detections)
+    unit = 0.01 * take.detections.person_height()
     noise = torch.randn(
         take.detections.joints2d.shape, generator=torch.Generator().manual_seed(3)
     ).double()

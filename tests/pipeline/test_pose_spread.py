@@ -5,9 +5,9 @@ from crowds import RATE, make_crowd
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.detect.detections import Detections
-from perfcap.pipeline import CaptureConfig, capture
+from perfcap.pipeline import capture
 from perfcap.pipeline.clip_problem import ClipProblem
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.pose_spread import part_deviations, parts_of_triangles
 
 CROWD = make_crowd(1, frames=12, views=4)
@@ -21,8 +21,7 @@ def deviations(views: list[int], noise: float = 6.0, seed: int = 0):
     moved = pixels + noise * torch.randn(pixels.shape, generator=random, dtype=pixels.dtype)
     detections = Detections.from_joints(moved, torch.ones(moved.shape[:-1]).to(moved))
     found = capture(actor, cameras, detections, RATE)
-    unit = 0.01 * person_height(detections)
-    problem = ClipProblem(actor, cameras, detections, CaptureConfig().pose, unit, RATE)
+    problem = ClipProblem.of(FrameProblem.of(actor, cameras, detections), RATE)
     return part_deviations(problem, found.motion), found.joints()
 
 

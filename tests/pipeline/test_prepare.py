@@ -7,11 +7,25 @@ import torch
 from synthetic import actor, cameras
 from takes import make_take, without
 
+from perfcap.actor.actor import Actor
+from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import bone_vectors, mid_hip, retarget
-from perfcap.pipeline.prepare import prepare
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.prepare import Prepared
+from perfcap.pipeline.prepare import prepare as prepare_frames
 
 HIPS, HEAD = [LANDMARKS.index(n) for n in ("r_hip", "l_hip")], LANDMARKS.index("head_top")
+
+
+def prepare(
+    person: Actor, views: Camera, detections: Detections, gate: float = PoseConfig().position.gate
+) -> Prepared:
+    config = PoseConfig()
+    config = replace(config, position=replace(config.position, gate=gate))
+    return prepare_frames(FrameProblem.of(person, views, detections, config))
 
 
 def test_retargeting_sets_lengths_and_keeps_directions() -> None:
@@ -85,7 +99,7 @@ def test_the_gate_is_a_mean_distance_in_head_lengths() -> None:
 
 def test_a_tighter_gate_trusts_less_and_never_more() -> None:
     take = make_take(12)
-    assert not prepare(take.actor, take.cameras, take.detections, 0.0).detections.trusted3d.any()
+    assert not prepare(take.actor, take.cameras, take.detections, 1e-9).detections.trusted3d.any()
     none = without(take.detections, slice(3, 6))
     trusted = prepare(take.actor, take.cameras, none, 1e9).detections.trusted3d[:, 0]
     assert torch.where(~trusted)[0].tolist() == [3, 4, 5]

@@ -14,7 +14,7 @@ from perfcap.energy.trajectory import Trajectory
 from perfcap.pipeline.adapt import adapted, calibrated, gain, variance
 from perfcap.pipeline.clip_problem import ClipProblem, FirstSolve, WindowData
 from perfcap.pipeline.config import MONOPERFCAP_POSE, EvidenceConfig, PoseConfig
-from perfcap.pipeline.objective import person_height, trajectory_prior
+from perfcap.pipeline.objective import FrameProblem, trajectory_prior
 from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.prior_evidence import _likelihood, _maximize
 from perfcap.pipeline.track_twice import track_twice
@@ -31,10 +31,8 @@ def normal(*shape: int, seed: int = 0) -> Tensor:
 
 def problem(config: PoseConfig | None = None) -> ClipProblem:
     take = make_take(60)
-    unit = 0.01 * person_height(take.detections)
-    return ClipProblem(
-        take.actor, take.cameras, take.detections, config or PoseConfig(), unit, take.rate
-    )
+    frames = FrameProblem.of(take.actor, take.cameras, take.detections, config)
+    return ClipProblem.of(frames, take.rate)
 
 
 @pytest.mark.parametrize("stiff", [0.1, 1.0])

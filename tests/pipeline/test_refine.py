@@ -21,7 +21,7 @@ from perfcap.io.detections import read_detections
 from perfcap.pipeline import CaptureConfig, Performance, Stage, capture
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.images import Frames, Images
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.refine import image_heights
 from perfcap.pipeline.refine_pose import PoseRefinement
@@ -166,14 +166,13 @@ def test_a_view_that_detects_nobody_knows_how_tall_the_person_is() -> None:
     """From the motion, in pixels of the images; contours of a 1 px person would find no pair."""
     made = make_take(6, views=2)
     blind = without(made.detections, slice(None), slice(1, 2))
-    unit = 0.01 * person_height(blind)
-    assert unit[1] == 0.01
-    seen = prepare(made.actor, made.cameras, blind).detections
-    problem = ClipProblem(made.actor, made.cameras, seen, CONFIG.pose, unit, 30.0)
+    frames = FrameProblem.of(made.actor, made.cameras, blind, CONFIG.pose)
+    assert frames.pixel_unit[1] == 0.01
+    problem = ClipProblem.of(prepare(frames).problem, 30.0)
     intrinsics = made.cameras.intrinsics * torch.tensor([2.0, 2.0, 1.0]).double()[:, None]
     large = replace(made.cameras, intrinsics=intrinsics)
     heights = image_heights(problem, made.truth, Images(Painted(np.zeros(0, np.uint8)), large))
-    torch.testing.assert_close(heights, 2 * person_height(made.detections))
+    torch.testing.assert_close(heights, 2 * made.detections.person_height())
     found = capture(made.actor, made.cameras, blind, 30.0)
     assert [line for line in found.warnings if "view 1" in line and "detects nobody" in line]
     assert not capture(made.actor, made.cameras, made.detections, 30.0).warnings

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
+from time import sleep
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.presets import RHODIN
+from perfcap.pipeline.presets import RHODIN, CaptureConfig
 from perfcap.pipeline.refine_contours import ContoursConfig, ContourSight
 from perfcap.pipeline.stage import Stage
 from perfcap.render import ProjectedMesh, Texture, render
@@ -79,17 +81,18 @@ def film(take: Take, kind: str = "slope") -> Film:
     return Film(views)
 
 
-def captured(take: Take, images: Film | None, **options: object) -> Performance:
+def captured(
+    take: Take, images: Film | None, config: CaptureConfig = QUICK, **options: object
+) -> Performance:
     given = None if images is None else Images(images, take.cameras)
     return capture(
         take.actor,
         take.cameras,
         take.detections,
         take.rate,
-        QUICK,
+        config,
         images=given,
-        workers=1,
-        **options,  # type: ignore[arg-type]
+        **{"workers": 1, **options},  # type: ignore[arg-type]
     )
 
 
@@ -125,6 +128,23 @@ def test_the_stage_is_resumed_to_the_same_bits(take: Take, tmp_path: Path) -> No
     assert {"volume.log", "refine_contours.log"} <= {path.name for path in tmp_path.iterdir()}
     assert again.contours is not None and first.contours is not None
     np.testing.assert_array_equal(first.contours.after, again.contours.after)
+
+
+def test_threads_read_a_video_in_order(take: Take) -> None:
+    """Files are decoded from frame to frame, by one thread at a time."""
+    reading = Lock()
+
+    class Decoded(Film):
+        def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+            assert reading.acquire(blocking=False), "a video is read by two threads at once"
+            sleep(1e-3)
+            reading.release()
+            return super().read_view(view, start, stop)
+
+    shots = Decoded(film(take).views)
+    windows = replace(QUICK, pose=replace(QUICK.pose, window=3, overlap=1))
+    two, one = (captured(take, shots, windows, workers=workers) for workers in (2, 1))
+    assert torch.equal(two.motion.angles, one.motion.angles)
 
 
 def test_a_person_outside_of_the_images(take: Take) -> None:

@@ -4,20 +4,26 @@ from dataclasses import replace
 
 import pytest
 import torch
-from takes import make_take, sway
+from takes import Take, make_take, sway
 
 from perfcap.errors import InputError
 from perfcap.pipeline import capture
+from perfcap.pipeline.clip_problem import ClipProblem
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.result_doubts import result_doubts
+
+
+def problem(take: Take) -> ClipProblem:
+    return ClipProblem.of(FrameProblem.of(take.actor, take.cameras, take.detections), take.rate)
 
 
 def test_a_person_four_kilometres_away_is_told() -> None:
     take = make_take(4)
     here = sway(take.actor, 4)
     far = replace(here, translation=here.translation + 4000.0)
-    (told,) = result_doubts(take.actor, take.cameras, far, take.rate, solved_bones=False)
+    (told,) = result_doubts(problem(take), far, solved_bones=False)
     assert "m from the cameras" in told
-    assert not list(result_doubts(take.actor, take.cameras, here, take.rate, solved_bones=True))
+    assert not list(result_doubts(problem(take), here, solved_bones=True))
 
 
 def test_a_person_who_jumps_to_another_is_told() -> None:
@@ -26,7 +32,7 @@ def test_a_person_who_jumps_to_another_is_told() -> None:
     there = here.translation.clone()
     there[4:, 0] += 0.6
     moved = replace(here, translation=there)
-    (told,) = result_doubts(take.actor, take.cameras, moved, take.rate, solved_bones=False)
+    (told,) = result_doubts(problem(take), moved, solved_bones=False)
     assert "jumps up to 0.6" in told and "(frames 4 of the capture, counted from 0)" in told
 
 
@@ -35,7 +41,7 @@ def test_people_whom_the_cameras_make_too_tall_are_told(factor: float, told: boo
     take = make_take(4)
     here = sway(take.actor, 4)
     scales = torch.full((len(take.actor.skeleton.group_names),), factor, dtype=torch.float64)
-    parts = take.actor.resized(scales), take.cameras, here, take.rate
+    parts = replace(problem(take), actor=take.actor.resized(scales)), here
     assert ["tall by the cameras" in line for line in result_doubts(*parts, True)] == [True] * told
     assert not list(result_doubts(*parts, solved_bones=False))
 

@@ -9,9 +9,8 @@ from takes import make_take, without
 
 from perfcap.errors import InputError
 from perfcap.pipeline.bone_lengths import solve_bone_lengths, spread_frames
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import person_height
+from perfcap.pipeline.objective import FrameProblem
 
 
 def random_shape(groups: int, seed: int) -> torch.Tensor:
@@ -42,8 +41,7 @@ def test_three_views_tell_every_length_to_a_percent(seed: int) -> None:
 
 def test_the_template_s_own_detections_change_nothing() -> None:
     take = make_take(30, views=3, lifted=False)
-    unit = 0.01 * person_height(take.detections)
-    shape = solve_bone_lengths(take.actor, take.cameras, take.detections, PoseConfig(), unit)
+    shape = solve_bone_lengths(FrameProblem.of(take.actor, take.cameras, take.detections))
     assert shape.abs().max() < 0.01
 
 
@@ -64,8 +62,7 @@ def test_directions_of_3d_joints_that_are_off_shorten_no_bones() -> None:
     random = torch.Generator().manual_seed(0)
     noise = 0.1 * torch.randn(found.joints3d[:1].shape, generator=random, dtype=torch.float64)
     off = replace(found, joints3d=found.joints3d + noise)
-    unit = 0.01 * person_height(off)
-    shape = solve_bone_lengths(take.actor, take.cameras, off, PoseConfig(), unit)
+    shape = solve_bone_lengths(FrameProblem.of(take.actor, take.cameras, off))
     assert shape.abs().max() < 0.02
 
 

@@ -15,12 +15,16 @@ from perfcap.actor.sole_points import sole_skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import ContactConfig
-from perfcap.pipeline.contact import contact_probability
 from perfcap.pipeline.floor import Floor, find_floor
 from perfcap.pipeline.jobs import capture
-from perfcap.pipeline.objective import neutral_angles, person_height
+from perfcap.pipeline.objective import FrameProblem, neutral_angles
 from perfcap.pipeline.presets import MONOPERFCAP, CaptureConfig
-from perfcap.pipeline.stances import find_stances, settled_places, split_stances
+from perfcap.pipeline.stances import (
+    contact_probability,
+    find_stances,
+    settled_places,
+    split_stances,
+)
 from perfcap.pipeline.standing import find_standing
 from perfcap.pipeline.track_twice import track_twice
 
@@ -169,8 +173,8 @@ def test_the_second_solve_starts_where_feet_stand() -> None:
     start = replace(motion, translation=motion.translation + drift)
     seen, pose = detect(person, circle(3), motion), CaptureConfig().pose
     pose = replace(pose, max_steps=0, evidence=replace(pose.evidence, enabled=False))
-    unit = 0.01 * person_height(seen)
-    found, _, last = track_twice(ClipProblem(person, circle(3), seen, pose, unit, 30.0), start)
+    frames = FrameProblem.of(person, circle(3), seen, pose)
+    found, _, last = track_twice(ClipProblem.of(frames, 30.0), start)
     assert last.standing is not None and last.standing.shift.norm(dim=-1).max() > 0.005
     torch.testing.assert_close(found.translation, start.translation + last.standing.shift)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from perfcap.rigging.sight import Sight
+from perfcap.rigging.bone_heat import Sight
 
 
 def test_agrees_with_every_triangle_tested() -> None:

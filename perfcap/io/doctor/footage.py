@@ -81,7 +81,7 @@ def examine_blank(clip: Frames, names: Sequence[str], start: int = 0) -> list[Fi
         what += f" of {len(index)} looked at)"
         remedy = (
             "check the video; joints alone need no images: capture --until track_motion, actor fit "
-            "--no-silhouettes"
+            "--from joints"
         )
         findings.append(Finding(severity, name, what, remedy))
     return findings
