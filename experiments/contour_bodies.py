@@ -29,7 +29,9 @@ from surface_recordings import clip_of
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import Measurements, measure
+from perfcap.actor.shape_space import ShapeSpace
 from perfcap.app.fit_views import ChosenFrames, fit_person
 from perfcap.io.body_model import load_body_model
 from perfcap.metrics import mask_overlap
@@ -63,6 +65,8 @@ class Experiment:
     """Folder of the recordings."""
     people: int = 8
     """Random adults; 0 to go without."""
+    components: tuple[int, ...] = (5, 10, 20)
+    """Of their shapes, that are fitted from three views."""
     sequences: tuple[str, ...] = ("dev_views",)
     """Of ``rendered_multi``."""
     real: bool = True
@@ -74,7 +78,7 @@ class Experiment:
 def run(config: Experiment) -> Report:
     """All tables."""
     torch.set_num_threads(1)
-    tables = [_adults(config)] if config.people else []
+    tables = _adults(config) if config.people else []
     rows = [row for name in config.sequences for row in _recorded(config, name)]
     columns = (
         "sequence", "views", "body from", "height, cm", "chest", "waist", "hip", "girths",
@@ -94,13 +98,15 @@ def run(config: Experiment) -> Report:
 # --- Random adults --------------------------------------------------------------------------------
 
 
-def _adults(config: Experiment) -> Table:
+def _adults(config: Experiment) -> list[Table]:
     people = People(config.seed)
     who = [people.shape() for _ in range(config.people)]
     poses = [[people.pose(one, (-35.0, 10.0)) for _ in range(6)] for one in who]
-    rows = []
+    rows, fewer = [], []
     for views in (2, 3, 6):
-        errors: dict[str, list[NDArray[np.float64]]] = {"joints": [], "contours": [], "masks": []}
+        kinds = ["joints", "contours", "masks"]
+        kinds += [str(count) for count in config.components] if views == 3 else []
+        errors: dict[str, list[NDArray[np.float64]]] = {kind: [] for kind in kinds}
         for number, frames in enumerate(poses):
             rng = np.random.default_rng([config.seed, number])
             true = np.array(astuple(true_measurements(frames[0])))
@@ -112,9 +118,17 @@ def _adults(config: Experiment) -> Table:
         for kind, missed in errors.items():
             size = np.abs(missed)
             girths = size[:, 1:4].mean(1)
-            rows.append((views, kind, *size.mean(0)[:4], girths.mean(), girths.std()))
-    columns = ("views", "fitted to", "height", "chest", "waist", "hip", "girths", "± people")
-    return Table("random adults: mean absolute errors, cm", columns, tuple(rows), 2)
+            row = (kind, *size.mean(0)[:4], girths.mean(), girths.std())
+            if kind.isdecimal():
+                fewer.append(row)
+            else:
+                rows.append((views, *row))
+    names = ("height", "chest", "waist", "hip", "girths", "± people")
+    errors_of = "mean absolute errors, cm"
+    return [
+        Table(f"random adults: {errors_of}", ("views", "fitted to", *names), tuple(rows), 2),
+        Table(f"from contours, three views: {errors_of}", ("components", *names), tuple(fewer), 2),
+    ]
 
 
 class _Painted:
@@ -150,6 +164,10 @@ class _Painted:
 
 def _fitted(take: Take, shown: _Painted, kind: str) -> Measurements:
     model, cameras, seen = load_body_model(), take.cameras, take.detections
+    if kind.isdecimal():
+        pairs = (model.surface, model.bones)
+        parts = (ShapeSpace(space.mean, space.basis[: int(kind)]) for space in pairs)
+        model, kind = BodyModel(*parts, model.rig), "contours"
     actor = model.actor(torch.zeros(0))
     problem = replace(FrameProblem.of(actor, cameras, seen), pixel_unit=0.01 * extents(seen))
     initial, _ = initialize(prepare(problem))

@@ -40,6 +40,25 @@ class Measurements:
     inseam: float
 
 
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """Where a tape lies around a body: places on edges of its mesh, in order.
+
+    Attributes:
+        edges: vertices at both ends of each edge, (N, 2).
+        share: of the second end, (N,).
+    """
+
+    edges: Integers
+    share: Floats
+
+    def on(self, vertices: Floats) -> Floats:
+        """The ring on a posed surface (*b, V, 3), (*b, N, 3)."""
+        first, second = (vertices[..., self.edges[:, end], :] for end in (0, 1))
+        points: Floats = first + self.share[:, None] * (second - first)
+        return points
+
+
 def measure(template: Template) -> Measurements:
     """Measure a body in its rest pose: upright, arms away from the trunk, legs apart.
 
@@ -48,12 +67,36 @@ def measure(template: Template) -> Measurements:
     Raises:
         InputError: a joint is missing, or there is no trunk between hips and shoulders.
     """
+    return take(template.vertices, template.faces, *_tape(template), template.name)
+
+
+def girth_rings(template: Template) -> dict[str, Ring]:
+    """Where chest, waist and hip are measured on a body in its rest pose.
+
+    Raises:
+        InputError: as ``measure``.
+    """
+    arm, joints = _tape(template)
+    vertices, faces = template.vertices, template.faces
+    levels, _, trunk = _levels(vertices, faces, arm, joints, template.name)
+    return {name: _ring(vertices, trunk, level) for name, (_, level) in levels.items()}
+
+
+def _tape(template: Template) -> tuple[NDArray[np.bool_], dict[str, Floats]]:
+    """Which vertices are arms, and joints between which levels are looked for."""
     bones = {name: template.bone(name) for name in TAPE_JOINTS}
     joints = {name: template.bone_rest[bone, :3, 3] for name, bone in bones.items()}
     arm = arm_vertices(
         template.bone_names, template.bone_parents, template.weight_bones, template.weights
     )
-    return take(template.vertices, template.faces, arm, joints, template.name)
+    return arm, joints
+
+
+def _ring(vertices: Floats, faces: Integers, level: float) -> Ring:
+    """The convex outline of the section by the plane y = level."""
+    edges, share = _crossings(vertices, faces, level)
+    outline = ConvexHull(Ring(edges, share).on(vertices)[:, [0, 2]]).vertices
+    return Ring(edges[outline], share[outline])
 
 
 def take(
@@ -72,22 +115,31 @@ def take(
         joints: rest positions of ``TAPE_JOINTS``, (3,) each.
         name: for messages.
     """
+    floor, top = vertices[:, 1].min(), vertices[:, 1].max()
+    levels, crotch, _ = _levels(vertices, faces, arm, joints, name)
+    girths = {part: size for part, (size, _) in levels.items()}
+    return Measurements(height=float(top - floor), inseam=float(crotch - floor), **girths)
+
+
+def _levels(
+    vertices: Floats,
+    faces: Integers,
+    arm: NDArray[np.bool_],
+    joints: Mapping[str, Floats],
+    name: str,
+) -> tuple[dict[str, tuple[float, float]], float, Integers]:
+    """Girths with their levels, that of the crotch, and the faces of the trunk."""
     hips = 0.5 * (joints["l_hip"] + joints["r_hip"])
     shoulders = 0.5 * (joints["l_shoulder"] + joints["r_shoulder"])
-    floor, top = vertices[:, 1].min(), vertices[:, 1].max()
     trunk = faces[~arm[faces].any(1)]
     crotch = _crotch(vertices, trunk, float(hips[0]), float(hips[1]))
     length = float(shoulders[1] - hips[1])
     girths = _Girths(vertices, trunk, name)
     chest_from, chest_to = hips[1] + 0.55 * length, hips[1] + 0.80 * length
-    waist, waist_level = girths.least(hips[1] + 0.15 * length, chest_from)
-    return Measurements(
-        height=float(top - floor),
-        chest=girths.largest(chest_from, chest_to)[0],
-        waist=waist,
-        hip=girths.largest(crotch + 0.01, waist_level)[0],
-        inseam=float(crotch - floor),
-    )
+    waist = girths.least(hips[1] + 0.15 * length, chest_from)
+    chest = girths.largest(chest_from, chest_to)
+    hip = girths.largest(crotch + 0.01, waist[1])
+    return {"chest": chest, "waist": waist, "hip": hip}, crotch, trunk
 
 
 def girth(vertices: Floats, faces: Integers, level: float) -> float:
@@ -113,14 +165,18 @@ def girth(vertices: Floats, faces: Integers, level: float) -> float:
 
 def section(vertices: Floats, faces: Integers, level: float) -> Floats:
     """Points in which the edges of triangles cross the plane y = level, (P, 3)."""
+    return Ring(*_crossings(vertices, faces, level)).on(vertices)
+
+
+def _crossings(vertices: Floats, faces: Integers, level: float) -> tuple[Integers, Floats]:
+    """Edges (P, 2) that cross the plane y = level, and where, as shares of the second end."""
     height = vertices[:, 1] - level
     above = height >= 0
     crossing = faces[above[faces].any(1) & ~above[faces].all(1)]
     sides = np.concatenate([crossing[:, [0, 1]], crossing[:, [1, 2]], crossing[:, [2, 0]]])
-    a, b = sides[above[sides[:, 0]] != above[sides[:, 1]]].T
-    share = (height[a] / (height[a] - height[b]))[:, None]
-    points: Floats = (1 - share) * vertices[a] + share * vertices[b]
-    return points
+    edges = sides[above[sides[:, 0]] != above[sides[:, 1]]]
+    first, second = height[edges].T
+    return edges, first / (first - second)
 
 
 class _Girths:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.body_model import BodyModel
+from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
 from perfcap.app.body_doubts import mask_doubts, outline_doubts
@@ -41,10 +42,12 @@ _SIZE = 360  # px, side of each picture
 _ROOM = 0.65  # half a picture, over the person's size
 _QUALITY = 88
 _STYLE = OverlayStyle(tint=0.12)
+_TAPE = (255, 64, 200)  # colour of girths
+_SHIFT, _FAR = 4, 1e5  # bits below a pixel; px
 
 
 def save_fit_sheet(path: Path, model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> None:
-    """Draw outline, joints and detections of some frames, one a row, into a JPEG file."""
+    """Draw outline, joints, detections and girths of some frames, one a row, as a JPEG file."""
     encoded = cv2.imencode(
         ".jpg", fit_sheet(model, fit, chosen)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
     )[1]
@@ -58,6 +61,8 @@ def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
     actor = model.actor(torch.zeros(0)).to(chosen.detections.joints2d)
     surface = ShapedPoints.of_surface(model, actor)
     marks = ShapedPoints.of_landmarks(model, actor).at(np.arange(16))
+    person = Actor(fit.template).to(chosen.detections.joints2d)
+    rings = girth_rings(fit.template).values()
     frames = sorted({int(f) for f in np.linspace(0, len(chosen) - 1, _FRAMES).round()})
     rows = []
     for frame in frames:
@@ -66,6 +71,8 @@ def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
         local = cameras.to_camera(surface(motion))
         pixels, depth = cameras.project_camera(local)[0], local[0, ..., 2]
         points = cameras.project(marks(motion))[0].double().numpy()
+        posed = person.surface(replace(motion, shared={}))[0].double().numpy()
+        tapes = [cameras.project(torch.from_numpy(ring.on(posed)[None]))[0] for ring in rings]
         row = []
         for view in range(min(cameras.views, _VIEWS)):
             faces = torch.from_numpy(model.rig.faces)
@@ -74,9 +81,19 @@ def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
             sure = chosen.detections.confidence2d[frame, view].numpy()
             image = chosen.read_view(view, frame, frame + 1)[0]
             picture = draw_overlay(image, drawn.mask.numpy(), points[view], seen, sure, _STYLE)
+            for tape in tapes:
+                _draw_ring(picture, tape[view].numpy())
             row.append(_around(picture, points[view]))
         rows.append(np.concatenate(row, 1))
     return np.concatenate(rows)
+
+
+def _draw_ring(picture: Image, ring: NDArray[np.float64]) -> None:
+    """A closed line through pixels (N, 2), where they all are somewhere near the picture."""
+    if not np.isfinite(ring).all() or np.abs(ring).max() > _FAR:
+        return
+    corners = (ring * 2**_SHIFT).round().astype(np.int32)
+    cv2.polylines(picture, [corners], True, _TAPE, 1, cv2.LINE_AA, _SHIFT)
 
 
 def _around(picture: Image, points: NDArray[np.float64]) -> Image:

@@ -11,7 +11,7 @@ import trimesh
 from scipy.special import ellipe
 
 from perfcap.actor.body_model import BodyModel
-from perfcap.actor.measurements import girth, measure, section
+from perfcap.actor.measurements import girth, girth_rings, measure, section
 from perfcap.io.body_model import load_body_model
 
 
@@ -118,3 +118,16 @@ def _correspondence(ours: BodyModel, person: torch.Tensor) -> torch.Tensor:
         at = cKDTree(place.numpy()).query(ours.vertices(shape).numpy())[1]
         shape = ours.surface.coefficients(place[at], ridge=1e-2)
     return torch.tensor(at)
+
+
+def test_rings_are_where_girths_are_measured() -> None:
+    template = load_body_model().template(torch.tensor([0.5, -0.7], dtype=torch.float64))
+    sizes, rings = measure(template), girth_rings(template)
+    assert list(rings) == ["chest", "waist", "hip"]
+    for name, ring in rings.items():
+        points = ring.on(template.vertices)
+        assert np.ptp(points[:, 1]) < 1e-9  # level
+        around = np.linalg.norm(points - np.roll(points, 1, 0), axis=1).sum()
+        assert around == pytest.approx(getattr(sizes, name), rel=1e-9)
+    moved = rings["hip"].on(np.stack((template.vertices, template.vertices + 1.0)))
+    assert np.allclose(moved[1] - moved[0], 1.0)
