@@ -119,9 +119,14 @@ def fit_body(
         contours: edges of the images, in place of masks; with ``consensus="shared"`` alone.
 
     Raises:
-        InputError: frames of the arguments do not agree.
+        InputError: frames of the arguments do not agree, or masks and contours are both given.
     """
     settings = settings or ViewFitSettings()
+    if contours is not None and (masks is not None or settings.consensus != "shared"):
+        raise InputError(
+            "contours: are fitted in place of masks, to one shape of all frames; leave out masks, "
+            'and take consensus="shared"'
+        )
     _require_frames(detections, initial, masks)
     problem = _Problem(model, cameras, detections, height, settings)
     if settings.consensus == "median":

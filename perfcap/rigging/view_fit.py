@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
 from perfcap.setting_checks import Settings
 
 # How far joints of detectors lie from those of bodies, constantly: Needham et al. 2021 found 3 to
@@ -57,3 +58,11 @@ class ViewFitSettings(Settings):
     steps: tuple[int, ...] = (25, 12, 10)
     edge_steps: tuple[int, ...] = (12, 10)
     consensus: Literal["shared", "median"] = "shared"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.edge_heights or len(self.edge_heights) != len(self.edge_steps):
+            raise InputError(
+                f"body fit: edge_heights are {len(self.edge_heights)} and edge_steps "
+                f"{len(self.edge_steps)}; expected as many of both, at least one"
+            )

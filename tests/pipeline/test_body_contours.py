@@ -17,12 +17,13 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shape_space import ShapeSpace
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.body_model import load_body_model
 from perfcap.pipeline.body_contours import BodyContours
 from perfcap.pipeline.images import Images
 from perfcap.render.projected_mesh import ProjectedMesh
-from perfcap.rigging import BodyFit, ViewFitSettings, fit_body
+from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings, fit_body
 
 QUICK = ViewFitSettings(steps=(12,), edge_heights=(120.0, 200.0), edge_steps=(8, 6))
 
@@ -102,6 +103,20 @@ def test_girths_are_recovered_from_edges(scene: Scene) -> None:
     assert (error < 3 * np.array(astuple(found.deviations))).all()
     assert found.support is not None and found.support > 0.6
     assert alone.support is None
+
+
+def test_contours_stand_alone(scene: Scene) -> None:
+    start = replace(scene.truth, shared={})
+    edges = BodyContours(Images(Shown(scene.masks), scene.cameras), torch.full((2,), 250.0))
+    arguments = scene.model, scene.cameras, scene.detections, start
+    masks = PersonMasks(scene.cameras, scene.masks)
+    with pytest.raises(InputError, match="in place of masks"):
+        fit_body(*arguments, masks, contours=edges)
+    with pytest.raises(InputError, match="one shape of all frames"):
+        median = replace(QUICK, consensus="median")
+        fit_body(*arguments, settings=median, contours=edges)
+    with pytest.raises(InputError, match="edge_heights are 2 and edge_steps 1"):
+        replace(QUICK, edge_steps=(3,))
 
 
 def test_polarity_does_not_matter(scene: Scene) -> None:
