@@ -101,8 +101,12 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
     assert found.code in (0, 3), found
     for number, folder in enumerate(people_of(out)):
         result = read_result(folder)
-        error = np.linalg.norm(result.joints - crowd().joints[number, :3].numpy(), axis=-1)
-        assert 1000 * error.mean() < 100  # three views, and one person is cut off
+        everybody = crowd().joints[:, :3].numpy()
+        error = np.linalg.norm(result.joints - everybody, axis=-1)  # person, frame, joint
+        assert (error[number].mean(-1) < error[1 - number].mean(-1)).all()
+        # three small views, joints 6 px off, and one person is cut off: 65 and about 100 mm, whose
+        # digits differ between processors
+        assert 1000 * error[number].mean() < 120
         report = json.loads((folder / "run.json").read_text())
         assert len(report["refinement"]["tracking"]["released_share"]) == 3
         assert "follow_frames" in report["stages"]
