@@ -36,7 +36,8 @@ def _fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) ->
     left = far - (form[2] - form[1] * form[1] / form[0]) * dy * dy
     half = math.sqrt(max(left, 0.0) / form[0])
     start = max(0, math.ceil(centre[0] + middle - half))
-    stop = min(len(values), math.floor(centre[0] + middle + half) + 1)
+    # not before the first: an image beside all of a Gaussian has none of it
+    stop = max(start, min(len(values), math.floor(centre[0] + middle + half) + 1))
     dx = start - centre[0]
     t = math.exp(-0.5 * (form[0] * dx * dx + 2 * form[1] * dx * dy + form[2] * dy * dy))
     r, ratio = math.exp(-form[0] * (dx + 0.5) - form[1] * dy), math.exp(-form[0])

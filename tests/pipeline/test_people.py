@@ -88,7 +88,7 @@ def test_people_of_a_scene_are_any_iterable_of_persons() -> None:
     for wrong in (people[0].actor, 2):
         with pytest.raises(InputError, match=r"expected a (tuple of )?Person"):
             replace(scene(), people=wrong)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"person: detections are a Actor, expected Detections"):
+    with pytest.raises(InputError, match="actor: got a Detections, expected Actor"):
         perfcap.Person(people[0].detections, people[0].actor)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"people\[0\] is a Actor, expected a Person"):
         replace(scene(), people=(people[0].actor,))  # type: ignore[arg-type]

@@ -128,6 +128,14 @@ def test_nothing_behind_the_camera_or_outside() -> None:
     assert bool((left == 1).all()) and bool((slope == 0).all())
 
 
+@pytest.mark.parametrize("place", [(-25.0, 20.0), (65.0, 20.0), (20.0, -25.0), (20.0, 65.0)])
+def test_nothing_of_what_is_beside_the_image(place: tuple[float, float]) -> None:
+    centre = torch.tensor([place], dtype=torch.float64)
+    form, thickness = torch.tensor([[0.1, 0.0, 0.1]]).double(), torch.ones(1).double()
+    left, slope = background(Splats(centre[None], form[None], thickness[None]), (40, 40))
+    assert bool((left == 1).all()) and bool((slope == 0).all())
+
+
 def test_float32_takes_the_other_way() -> None:
     centre, form, thickness = blobs()
     exact = optical_depth(centre, form, thickness, SIZE)[0]
