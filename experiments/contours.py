@@ -191,7 +191,7 @@ def _volumes(config: Experiment) -> Table:
 
 def _speed(config: Experiment) -> Table:
     """Value, slope and curvature of the energy, CPU milliseconds a view and frame."""
-    seen = read(config, config.sequences[0]).select(_VIEWS[6])
+    seen = read(config.sequences[0], config.data).select(_VIEWS[6])
     own = seen.recording
     found = capture(own.actor, own.cameras, own.detections, own.rate)
     settings = PRESETS["rhodin2016"].contours
