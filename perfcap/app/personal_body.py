@@ -17,6 +17,7 @@ from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
 from perfcap.app.body_doubts import mask_doubts, outline_doubts
+from perfcap.app.body_map import body_map
 from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
 from perfcap.app.masked_frames import masked_frames
@@ -57,7 +58,10 @@ def save_fit_sheet(path: Path, model: BodyModel, fit: BodyFit, chosen: ChosenFra
 
 @torch.no_grad()
 def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
-    """A row for each of three frames, a picture for each of at most four views, (H, W, 3) RGB."""
+    """A row for each of three frames, a picture for each of at most four views, (H, W, 3) RGB.
+
+    Below them the body at rest, coloured by how well it is known, and its measurements.
+    """
     actor = model.actor(torch.zeros(0)).to(chosen.detections.joints2d)
     surface = ShapedPoints.of_surface(model, actor)
     marks = ShapedPoints.of_landmarks(model, actor).at(np.arange(16))
@@ -85,7 +89,10 @@ def fit_sheet(model: BodyModel, fit: BodyFit, chosen: ChosenFrames) -> Image:
                 _draw_ring(picture, tape[view].numpy())
             row.append(_around(picture, points[view]))
         rows.append(np.concatenate(row, 1))
-    return np.concatenate(rows)
+    wide = max(rows[0].shape[1], 2 * _SIZE)
+    known = body_map(model, fit, _SIZE, wide)
+    padded = [np.pad(row, ((0, 0), (0, wide - row.shape[1]), (0, 0))) for row in rows]
+    return np.concatenate((*padded, known))
 
 
 def _draw_ring(picture: Image, ring: NDArray[np.float64]) -> None:
