@@ -46,6 +46,8 @@ class Experiment:
     """Assumed, metres."""
     every: int = 2
     """Of the twelve frames whose masks were drawn."""
+    thirds: bool = True
+    """Also from each third of the clip alone."""
 
 
 def run(config: Experiment) -> Report:
@@ -69,8 +71,31 @@ def run(config: Experiment) -> Report:
                 "bones less the triangulated, left / right, cm", ("fitted to", *BONES), tuple(bones)
             ),
             Table("IoU with masks drawn by hand, %", views, tuple(overlap), digits=2),
+            *([_thirds(real, model)] if config.thirds else []),
         )
     )
+
+
+def _thirds(real: Recording, model: BodyModel) -> Table:
+    """The same man from disjoint thirds of the clip, ten frames each."""
+    clip, pixel_map = clip_of(real)
+    cameras, rows = pixel_map.cameras(real.cameras, clip.sizes), []
+    third = real.detections.frame_count // 3
+    for kind in ("joints", "contours", "silhouettes"):
+        found = []
+        for start in range(0, 3 * third, third):
+            frames = torch.arange(start, start + third, 2)
+            some = real.detections.frames(frames)
+            pixels = pixel_map.to_video(some.joints2d)
+            detections = Detections.from_joints(pixels, some.confidence2d)
+            chosen = ChosenFrames(clip, tuple(frames.tolist()), cameras.frames(frames), detections)
+            fit, _ = fit_person(model, chosen, evidence=kind)  # type: ignore[arg-type]
+            found.append([100 * value for value in astuple(fit.measurements)])
+            known = [100 * value for value in astuple(fit.deviations)]
+        rows.append((kind, *np.ptp(found, 0).tolist(), *known[:2]))
+    names = ("height", "chest", "waist", "hip", "inseam")
+    columns = ("fitted to", *names, "stated ± of height", "of chest")
+    return Table("largest difference between thirds of the clip, cm", columns, tuple(rows))
 
 
 def _drawn(real: Recording, every: int) -> tuple[ChosenFrames, PersonMasks]:
