@@ -114,7 +114,8 @@ def _read_test(folder: Path, name: str) -> DatasetSequence:
     names = ("annot2", "annot3", "valid_frame")
     read = read_hdf5 if is_hdf5(path) else read_mat
     values = {key: _reversed(array) for key, array in read(path, names, _WHAT_TEST).items()}
-    frames = values["annot3"].shape[0] if "annot3" in values else 0
+    given = values.get("annot3")
+    frames = len(given) if given is not None and given.ndim else 0
     shape = (frames, 1, len(MPI17))
     local = array_of(f"{path}: annot3", values.get("annot3"), (*shape, 3))[:, 0]
     pixels = array_of(f"{path}: annot2", values.get("annot2"), (*shape, 2))

@@ -170,3 +170,15 @@ def test_links_out_of_the_file_are_refused(tmp_path: Path) -> None:
         )
     with pytest.raises(InputError, match="annot3 is no array that lies in the file"):
         DATASET.read(tmp_path, "TS1")
+
+
+@pytest.mark.parametrize("name", ["annot3", "annot2", "valid_frame"])
+def test_a_single_number_is_no_array_of_frames(tmp_path: Path, name: str) -> None:
+    h5py = pytest.importorskip("h5py", reason="test sequences are HDF5 and need h5py")
+    write_test(tmp_path)
+    path = tmp_path / "mpi_inf_3dhp_test_set" / "TS1" / "annot_data.mat"
+    with h5py.File(path, "a") as file:
+        del file[name]
+        file[name] = 1.0
+    with pytest.raises(InputError, match=name):
+        DATASET.read(tmp_path, "TS1")
