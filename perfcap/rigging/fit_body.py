@@ -27,6 +27,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.build_body import LENGTHS, Scales
+from perfcap.rigging.fit_checks import require_fit, require_masks
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -119,7 +120,8 @@ def fit_body(
         contours: edges of the images, in place of masks; with ``consensus="shared"`` alone.
 
     Raises:
-        InputError: frames of the arguments do not agree, or masks and contours are both given.
+        InputError: arguments are of other kinds, units, frames or sizes, nobody is seen, or masks
+            and contours are both given.
     """
     settings = settings or ViewFitSettings()
     if contours is not None and (masks is not None or settings.consensus != "shared"):
@@ -127,7 +129,10 @@ def fit_body(
             "contours: are fitted in place of masks, to one shape of all frames; leave out masks, "
             'and take consensus="shared"'
         )
-    _require_frames(detections, initial, masks)
+    require_fit(model, cameras, detections, initial, height)
+    detections = detections.finite()
+    if masks is not None:
+        require_masks(masks, detections.frame_count, settings)
     problem = _Problem(model, cameras, detections, height, settings)
     if settings.consensus == "median":
         alone = [
@@ -154,20 +159,6 @@ class Contours(Protocol):
         self, body: ShapedGaussians, motion: Motion, pixels: float, weight: float
     ) -> DensityContour:
         """Contours of a body of Gaussians against them, in images of a person so tall (px)."""
-
-
-def _require_frames(detections: Detections, initial: Motion, masks: PersonMasks | None) -> None:
-    frames = detections.frame_count
-    if initial.frames != frames:
-        raise InputError(
-            f"initial has {initial.frames} frames but detections have {frames}; give a pose for "
-            "each"
-        )
-    if masks is not None and len(masks.inside) != frames:
-        raise InputError(
-            f"masks have {len(masks.inside)} frames but detections have {frames}; give a mask for "
-            "each"
-        )
 
 
 class _Problem:

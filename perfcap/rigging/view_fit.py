@@ -66,3 +66,8 @@ class ViewFitSettings(Settings):
                 f"body fit: edge_heights are {len(self.edge_heights)} and edge_steps "
                 f"{len(self.edge_steps)}; expected as many of both, at least one"
             )
+        if len(self.offsets) != len(LANDMARKS):
+            raise InputError(
+                f"body fit: offsets are {len(self.offsets)}; expected one of each of the "
+                f"{len(LANDMARKS)} landmarks"
+            )

@@ -196,9 +196,55 @@ def test_frames_must_agree(model: BodyModel) -> None:
     with pytest.raises(InputError, match="3 frames but detections have 2"):
         fit_body(model, cameras, detections, replace(truth, shared={}))
     both = replace(truth, shared={})[:2]
-    masks = PersonMasks(cameras, torch.zeros(3, 1, 8, 8))
+    masks = PersonMasks(replace(cameras, size=((8, 8),)), torch.zeros(3, 1, 8, 8))
     with pytest.raises(InputError, match="masks have 3 frames"):
         fit_body(model, cameras, detections, both, masks)
+
+
+def test_wrong_arguments_are_named(model: BodyModel) -> None:
+    """Each gave a body that was off without a word, or a traceback."""
+    cameras, truth = synthetic.cameras(1, size=96, distance=4.0), person(model)
+    detections, inside = seen(model, truth, cameras)
+    start, none = replace(truth, shared={}), torch.zeros(3, 1, 16).double()
+    for height in (178.0, float("nan"), -1.7, "1.7"):
+        with pytest.raises(InputError, match="height is"):
+            fit_body(model, cameras, detections, start, height=height)  # type: ignore[arg-type]
+    for confidence, said in ((none, "show nobody"), (none + 90, "expected 0 to 1")):
+        with pytest.raises(InputError, match=said):
+            fit_body(model, cameras, replace(detections, confidence2d=confidence), start)
+    with pytest.raises(InputError, match=r"torch.float32, .*the body torch.float64"):
+        fit_body(model, cameras, detections.to(torch.zeros(1)), start)
+    with pytest.raises(InputError, match="got a Actor, expected a BodyModel"):
+        fit_body(model.actor(torch.zeros(0)), cameras, detections, start)  # type: ignore[arg-type]
+    moving = cameras.frames(slice(None)).map(lambda x: x.expand(5, *x.shape))
+    with pytest.raises(InputError, match="moving cameras have 5 frames"):
+        fit_body(model, moving, detections, start)
+    with pytest.raises(InputError, match="masks are a Tensor"):
+        fit_body(model, cameras, detections, start, inside)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"masks are \(48, 48\)"):
+        fit_body(model, cameras, detections, start, PersonMasks(cameras, inside[..., ::2, ::2]))
+    for heights in ((), (90.0, 180.0)):
+        with pytest.raises(InputError, match="one step more than heights"):
+            few = replace(QUICK, heights=heights)
+            fit_body(model, cameras, detections, start, PersonMasks(cameras, inside), settings=few)
+    with pytest.raises(InputError, match="offsets are 3"):
+        replace(QUICK, offsets=(0.02,) * 3)
+
+
+def test_joints_that_are_no_numbers_are_unseen(model: BodyModel) -> None:
+    """The body was the mean one."""
+    cameras, truth = synthetic.cameras(2, size=400, distance=4.0), person(model)
+    detections, _ = seen(model, truth, cameras)
+    start = replace(truth, shared={})
+    toe = torch.arange(16) == 15
+    lost = torch.where(toe[:, None], torch.nan, detections.joints2d)
+    hidden = torch.where(toe, 0.0, detections.confidence2d)
+    unseen = replace(detections, confidence2d=hidden)
+    expected = fit_body(model, cameras, unseen, start, settings=QUICK)
+    for own in (replace(unseen, joints2d=lost), replace(detections, joints2d=lost)):
+        found = fit_body(model, cameras, own, start, settings=QUICK)
+        torch.testing.assert_close(found.shape, expected.shape)
+    assert float(expected.shape.norm()) > 0.5
 
 
 def test_extents_of_unseen_people_are_finite() -> None:

@@ -1,0 +1,91 @@
+"""Whether what a body is fitted to is of the right kind and size; else it is refused."""
+
+from __future__ import annotations
+
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.rigging.build_body import Person
+from perfcap.rigging.person_masks import PersonMasks
+from perfcap.rigging.view_fit import ViewFitSettings
+from perfcap.setting_checks import require_number
+
+_ROUNDING = 1e-3  # of a confidence
+
+
+def require_fit(
+    model: BodyModel, cameras: Camera, detections: Detections, initial: Motion, height: float | None
+) -> None:
+    """Refuse arguments of ``fit_body`` of another kind, size or unit; joints are finite.
+
+    Raises:
+        InputError: one is.
+    """
+    given = (model, BodyModel), (cameras, Camera), (detections, Detections), (initial, Motion)
+    for value, kind in given:
+        if not isinstance(value, kind):
+            raise InputError(f"body fit: got a {type(value).__name__}, expected a {kind.__name__}")
+    if height is not None:
+        require_number(height, "height")
+        Person(height=height)  # refuses what no person is
+    shape, frames = tuple(detections.joints2d.shape), detections.frame_count
+    if len(shape) != 4 or shape[1] != cameras.views:
+        raise InputError(
+            f"detections have joints2d {shape} for cameras of {cameras.views} views; expected "
+            "(F, C, 16, 2) of as many views"
+        )
+    if initial.frames != frames:
+        raise InputError(
+            f"initial has {initial.frames} frames but detections have {frames}; give a pose for "
+            "each"
+        )
+    if cameras.moving and len(cameras.intrinsics) != frames:
+        raise InputError(
+            f"moving cameras have {len(cameras.intrinsics)} frames but detections have {frames}; "
+            "give as many poses as frames"
+        )
+    like = model.surface.mean.dtype
+    kinds = {x.dtype for x in (cameras.intrinsics, detections.joints2d, initial.angles)}
+    if kinds != {like}:
+        found = ", ".join(sorted(map(str, kinds)))
+        raise InputError(
+            f"cameras, detections and initial are {found}, the body {like}; take them there with "
+            f"x.to(torch.zeros(1, dtype={like}))"
+        )
+    sure = detections.confidence2d
+    if not bool((sure > 0).any()):
+        raise InputError("detections show nobody in any frame; expected one person's joints")
+    if bool(((sure < 0) | (sure > 1 + _ROUNDING)).any()):
+        raise InputError(
+            f"confidences are {float(sure.min()):.3g} to {float(sure.max()):.3g}, expected 0 to 1"
+        )
+
+
+def require_masks(masks: object, frames: int, settings: ViewFitSettings) -> None:
+    """Refuse masks that are none, of other frames or sizes, or that settings would not look at.
+
+    Raises:
+        InputError: they are.
+    """
+    if not isinstance(masks, PersonMasks):
+        raise InputError(
+            f"masks are a {type(masks).__name__}, expected PersonMasks(cameras, inside)"
+        )
+    if len(masks.inside) != frames:
+        raise InputError(
+            f"masks have {len(masks.inside)} frames but detections have {frames}; give a mask for "
+            "each"
+        )
+    size = tuple(masks.inside.shape[-2:])
+    if any(tuple(own) != size for own in masks.cameras.size):
+        raise InputError(
+            f"masks are {size} (height, width), their cameras of images of "
+            f"{masks.cameras.size[0]}; give cameras in pixels of the masks"
+        )
+    if not settings.heights or len(settings.steps) != len(settings.heights) + 1:
+        raise InputError(
+            f"body fit: heights are {len(settings.heights)} and steps {len(settings.steps)}; with "
+            "masks expected one step more than heights, of which there is one at least"
+        )
