@@ -9,9 +9,12 @@ from torch import Tensor
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.energy.density_contour import DensityContour
+from perfcap.errors import InputError
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.refine_contours import ContoursConfig, ContourSight
 from perfcap.temporal.window import Window
+
+_SHORTEST = 10.0  # px, of a person whose outline shows anything
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,18 @@ class BodyContours:
     heights: Tensor
     config: ContoursConfig = field(default_factory=ContoursConfig)
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.images, Images) or not isinstance(self.heights, Tensor):
+            kinds = f"{type(self.images).__name__} and {type(self.heights).__name__}"
+            raise InputError(f"body contours: got {kinds}, expected Images and a tensor of heights")
+        views = self.images.cameras.views
+        tall = self.heights.shape == (views,) and bool((self.heights >= _SHORTEST).all())
+        if not tall or not bool(self.heights.isfinite().all()):
+            raise InputError(
+                f"body contours: heights are {self.heights.tolist()!s:.80}, expected those of the "
+                f"person in {views} views, ({views},) px, at least {_SHORTEST:.0f}"
+            )
+
     def energy(
         self, body: ShapedGaussians, motion: Motion, pixels: float, weight: float
     ) -> DensityContour:
@@ -39,6 +54,11 @@ class BodyContours:
             pixels: height of the person in the images that are looked at; larger ones are shrunk.
             weight: of a contour as long as one percent of the person's height.
         """
+        if len(self.images.reader) != motion.frames:
+            raise InputError(
+                f"body contours: images have {len(self.images.reader)} frames but the motion "
+                f"{motion.frames}; give those of the same frames"
+            )
         config = replace(self.config, height=pixels)
         sight = ContourSight.of(self.images, self.heights, config, motion.angles)
         points, now = body(motion), body.volume(motion.shared[BODY])

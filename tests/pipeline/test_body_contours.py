@@ -119,6 +119,22 @@ def test_contours_stand_alone(scene: Scene) -> None:
         replace(QUICK, edge_steps=(3,))
 
 
+@pytest.mark.parametrize("heights", [[250.0], [1.8, 1.8], [250.0, float("nan")]])
+def test_heights_are_those_of_every_view_in_pixels(scene: Scene, heights: list[float]) -> None:
+    with pytest.raises(InputError, match="of the person in 2 views"):
+        BodyContours(Images(Shown(scene.masks), scene.cameras), torch.tensor(heights))
+
+
+def test_images_are_those_of_the_frames(scene: Scene) -> None:
+    images = Images(Shown(scene.masks[:2]), scene.cameras)
+    edges = BodyContours(images, torch.full((2,), 250.0, dtype=torch.float64))
+    arguments = scene.model, scene.cameras, scene.detections, replace(scene.truth, shared={})
+    with pytest.raises(InputError, match="2 frames but the motion 3"):
+        fit_body(*arguments, settings=QUICK, contours=edges)
+    with pytest.raises(InputError, match="expected Images and a tensor"):
+        BodyContours(images, 250.0)  # type: ignore[arg-type]
+
+
 def test_polarity_does_not_matter(scene: Scene) -> None:
     light, dark = scene.fitted((200, 40)), scene.fitted((40, 200))
     torch.testing.assert_close(light.shape, dark.shape, atol=0.02, rtol=0)
