@@ -32,6 +32,7 @@ from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import (
+    Adjoint,
     Bounds,
     Coupling,
     Energy,
@@ -106,6 +107,7 @@ def fit_body(
     height: float | None = None,
     settings: ViewFitSettings | None = None,
     contours: Contours | None = None,
+    adjoint: Adjoint | None = None,
 ) -> BodyFit:
     """Fit shape and poses of a body model to joints, silhouettes or edges, and a known height.
 
@@ -118,6 +120,8 @@ def fit_body(
         height: metres, or None. With one view, size and distance are told apart by it alone.
         settings: how.
         contours: edges of the images, in place of masks; with ``consensus="shared"`` alone.
+        adjoint: how shape and poses carry gradients to detections, cameras and masks, such as
+            ``Implicit()``; they carry none without. Not with contours.
 
     Raises:
         InputError: arguments are of other kinds, units, frames or sizes, nobody is seen, or masks
@@ -133,7 +137,7 @@ def fit_body(
     detections = detections.finite()
     if masks is not None:
         require_masks(masks, detections.frame_count, settings)
-    problem = _Problem(model, cameras, detections, height, settings)
+    problem = _Problem(model, cameras, detections, height, settings, adjoint)
     if settings.consensus == "median":
         alone = [
             _Problem(model, cameras.frames(one), detections.frames(one), height, settings).fitted(
@@ -171,7 +175,9 @@ class _Problem:
         detections: Detections,
         height: float | None,
         settings: ViewFitSettings,
+        adjoint: Adjoint | None = None,
     ) -> None:
+        self.adjoint = adjoint
         self.model, self.cameras, self.detections = model, cameras, detections
         self.height, self.settings = height, settings
         self.actor = model.actor(torch.zeros(0)).to(detections.joints2d)
@@ -233,7 +239,8 @@ class _Problem:
         if self.fixed is not None:
             sides = bounds.lower.frame, bounds.upper.frame
             bounds = Bounds(*(Step(side, self.fixed) for side in sides))
-        state: Motion = solve(objective, motion, LevenbergMarquardt(max_steps=steps), bounds).state
+        method = LevenbergMarquardt(max_steps=steps)
+        state: Motion = solve(objective, motion, method, bounds, self.adjoint).state
         return state
 
     def silhouettes(self, masks: PersonMasks, pixels: float) -> SilhouetteOverlap:

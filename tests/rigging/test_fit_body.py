@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import astuple, replace
+from functools import partial
 
 import pytest
 import synthetic
@@ -26,7 +28,7 @@ from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, extents, fit_body
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
-from perfcap.solve import Step
+from perfcap.solve import Implicit, LevenbergMarquardt, Step
 
 QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
 
@@ -269,3 +271,31 @@ def test_the_median_of_frames_is_near_the_shared_shape(model: BodyModel) -> None
     assert torch.allclose(found.shape, torch.stack(alone).median(0).values, atol=1e-9)
     expected = measure(model.template(truth.shared[BODY]))
     assert found.measurements.height == pytest.approx(expected.height, abs=0.01)
+
+
+def test_gradients_reach_detections_through_the_shape(
+    model: BodyModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a sum of coefficients, against solves, to the end, of detections moved a little."""
+    to_the_end = partial(LevenbergMarquardt, tolerance=0.0)
+    monkeypatch.setattr(sys.modules[fit_body.__module__], "LevenbergMarquardt", to_the_end)
+    cameras = synthetic.cameras(4, size=400, distance=4.0).select([0, 1])
+    truth = person(model)
+    detections, _ = seen(model, truth, cameras)
+    draw = torch.Generator().manual_seed(1)
+    noise, way = torch.randn(2, *detections.joints2d.shape, generator=draw, dtype=torch.float64)
+    pixels = detections.joints2d + 2 * noise
+    start = replace(truth, shared={})
+
+    def total(at: Tensor) -> Tensor:
+        moved = replace(detections, joints2d=at)
+        settings = replace(QUICK, steps=(300, 8))
+        found = fit_body(model, cameras, moved, start, settings=settings, adjoint=Implicit())
+        return (found.shape * torch.tensor([1.0, -2.0, 0.5, 1.5])).sum()
+
+    free = pixels.clone().requires_grad_()
+    total(free).backward()
+    assert free.grad is not None
+    slope = float((free.grad * way).sum())
+    change = float(total(pixels + 1e-3 * way) - total(pixels - 1e-3 * way)) / 2e-3
+    assert slope == pytest.approx(change, rel=1e-4)
