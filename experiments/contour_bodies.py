@@ -20,7 +20,7 @@ import torch
 from anny_people import People, Person
 from body_fit import Experiment as Ring
 from body_fit import Take, film, rotation_about_y, true_measurements
-from contours import Seen, overlap_row, read
+from contours import Seen, captured, overlap_row, read
 from numpy.typing import NDArray
 from real_silhouettes import labels_of
 from recordings import balancing
@@ -39,12 +39,9 @@ from perfcap.pipeline.body_contours import BodyContours
 from perfcap.pipeline.bone_lengths import spread_frames
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
-from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
-from perfcap.pipeline.presets import PRESETS
-from perfcap.pipeline.stage import Stage
 from perfcap.render import ProjectedMesh, Texture, rasterize, render
 from perfcap.rigging import PersonMasks, fit_body
 from perfcap.rigging.fit_body import extents
@@ -192,9 +189,9 @@ def _recorded(config: Experiment, name: str) -> list[tuple[object, ...]]:
             missed = 100 * (np.array(astuple(measure(actor.template))) - true)
             girths = float(np.abs(missed[1:4]).mean())
             own = replace(seen, recording=replace(seen.recording, actor=actor))
-            alone, contours = _captured(own, None), _captured(own, "rhodin2016")
+            alone, contours = captured(own, None), captured(own, "rhodin2016")
             overlaps = list(overlap_row(own, [alone, contours]))[:4]
-            errors = [_settled(each.joints(), truth) for each in (alone, contours)]
+            errors = [settled(each.joints(), truth) for each in (alone, contours)]
             cells = [f(e) for e in errors for f in (_mean, _most)]
             row = (*missed[:4], girths, spent, *cells, *overlaps)
             rows.append((name, count, kind, *(float(cell) for cell in row)))
@@ -233,16 +230,8 @@ class _Spread:
         return np.stack(shots)
 
 
-def _captured(seen: Seen, preset: str | None) -> Performance:
-    own = seen.recording
-    given = own.actor, own.cameras, own.detections, own.rate
-    if preset is None:
-        return capture(*given)
-    until = Stage.REFINE_POSE
-    return capture(*given, PRESETS[preset], images=seen.images, until=until, workers=1)
-
-
-def _settled(joints: Tensor, truth: Tensor) -> Tensor:
+def settled(joints: Tensor, truth: Tensor) -> Tensor:
+    """Distances (F, 16) mm without the offset of each joint in the first frame."""
     apart = joints - truth
     size: Tensor = 1000 * (apart - apart[:1]).norm(dim=-1)
     return size
@@ -270,7 +259,7 @@ def _real(config: Experiment) -> list[tuple[object, ...]]:
         for kind in ("joints", "contours"):
             actor, _ = _body(some, kind)
             own = replace(some, recording=replace(some.recording, actor=actor))
-            found = _captured(own, "rhodin2016")
+            found = captured(own, "rhodin2016")
             scores = _overlap(found, own.images, [labels[view] for view in views])
             tall = 100 * measure(actor.template).height
             names = " ".join(str(view + 1) for view in views)

@@ -95,8 +95,8 @@ def run(config: Experiment) -> Report:
         several = "/" in name
         for count in config.views[: 1 if several else None]:
             some = seen.select(_VIEWS[count])
-            found = [_captured(some, stage) for stage in (None, "rhodin2016")]
-            found += [_captured(some, "default")] if config.masks else []
+            found = [captured(some, stage) for stage in (None, "rhodin2016")]
+            found += [captured(some, "default")] if config.masks else []
             joints.append((name, count, *_joint_row(some, found)))
             overlaps.append((name, count, *overlap_row(some, found[:2])))
             if config.pictures:
@@ -129,7 +129,7 @@ def read(name: str, data: Path) -> Seen:
     return Seen(recording, Images(clip, recording.cameras), maps, person)
 
 
-def _captured(seen: Seen, preset: str | None) -> Performance:
+def captured(seen: Seen, preset: str | None) -> Performance:
     own = seen.recording
     given = own.actor, own.cameras, own.detections, own.rate
     if preset is None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import report
 import torch
+from contour_bodies import settled
 from contours import read
 from report import Report, Table
 from torch import Tensor
@@ -74,25 +75,19 @@ def _row(data: Path, name: str, views: tuple[int, ...]) -> tuple[object, ...]:
         evidence: Evidence = kind  # type: ignore[assignment]
         fit, _ = fit_person(model, chosen, evidence=evidence)
         bodies[kind] = Actor(fit.template).to(torch.zeros((), dtype=torch.float64))
-        errors[kind] = _settled(bodies[kind].joints(replace(fit.motion, shared={})), own.truth)
+        errors[kind] = settled(bodies[kind].joints(replace(fit.motion, shared={})), own.truth)
     given = own.cameras, own.detections, own.rate
     for kind, body in bodies.items():
-        errors[f"windows {kind}"] = _settled(capture(body, *given).joints(), own.truth)
+        errors[f"windows {kind}"] = settled(capture(body, *given).joints(), own.truth)
     for preset in ("default", "rhodin2016"):
         found = capture(
             bodies["silhouettes"], *given, PRESETS[preset], images=seen.images,
             until=Stage.REFINE_POSE, workers=1,
         )  # fmt: skip
-        errors[preset] = _settled(found.joints(), own.truth)
+        errors[preset] = settled(found.joints(), own.truth)
     start, end = errors["joints"].mean(), errors["default"].mean()
     words = [f"{e.mean():.1f} / {e.quantile(0.95):.0f}" for e in errors.values()]
     return *words, 100 * float(1 - end / start)
-
-
-def _settled(joints: Tensor, truth: Tensor) -> Tensor:
-    apart = joints - truth
-    size: Tensor = 1000 * (apart - apart[:1]).norm(dim=-1)
-    return size
 
 
 if __name__ == "__main__":
