@@ -184,7 +184,7 @@ def _recorded(config: Experiment, name: str) -> list[tuple[object, ...]]:
     true = np.array(astuple(measure(whole.recording.actor.template)))
     for count, views in _VIEWS.items():
         seen = whole.select(views)
-        for kind in ("joints", "contours"):
+        for kind in ("joints", "contours", "exact masks"):
             actor, spent = _body(seen, kind)
             missed = 100 * (np.array(astuple(measure(actor.template))) - true)
             girths = float(np.abs(missed[1:4]).mean())
@@ -208,8 +208,13 @@ def _body(seen: Seen, kind: str) -> tuple[Actor, float]:
         seen.images.cameras.frames(frames),
         own.detections.frames(frames),
     )
+    some, masks = _Spread(chosen), None
+    if kind == "exact masks":
+        index = frames.numpy()
+        views = [torch.from_numpy(each[index] == seen.person) for each in seen.labels]
+        masks, kind = PersonMasks.padded(some.cameras, views), "silhouettes"
     start = time.process_time()
-    fit, _ = fit_person(load_body_model(), _Spread(chosen), evidence=kind)  # type: ignore[arg-type]
+    fit, _ = fit_person(load_body_model(), some, masks=masks, evidence=kind)  # type: ignore[arg-type]
     spent = time.process_time() - start
     return Actor(fit.template).to(torch.zeros((), dtype=torch.float64)), spent
 

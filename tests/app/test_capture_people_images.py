@@ -99,20 +99,22 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
     given = ("--preset", "liu2013", "--frames", "0:3", "--report", *WHOLE)
     found = perfcap(pair.command(out, *given))
     assert found.code in (0, 3), found
+    errors = []
     for number, folder in enumerate(people_of(out)):
         result = read_result(folder)
         everybody = crowd().joints[:, :3].numpy()
         error = np.linalg.norm(result.joints - everybody, axis=-1)  # person, frame, joint
         assert (error[number].mean(-1) < error[1 - number].mean(-1)).all()
-        # three small views, joints 6 px off, and one person is cut off: 65 and about 100 mm, whose
-        # digits differ between processors
-        assert 1000 * error[number].mean() < 120
+        errors.append(1000 * error[number].mean())
         report = json.loads((folder / "run.json").read_text())
         assert len(report["refinement"]["tracking"]["released_share"]) == 3
         assert "follow_frames" in report["stages"]
         config = yaml.safe_load((folder / "config.yaml").read_text())
         assert config["frames"]["search"]["search"] == "misaligned"
         assert "Limbs beside their contours" in (folder / "report.html").read_text()
+    # three small views, joints 6 px off, and one person is cut off: 65 and about 100 mm, whose
+    # digits differ between processors
+    assert max(errors) < 105 and sum(errors) / 2 < 90
     assert '"people":[{' in (out / "report.html").read_text()
     (out / "report.html").unlink()
     assert "report.html" in perfcap(["report", out]).out
