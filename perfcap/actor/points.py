@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -13,7 +13,7 @@ from perfcap.actor.kinematic_tree import Pose
 from perfcap.actor.motion import BONES, Motion
 from perfcap.actor.skeleton import Skeleton
 from perfcap.errors import InputError
-from perfcap.solve.second_order import SecondOrder, twice_differentiated
+from perfcap.solve.second_order import SecondOrder, points_second_order
 
 # --- Second derivatives of landmarks in closed form -----------------------------------------------
 #
@@ -142,14 +142,6 @@ class Points(Protocol):
         """
 
 
-@runtime_checkable
-class OffersCurvature(Protocol):
-    """Points with second derivatives in closed form."""
-
-    def curvature(self, motion: Motion, linearized: Linearized, pull: Tensor) -> SecondOrder:
-        """Second derivative of ``<pull, points>`` for a pull (*b, F, N, 3)."""
-
-
 class Landmarks(nn.Module):
     """The landmarks of a skeleton as points, in the order of its rig; bones may be unknown.
 
@@ -250,9 +242,7 @@ class PointDifferences(nn.Module):
         on_points = pull.new_zeros(*pull.shape[:-2], count, 3).index_add(-2, self.ends, pull)
         kept = pull * self.relative.to(pull)[:, None]
         on_points = on_points.index_add(-2, self.starts, -kept)
-        if isinstance(self.points, OffersCurvature):
-            return self.points.curvature(motion, self.points.linearize(motion), on_points)
-        return twice_differentiated(self.points, motion, on_points)
+        return points_second_order(self.points, motion, self.points.linearize(motion), on_points)
 
     def _between(self, values: Tensor, axis: int) -> Tensor:
         """Rows of the ends minus those of the starts, along an axis counted from the end."""

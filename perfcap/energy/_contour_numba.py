@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_FAINT = 1e-4  # optical depth of pixels that show the background alone
+_FAINT = 1e-12  # optical depth of pixels that show the background alone
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]

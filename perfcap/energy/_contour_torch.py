@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-_FAINT = 1e-4  # optical depth of pixels that show the background alone
+_FAINT = 1e-12  # optical depth of pixels that show the background alone
 
 
 def contour(depth: Tensor, slope: Tensor, edges: Tensor, flat: Tensor) -> Tensor:

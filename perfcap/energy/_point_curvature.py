@@ -5,9 +5,8 @@ from __future__ import annotations
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
-from perfcap.actor.points import Linearized, OffersCurvature, Points
-from perfcap.solve.energy import seen_columns
-from perfcap.solve.second_order import SecondOrder, twice_differentiated
+from perfcap.actor.points import Linearized, Points
+from perfcap.solve.second_order import SecondOrder, points_second_order
 
 
 def point_curvature(
@@ -30,7 +29,7 @@ def point_curvature(
         curvature: K of each of these points, symmetric, (*b, F, M, 3, 3); none if not given.
     """
     _, own, own_shared = linearized
-    bent = _own(points, motion, linearized, pull)
+    bent = points_second_order(points, motion, linearized, pull)
     if curvature is None:
         return bent
     rows, shared_rows = (own, own_shared) if moved is None else moved
@@ -43,13 +42,3 @@ def point_curvature(
     curved_shared = (curvature @ shared_rows).flatten(-3, -2)
     shared = bent.shared + (flat_shared.mT @ curved_shared).sum(-3)
     return SecondOrder(frame, bent.border + curved.mT @ flat_shared, shared)
-
-
-def _own(points: Points, motion: Motion, linearized: Linearized, pull: Tensor) -> SecondOrder:
-    if isinstance(points, OffersCurvature):
-        return points.curvature(motion, linearized, pull)
-    whole = twice_differentiated(points, motion, pull)
-    if linearized[2] is None or whole.border is None or whole.shared is None:
-        return SecondOrder(whole.frame)
-    seen = seen_columns(motion.shared_sizes, points.sees)
-    return SecondOrder(whole.frame, whole.border[..., seen], whole.shared[..., seen][..., seen, :])

@@ -24,9 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -35,6 +34,17 @@ from perfcap.actor.shaped_volume import ShapedGaussians
 from perfcap.actor.volume import GaussianCentres, Volume
 from perfcap.energy import _contour_torch
 from perfcap.energy._arguments import require_unit
+from perfcap.energy._contour_fields import (
+    Field,
+    FlatField,
+    FreeField,
+    numbers,
+    recorded,
+    strength,
+    whole,
+)
+from perfcap.energy._contour_pulls import Pulls
+from perfcap.energy._contour_twice import ImageSlopes, bend_images
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
@@ -42,25 +52,7 @@ from perfcap.render import _density_torch
 from perfcap.render.density import LEAST, Splats, optical_depth
 from perfcap.solve.majorized import Expansion, Majorized
 
-Floats = NDArray[np.float64]
-
 _OUTLINE = 2.7  # squared distance of the outline from the middle of a Gaussian, squared deviations
-
-
-class Field(Protocol):
-    """What contours gain and pay in a part of an image; ``EdgeField`` is one."""
-
-    @property
-    def edges(self) -> Any:
-        """Cosine and sine of twice the direction of edges, times their strength, (2, h, w)."""
-
-    @property
-    def flat(self) -> Any:
-        """Price of a unit of contour, (h, w)."""
-
-    @property
-    def corner(self) -> tuple[int, int]:
-        """Row and column of the first pixel in the image."""
 
 
 class DensityContour(Majorized[Any]):
@@ -118,7 +110,7 @@ class DensityContour(Majorized[Any]):
 
     def lengths(self, points: Tensor) -> Tensor:
         """Contour of each frame (F,) about points (F, Q, 3), views added up, in units."""
-        return self._priced(_Flat).values(points.detach())
+        return self._priced(FlatField).values(points.detach())
 
     def support(self, points: Tensor) -> Tensor:
         """Share of each frame's contour that edges explain, (F,), -1 to 1, about points (F, Q, 3).
@@ -126,16 +118,16 @@ class DensityContour(Majorized[Any]):
         ``|grad I| cos(2 alpha)`` over the strongest edge, averaged along the contour: nothing in a
         plain image, and nothing where texture has every direction.
         """
-        along = -self._priced(_Edges).values(points.detach())
+        along = -self._priced(FreeField).values(points.detach())
         return along / (self._strongest() * self.lengths(points)).clamp(min=1e-9)
 
     def lower_bound(self, points: Tensor) -> float:
         """What no frame's energy is below about points (F, Q, 3), unless contours grow by half."""
-        best = self._most(lambda each: _strength(each) - np.asarray(each.flat))
+        best = self._most(lambda each: strength(each) - numbers(each.flat))
         return -1.5 * best * float(self.lengths(points).amax())
 
     def _strongest(self) -> float:
-        return self._most(_strength)
+        return self._most(strength)
 
     def _most(self, of: Callable[[Field], NDArray[Any]]) -> float:
         """Largest value of a function of the fields' pixels; 0 where there are none."""
@@ -155,7 +147,7 @@ class DensityContour(Majorized[Any]):
             return torch.stack([self.values(each) for each in points])
         splats = self._splats(points)
         if self._compiled_for(points):
-            return _Pulls(self, splats, derivatives=False).value
+            return Pulls(splats.detach(), self.fields, self.scale).value
         rows = [
             torch.stack([self._energy(splats, f, c) for c in range(self.cameras.views)])
             for f in range(len(self.fields))
@@ -176,7 +168,7 @@ class DensityContour(Majorized[Any]):
             free = points.detach().requires_grad_()
             splats = self._splats(free)
         if self._compiled_for(points.detach()):
-            pulls = _Pulls(self, splats.detach(), derivatives=True)
+            pulls = Pulls(splats.detach(), self.fields, self.scale, self.bend)
             value, curved = pulls.value, pulls.curved
             with torch.enable_grad():
                 total = pulls.on(splats)
@@ -194,6 +186,59 @@ class DensityContour(Majorized[Any]):
             bent = _with_width(bent, xx + yy, splats.detach())
         return Expansion(value.detach(), gradient, bent)
 
+    def slope(self, points: Tensor) -> Tensor:
+        """Gradient in the points, differentiable in all that the energy holds and in the points."""
+        self._require_frames(points)
+        if not self._by_image(points):
+            return super().slope(points)
+        if points.ndim > 3:
+            return torch.stack([self.slope(each) for each in points])
+        with torch.enable_grad():
+            at = points if points.requires_grad else points.detach().requires_grad_()
+            return self._slope_of(self._gaussians(at), at)
+
+    def second_derivative(self, points: Tensor, moves: Tensor) -> Tensor:
+        """Second derivative along moves of the points; see ``Majorized``."""
+        if not self._by_image(points):
+            return super().second_derivative(points, moves)
+        if points.ndim > 3:
+            pairs = zip(points, moves, strict=True)
+            return torch.stack([self.second_derivative(*each) for each in pairs])
+        with torch.enable_grad():
+            at = points.detach().requires_grad_()
+            splats = self._gaussians(at)
+            slope = self._slope_of(splats, at, splats.detach())
+            # each Gaussian on its own: entries of all of them make one pass
+            own = [torch.autograd.grad(e.sum(), at, retain_graph=True)[0] for e in slope.unbind(-1)]
+        none = points.new_zeros(points.shape[-1])
+        each = torch.func.jacfwd(lambda move: self._gaussians(points.detach() + move))(none)
+        along = each @ moves.unsqueeze(-4)  # F C Q 6 K
+        images = bend_images(splats.detach().flatten(0, 1), self._whole(at), along.flatten(0, 1))
+        bent = images.view(*along.shape[:2], *images.shape[1:])
+        bent = (self.scale.to(bent)[:, None, None] * bent).sum(1)
+        return bent + (moves.mT @ torch.stack(own, -1) @ moves).sum(-3)
+
+    def _slope_of(self, splats: Tensor, points: Tensor, held: Tensor | None = None) -> Tensor:
+        """Gradient in the points that Gaussians were made of; images see those ``held``."""
+        seen = (splats if held is None else held).flatten(0, 1)
+        pulls: Tensor = ImageSlopes.apply(seen, *self._whole(splats))  # type: ignore[no-untyped-call]
+        pulls = self.scale.to(pulls)[:, None, None] * pulls.view_as(splats)
+        return torch.autograd.grad(splats, points, pulls, create_graph=True)[0]
+
+    def _gaussians(self, points: Tensor) -> Tensor:
+        """Centre, form and thickness in pixels of the fields, (F, C, Q, 6)."""
+        splats = self._splats(points)
+        first = [[each.corner[::-1] for each in row] for row in self.fields]
+        centre = splats.centre - splats.centre.new_tensor(first)[:, :, None]
+        return torch.cat((centre, splats.form, splats.thickness[..., None]), -1)
+
+    def _whole(self, like: Tensor) -> list[Tensor]:
+        return [whole(each, like) for row in self.fields for each in row]
+
+    def _by_image(self, points: Tensor) -> bool:
+        """Whether kernels look at one image after the other."""
+        return is_plain(*(e.detach() for e in (points, self.deviations, self.cameras.translation)))
+
     def _splats(self, points: Tensor) -> Splats:
         width, density = (each.to(points) for each in (self.deviations, self.densities))
         if points.shape[-1] == 4:
@@ -202,9 +247,8 @@ class DensityContour(Majorized[Any]):
         return Splats.seen_by(self.cameras, points[..., :3], width, density)
 
     def _compiled_for(self, points: Tensor) -> bool:
-        given = (points, self.deviations, self.cameras.translation)
-        tensors = any(isinstance(row[0].edges, Tensor) for row in self.fields if row)
-        return not tensors and is_plain(*given)
+        wanted = torch.is_grad_enabled() and any(recorded(e) for row in self.fields for e in row)
+        return not wanted and is_plain(points, self.deviations, self.cameras.translation)
 
     def _require_frames(self, points: Tensor) -> None:
         if points.shape[-3] != len(self.fields):
@@ -247,12 +291,6 @@ class DensityContour(Majorized[Any]):
         return found
 
 
-def _strength(field: Field) -> NDArray[Any]:
-    """Of the edges of a field, (h, w)."""
-    strength: NDArray[Any] = np.hypot(*np.asarray(field.edges))
-    return strength
-
-
 def _with_width(bent: Tensor, across: Tensor, splats: Splats) -> Tensor:
     """Curvature (F, Q, 4, 4) where widths are unknown as well.
 
@@ -270,77 +308,3 @@ def _with_width(bent: Tensor, across: Tensor, splats: Splats) -> Tensor:
     # what moves the middle and the width at once counts twice at most
     whole[..., :3, :3], whole[..., 3, 3] = bent, width
     return 2 * whole
-
-
-class _Flat:
-    """A field in which a unit of contour costs one."""
-
-    def __init__(self, like: Field) -> None:
-        self.edges = np.zeros(like.edges.shape, np.float32)
-        self.flat = np.ones(like.flat.shape, np.float32)
-        self.corner = like.corner
-
-
-class _Edges:
-    """A field in which no contour has a price."""
-
-    def __init__(self, like: Field) -> None:
-        self.edges = np.asarray(like.edges, np.float32)
-        self.flat = np.zeros(like.flat.shape, np.float32)
-        self.corner = like.corner
-
-
-class _Pulls:
-    """What all images say of their splats, by the compiled kernels.
-
-    Attributes:
-        value: of each frame, (F,).
-        curved: of each splat, entries xx, xy, yy, (F, C, Q, 3).
-    """
-
-    def __init__(self, energy: DensityContour, splats: Splats, derivatives: bool) -> None:
-        like, splats = splats.centre, splats.map(Tensor.double)
-        scale = energy.scale.double()
-        value, curved = scale.new_zeros(len(energy.fields)), torch.zeros_like(splats.form)
-        of = [torch.zeros_like(e) for e in (splats.centre, splats.form, splats.thickness)]
-        for frame, row in enumerate(energy.fields):
-            for view, field in enumerate(row):
-                first = splats.centre.new_tensor([field.corner[1], field.corner[0]])
-                shapes = (
-                    (splats.centre[frame, view] - first).numpy(),
-                    splats.form[frame, view].numpy(),
-                    splats.thickness[frame, view].numpy(),
-                )
-                a, b, c, d = (each[frame, view].numpy() for each in (*of, curved))
-                into = (a, b, c, d) if derivatives else None
-                value[frame] += scale[view] * _look(shapes, field, energy.bend, into)
-        self.value, self.curved = value.to(like), curved.to(like)
-        weights = (scale.reshape(-1, *[1] * (each.ndim - 2)) for each in of)
-        self._of = [(weight * each).to(like) for weight, each in zip(weights, of, strict=True)]
-
-    def on(self, splats: Splats) -> Tensor:
-        """A number whose gradient in the splats is that of the energy."""
-        parts = (splats.centre, splats.form, splats.thickness)
-        sums = [(pull * part).sum() for pull, part in zip(self._of, parts, strict=True)]
-        return torch.stack(sums).sum()
-
-
-def _look(
-    shapes: tuple[Floats, Floats, Floats],
-    field: Field,
-    bend: float,
-    into: tuple[Floats, Floats, Floats, Floats] | None,
-) -> float:
-    """Energy of one image; its derivatives are written ``into`` arrays."""
-    from perfcap.energy import _contour_numba
-    from perfcap.render import _density_numba
-
-    height, width = field.flat.shape
-    depth, slope = np.zeros((height, width)), np.zeros((2, height, width))
-    bent = np.empty((3, height, width))
-    _density_numba.draw(*shapes, LEAST, depth, slope)
-    value: float = _contour_numba.contour(depth, slope, field.edges, field.flat, bend, bent)
-    if into is not None:
-        _density_numba.pull_back(*shapes, LEAST, depth, slope, *into[:3])
-        _density_numba.gather(*shapes, LEAST, bent, into[3])
-    return value

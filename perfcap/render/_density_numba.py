@@ -3,6 +3,10 @@
 The plain-torch twin is ``_density_torch.py``; tests hold the two equal. Along a row a Gaussian is
 a product of two geometric progressions, so that a pixel costs two multiplications in place of an
 exponential: ``t(x + 1) = t(x) r(x)``, ``r(x + 1) = r(x) q``.
+
+A Gaussian ends at the ellipse where its optical depth t has fallen to ``least``. What it gives is
+``t - least (1 - log(least / t))``, with the slope ``(t - least) grad log t``: neither jumps there,
+so whatever is made of these images is continuous as bodies move.
 """
 
 import math
@@ -21,7 +25,7 @@ def reach(thickness: float, least: float) -> float:
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, int]:
+def touched_rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, int]:
     """First row that a Gaussian touches, and the one behind the last."""
     determinant = form[0] * form[2] - form[1] * form[1]
     half = math.sqrt(far * form[0] / determinant)
@@ -29,7 +33,7 @@ def _rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, i
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> tuple[int, int]:
+def fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> tuple[int, int]:
     """Values of a Gaussian in a row; its first column, and the one behind the last."""
     dy = row - centre[1]
     middle = -form[1] * dy / form[0]
@@ -65,19 +69,23 @@ def draw(
     height, width = depth.shape
     values = np.empty(width)
     for q in range(len(thickness)):
-        far = reach(thickness[q], least)
-        first, last = _rows(centre[q], form[q], far, height)
-        xx, xy, yy, a = form[q, 0], form[q, 1], form[q, 2], thickness[q]
+        a = thickness[q]
+        if a <= least:
+            continue
+        far = reach(a, least)
+        first, last = touched_rows(centre[q], form[q], far, height)
+        xx, xy, yy = form[q, 0], form[q, 1], form[q, 2]
         for row in range(first, last):
-            start, stop = _fill(centre[q], form[q], far, row, values)
+            start, stop = fill(centre[q], form[q], far, row, values)
             dy = row - centre[q, 1]
             line, down = depth[row, start:stop], slope[1, row, start:stop]
             across, offset = slope[0, row, start:stop], start - centre[q, 0]
             for i in range(len(line)):
-                dx, t = offset + i, a * values[i]
-                line[i] += t
-                across[i] += t * (xx * dx + xy * dy)
-                down[i] += t * (xy * dx + yy * dy)
+                dx, t = offset + i, a * values[i] - least
+                u, v = xx * dx + xy * dy, xy * dx + yy * dy
+                line[i] += t - 0.5 * least * (far - u * dx - v * dy)
+                across[i] += t * u
+                down[i] += t * v
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
@@ -108,21 +116,26 @@ def pull_back(
     height, width = on_depth.shape
     values = np.empty(width)
     for q in range(len(thickness)):
-        far = reach(thickness[q], least)
-        first, last = _rows(centre[q], form[q], far, height)
+        a = thickness[q]
+        if a <= least:
+            of_centre[q], of_form[q], of_thickness[q] = 0.0, 0.0, 0.0
+            continue
+        far, rest = reach(a, least), least / a
+        first, last = touched_rows(centre[q], form[q], far, height)
         xx, xy, yy = form[q, 0], form[q, 1], form[q, 2]
         m = mx = my = mxx = mxy = myy = 0.0  # moments of the pull on t
         wx = wy = wxx = wxy = wyy = 0.0  # moments of the pull on the slope
         for row in range(first, last):
-            start, stop = _fill(centre[q], form[q], far, row, values)
+            start, stop = fill(centre[q], form[q], far, row, values)
             dy = row - centre[q, 1]
             n = nx = nxx = ux = uy = uxx = uxy = 0.0  # the row's share
             line, down = on_depth[row, start:stop], on_slope[1, row, start:stop]
             across, offset = on_slope[0, row, start:stop], start - centre[q, 0]
             for i in range(len(line)):
                 dx, t = offset + i, values[i]
-                u, v, pull = t * across[i], t * down[i], t * line[i]
-                pull += u * (xx * dx + xy * dy) + v * (xy * dx + yy * dy)
+                kept, u, v = t - rest, across[i], down[i]
+                pull = kept * line[i] + t * (u * (xx * dx + xy * dy) + v * (xy * dx + yy * dy))
+                u, v = kept * u, kept * v
                 n += pull
                 nx += pull * dx
                 nxx += pull * dx * dx
@@ -141,7 +154,6 @@ def pull_back(
             wxx += uxx
             wxy += ux * dy + uxy
             wyy += uy * dy
-        a = thickness[q]
         of_thickness[q] = m
         of_centre[q, 0] = a * (xx * (mx - wx) + xy * (my - wy))
         of_centre[q, 1] = a * (xy * (mx - wx) + yy * (my - wy))
@@ -168,10 +180,10 @@ def gather(
     values = np.empty(width)
     for q in range(len(thickness)):
         far = reach(thickness[q], least)
-        first, last = _rows(centre[q], form[q], far, height)
+        first, last = touched_rows(centre[q], form[q], far, height)
         sums[q] = 0.0
         for row in range(first, last):
-            start, stop = _fill(centre[q], form[q], far, row, values)
+            start, stop = fill(centre[q], form[q], far, row, values)
             for k in range(count):
                 line, total = images[k, row, start:stop], 0.0
                 for i in range(len(line)):

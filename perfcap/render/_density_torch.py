@@ -11,14 +11,17 @@ def draw(
 ) -> tuple[Tensor, Tensor]:
     """Optical depth (B, H, W) of Gaussians (B, Q), and its descent (B, 2, H, W).
 
+    Neither jumps at the rim of a Gaussian, where its optical depth has fallen to ``least``.
     One Gaussian of all images after the other, so that memory does not grow with their number.
     """
     depth = centre.new_zeros(len(centre), *size)
     slope = centre.new_zeros(len(centre), 2, *size)
     for q in range(thickness.shape[-1]):
         t, u, v = _values(centre[:, q], form[:, q], thickness[:, q], size, least)
-        depth = depth + t
-        slope = slope + torch.stack((t * u, t * v), 1)
+        kept = torch.where(t > 0, t - least, 0.0)
+        rest = torch.where(t > 0, least * (t.clamp(min=least) / least).log(), 0.0)
+        depth = depth + kept - rest
+        slope = slope + torch.stack((kept * u, kept * v), 1)
     return depth, slope
 
 

@@ -29,6 +29,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
+from perfcap.geometry.plain import is_plain
 from perfcap.geometry.record import Record
 from perfcap.render import _density_torch
 from perfcap.render.label_map import LARGEST
@@ -102,7 +103,7 @@ def optical_depth(
     centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
     """Optical depth (B, H, W) of splats (B, Q) and minus its slope, (B, 2, H, W)."""
-    if centre.device.type != "cpu" or centre.dtype != torch.float64:
+    if centre.dtype != torch.float64 or not is_plain(centre.detach()):
         return _density_torch.draw(centre, form, thickness, size, LEAST)
     drawn: tuple[Tensor, Tensor] = _Drawn.apply(centre, form, thickness, size)  # type: ignore[no-untyped-call]
     return drawn

@@ -21,6 +21,7 @@ from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
 from perfcap.solve.majorized import Expansion, Majorized
 from perfcap.solve.minimize import solve
+from perfcap.solve.newton import Newton
 from perfcap.solve.solution import Method, Sensitivity, Solution, Status
 from perfcap.solve.sparse import BlockLinearization
 from perfcap.solve.truncated_newton import TruncatedNewton
@@ -43,6 +44,7 @@ __all__ = [
     "Linearization",
     "Majorized",
     "Method",
+    "Newton",
     "Objective",
     "OffersBlocks",
     "Quadratic",

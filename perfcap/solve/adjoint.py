@@ -194,7 +194,8 @@ class Implicit(Adjoint):
             rows = gradient(objective, state, layout)
         if not rows.requires_grad:
             return solution
-        _require_exact(objective)
+        if self.hessian != "full":
+            _require_residuals(objective, f"Implicit({self.hessian!r})")
         with torch.no_grad():
             inverse = self._inverse(objective, state, bounds, good)
         step = attach(torch.where(good.unsqueeze(-1), rows, 0), inverse)
@@ -247,7 +248,7 @@ class Unrolled(Adjoint):
             )
         if not torch.is_grad_enabled():
             return method.minimize(objective, initial, bounds)
-        _require_exact(objective)
+        _require_residuals(objective, "Unrolled")
         with torch.no_grad():
             whole = record(objective, initial, method, bounds)
         solution = whole.solution
@@ -261,14 +262,15 @@ class Unrolled(Adjoint):
         return replace(solution, state=state, sensitivity=kind.reshape(layout.batch))
 
 
-def _require_exact(objective: Objective) -> None:
-    """Energies whose own second derivatives the solver does not know have no exact gradient."""
-    unknown = [name for name, energy in objective.items() if isinstance(energy, Majorized)]
+def _require_residuals(objective: Objective, method: str) -> None:
+    """The solver sees a bound on the curvature of some energies, which has no exact gradient."""
+    inner = {name: getattr(energy, "energy", energy) for name, energy in objective.items()}
+    unknown = [name for name, energy in inner.items() if isinstance(energy, Majorized)]
     if unknown:
         raise InputError(
-            f"gradients through the solve of {', '.join(unknown)}: the solver sees only a bound on "
-            "the curvature of such energies, which would make gradients wrong without a word; "
-            "solve with Detached(), or leave them out of this solve"
+            f"{method} gradients through the solve of {', '.join(unknown)}: such an energy is no "
+            "sum of squares and the solver sees only a bound on its curvature, which would make "
+            "gradients wrong without a word; use Implicit(), which has its own second derivatives"
         )
 
 

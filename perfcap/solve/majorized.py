@@ -2,7 +2,8 @@
 
 An energy of points that may be negative, and need not be convex, says at every state what it is
 there, its slope in every point, and how much it may bend at most. The solver then sees a quadratic
-that touches the energy, as a pull on every point; steps are accepted on the true energy.
+that touches the energy, as a pull on every point; steps are accepted on the true energy. Where a
+solution is differentiated, the energy's own second derivatives take that quadratic's place.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import torch
 from torch import Tensor
 
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, StateType
+from perfcap.solve.products import apply_transposed
+from perfcap.solve.second_order import SecondOrder, points_second_order
 
 _RIDGE = 1e-9  # of a frame's largest curvature: for points that nothing is known of
 
@@ -39,7 +42,8 @@ class Majorized(Energy[StateType]):
 
     An author gives ``points`` (see ``perfcap.actor.points``) and writes ``values`` and ``expand``.
     The curvature need not be that of the energy; where it is too small the solver's damping makes
-    up for it. Its kernel is quadratic.
+    up for it. Its kernel is quadratic. ``Implicit`` gradients need ``slope`` and
+    ``second_derivative``, which differentiate ``values`` twice unless they are overridden.
 
     Args:
         points: N points of a state, with their derivatives.
@@ -61,6 +65,30 @@ class Majorized(Energy[StateType]):
     @abstractmethod
     def expand(self, points: Tensor) -> Expansion:
         """The energy about points (*b, F, N, d)."""
+
+    def slope(self, points: Tensor) -> Tensor:
+        """Gradient in points (*b, F, N, d), differentiable in them and in what the energy holds."""
+        with torch.enable_grad():
+            at = points if points.requires_grad else points.detach().requires_grad_()
+            (slope,) = torch.autograd.grad(self.values(at).sum(), at, create_graph=True)
+        return slope
+
+    def second_derivative(self, points: Tensor, moves: Tensor) -> Tensor:
+        """Second derivative along K moves of the points, (*b, F, K, K).
+
+        Args:
+            points: (*b, F, N, d).
+            moves: (*b, F, N, d, K).
+        """
+        with torch.enable_grad():
+            at = points.detach().requires_grad_()
+            slope = self.slope(at)
+            # frames are on their own, so the slopes of all of them make one pass a move
+            rows = [
+                torch.autograd.grad((slope * move).sum(), at, retain_graph=True)[0]
+                for move in moves.detach().unbind(-1)
+            ]
+        return torch.einsum("k...nd,...ndl->...kl", torch.stack(rows), moves)
 
     def forward(self, state: StateType) -> Tensor:
         """The true energy of each batch element, (*b,)."""
@@ -87,6 +115,41 @@ class Majorized(Energy[StateType]):
             None if shared is None else root @ shared,
             self._weighed(expansion.value + self.offset).sum(-1),
         )
+
+    def gradient(self, state: StateType) -> tuple[Tensor, Tensor | None]:
+        """Half the gradient of the true energy; see ``OffersGradient``."""
+        points, frame, shared = self.points.linearize(state)
+        slope = self._weighed_frames(0.5 * self.slope(points)).flatten(-2)
+        of_frame = apply_transposed(frame.flatten(-3, -2), slope)
+        if shared is None:
+            return of_frame, None
+        return of_frame, apply_transposed(shared.flatten(-3, -2), slope).sum(-2)
+
+    def second_order(self, state: StateType, pull: Tensor) -> SecondOrder:
+        """Half the true second derivative, less the rows that ``linearize`` has made of it.
+
+        The pull, on those rows, says nothing of it.
+        """
+        linearized = points, frame, shared = self.points.linearize(state)
+        slope = self._weighed_frames(0.5 * self.slope(points.detach()).detach())
+        found = points_second_order(self.points, state, linearized, slope)
+        moves = frame if shared is None else torch.cat((frame, shared), -1)
+        bent = self._weighed_frames(0.5 * self.second_derivative(points, moves))
+        root = _rows(self.expand(points))[0]
+        rows = (root @ moves).flatten(-3, -2)
+        bent = bent - self._weighed_frames(rows.mT @ rows)
+        own = state.frame_dim
+        of_frame = found.frame + bent[..., :own, :own]
+        if shared is None:
+            return SecondOrder(of_frame)
+        assert found.border is not None and found.shared is not None
+        border = found.border + bent[..., :own, own:]
+        return SecondOrder(of_frame, border, found.shared + bent[..., own:, own:].sum(-3))
+
+    def _weighed_frames(self, values: Tensor) -> Tensor:
+        """The weight times values (*b, F, ., .)."""
+        weight = self.weight.to(values)
+        return (weight[..., None, None, None] if weight.ndim else weight) * values
 
     def _weighed(self, values: Tensor) -> Tensor:
         weight = self.weight.to(values)

@@ -56,6 +56,32 @@ def second_order(energy: Energy[StateType], state: StateType, pull: Tensor) -> S
     return SecondOrder(found.frame, found.border[..., seen], shared[..., seen, :])
 
 
+@runtime_checkable
+class OffersCurvature(Protocol):
+    """Points with second derivatives in closed form."""
+
+    def curvature(self, motion: Any, linearized: Any, pull: Tensor) -> SecondOrder:
+        """Second derivative of ``<pull, points>`` for a pull (*b, F, N, d)."""
+
+
+def points_second_order(points: Any, state: Any, linearized: Any, pull: Tensor) -> SecondOrder:
+    """Second derivative of ``<pull, points>``, in the shared blocks that the points see.
+
+    Args:
+        points: N of them, of a state; see ``perfcap.actor.points``.
+        state: where.
+        linearized: ``points.linearize(state)``.
+        pull: a constant, (*b, F, N, d).
+    """
+    if isinstance(points, OffersCurvature):
+        return points.curvature(state, linearized, pull)
+    whole = twice_differentiated(points, state, pull)
+    if linearized[2] is None or whole.border is None or whole.shared is None:
+        return SecondOrder(whole.frame)
+    seen = seen_columns(state.shared_sizes, points.sees)
+    return SecondOrder(whole.frame, whole.border[..., seen], whole.shared[..., seen][..., seen, :])
+
+
 def twice_differentiated(
     function: Callable[[StateType], Tensor], state: StateType, pull: Tensor
 ) -> SecondOrder:

@@ -16,11 +16,16 @@ from perfcap.solve import (
     Detached,
     Implicit,
     LevenbergMarquardt,
+    Newton,
     Objective,
+    Sensitivity,
     Unrolled,
     solve,
 )
+from perfcap.solve.assembly import assemble
+from perfcap.solve.layout import Layout
 from perfcap.solve.majorized import Expansion, Majorized
+from perfcap.solve.stationarity import hessian
 
 F64 = torch.float64
 
@@ -104,8 +109,8 @@ def test_points_without_slope_do_no_harm() -> None:
     assert float(solution.terms["wells"]) == 20.0 * 3
 
 
-@pytest.mark.parametrize("adjoint", [Implicit(), Implicit("gauss_newton"), Unrolled()])
-def test_gradients_through_it_are_refused(adjoint: Adjoint) -> None:
+@pytest.mark.parametrize("adjoint", [Implicit("products"), Implicit("gauss_newton"), Unrolled()])
+def test_gradients_without_its_second_derivatives_are_refused(adjoint: Adjoint) -> None:
     energy, _, start = problem()
     rest = torch.zeros(27, dtype=F64, requires_grad=True)
     objective = Objective(wells=energy, prior=PosePrior(rest, 100.0, 1e-3))
@@ -113,3 +118,49 @@ def test_gradients_through_it_are_refused(adjoint: Adjoint) -> None:
     with pytest.raises(InputError, match="wells"):
         solve(objective, start, method, adjoint=adjoint)
     assert not solve(objective, start, method, adjoint=Detached()).state.angles.requires_grad
+
+
+def shaken() -> tuple[Objective, Wells, Motion]:
+    """Wells beside where the body can be, so that slopes at the minimum are not zero."""
+    energy, truth, start = problem()
+    draw = torch.Generator().manual_seed(3)
+    moved = 0.03 * torch.randn(energy.centres.shape, generator=draw, dtype=F64)
+    energy.centres = (energy.centres + moved).requires_grad_()
+    prior = PosePrior(truth.angles.mean(0), 1.0, 0.1)
+    return Objective(wells=energy, prior=prior), energy, start
+
+
+def test_second_derivatives_are_those_of_the_energy() -> None:
+    objective, energy, start = shaken()
+    objective = Objective(wells=energy)
+    layout = Layout.of(start)
+    with torch.no_grad():
+        found = hessian(objective, start, assemble(objective, start)).curvature[0]
+    here = start.coordinates()
+    for frame in range(3):
+
+        def value(step: Tensor, frame: int = frame) -> Tensor:
+            whole = torch.zeros_like(here.frame).index_put((torch.tensor(frame),), step)
+            return energy(start.retract(type(here)(whole, here.shared)))
+
+        whole = torch.autograd.functional.hessian(value, torch.zeros(layout.frame_dim, dtype=F64))
+        torch.testing.assert_close(2 * found[frame], whole, rtol=1e-9, atol=1e-9)
+
+
+def test_gradients_through_a_solve_against_differences() -> None:
+    objective, energy, start = shaken()
+    method = Newton(LevenbergMarquardt(max_steps=40))
+    solution = solve(objective, start, method, adjoint=Implicit())
+    assert solution.sensitivity is not None
+    assert int(solution.sensitivity) == Sensitivity.EXACT
+    way = torch.randn(start.angles.shape, generator=torch.Generator().manual_seed(4), dtype=F64)
+    (found,) = torch.autograd.grad((solution.state.angles * way).sum(), energy.centres)
+    draw = torch.Generator().manual_seed(5)
+    move = 1e-5 * torch.randn(found.shape, generator=draw, dtype=F64)
+    centres, values = energy.centres.detach(), []
+    for sign in (1, -1):
+        energy.centres = centres + sign * move
+        moved = solve(objective, start, method).state
+        values.append(float((moved.angles * way).sum()))
+    change = (values[0] - values[1]) / 2
+    assert float((found * move).sum()) == pytest.approx(change, rel=1e-5)
