@@ -4,20 +4,29 @@ from dataclasses import replace
 
 import pytest
 import torch
+from synthetic import actor
+from synthetic import cameras as circle
 from test_density_contour import Seen, body, near, seen, truth
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
+from perfcap.detect.detections import Detections
 from perfcap.energy.density_contour import DensityContour
 from perfcap.energy.prior import PosePrior
+from perfcap.energy.reprojection import Reprojection
+from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import torch_only
+from perfcap.render.density import Splats, background
+from perfcap.segment.edge_tensors import TensorField, edge_tensors
 from perfcap.solve import (
     Detached,
+    GemanMcClure,
     Implicit,
     LevenbergMarquardt,
     Newton,
     Objective,
     Sensitivity,
+    Solution,
     solve,
 )
 
@@ -103,38 +112,53 @@ def test_the_slope_is_a_function_of_all_that_it_is_made_of() -> None:
         torch.testing.assert_close(ours, theirs, rtol=1e-6, atol=1e-8 * scale)
 
 
+def pictures(size: int) -> tuple[Camera, Tensor]:
+    """Cameras and images (F, C, 3, H, W) of a body before a wall, pixels that want gradients."""
+    points, volume = body()
+    cameras = circle(3, size=size)
+    splats = Splats.seen_by(cameras, points(truth()), volume.deviations, volume.densities)
+    left = background(splats, (size, size))[0].unsqueeze(-3)
+    tones = torch.tensor([[0.6, 0.5, 0.5], [0.2, 0.3, 0.4]], dtype=F64)
+    wall, skin = tones[..., None, None]
+    # nowhere flat: the strength of an edge has no derivative where it is zero
+    x, y = torch.arange(size, dtype=F64), torch.arange(size, dtype=F64)[:, None]
+    slant = 0.01 * (x + 0.6 * y) + 0.3 * torch.sin(0.05 * y + 0.07 * x)
+    return cameras, (left * wall + (1 - left) * skin + slant).detach().requires_grad_()
+
+
 def solved(
-    fields: list[list[Seen]], rest: Tensor, adjoint: Detached | Implicit, start: Motion
-) -> tuple[Motion, Tensor]:
-    energy, points = seen(truth(), 90)
-    own = DensityContour(
-        points, body()[1], energy.cameras, fields, torch.tensor(0.2, dtype=F64), offset=200.0
+    cameras: Camera, images: Tensor, joints: Tensor, adjoint: Detached | Implicit, start: Motion
+) -> Solution[Motion]:
+    """The motion whose contours meet the edges of images, near detections."""
+    points, volume = body()
+    fields = [[TensorField.of(edge_tensors(view)) for view in row] for row in images]
+    weight = torch.tensor(0.2, dtype=F64)
+    contour = DensityContour(points, volume, cameras, fields, weight, offset=200.0)
+    seen_by = Detections.from_joints(joints, torch.ones_like(joints[..., 0]))
+    objective = Objective(
+        contour=contour,
+        joints=Reprojection(actor().landmarks, cameras, seen_by, 0.01, GemanMcClure(3.0)),
+        prior=PosePrior(truth().angles.mean(0), 20.0, 1.0),
     )
-    objective = Objective(contour=own, prior=PosePrior(rest, 20.0, 1.0))
-    method = Newton(LevenbergMarquardt(max_steps=20))
-    found = solve(objective, start, method, adjoint=adjoint)
-    return found.state, found.sensitivity
+    return solve(objective, start, Newton(LevenbergMarquardt(max_steps=20), 60), adjoint=adjoint)
 
 
-def test_gradients_reach_images_and_priors_through_a_solve() -> None:
-    energy, points = seen(truth(), 90)
-    rest = truth().angles.mean(0) + 0.02
-    fields, wanted = recorded(energy), rest.clone().requires_grad_()
-    start = near(truth(), 0.005)
-    state, sensitivity = solved(fields, wanted, Implicit(), start)
-    assert sensitivity.tolist() == int(Sensitivity.EXACT)
+def test_gradients_reach_images_and_detections_through_a_solve() -> None:
+    cameras, images = pictures(64)
+    exact = cameras.project(actor().landmarks(truth()))
+    joints = (exact + 0.5 * drawn(exact, 1)).detach().requires_grad_()
+    found = solved(cameras, images, joints, Implicit(), near(truth(), 0.005))
+    assert found.sensitivity is not None and int(found.sensitivity) == Sensitivity.EXACT
+    points, state = body()[0], found.state
     way = drawn(points(state), 4)
-    of = [fields[0][0].edges, fields[1][2].flat, wanted]
-    found = torch.autograd.grad((points(state) * way).sum(), of)
-    step = 1e-4
-    moves = [step * drawn(each, 5 + index) for index, each in enumerate(of)]
-    for index, (gradient, move) in enumerate(zip(found, moves, strict=True)):
-        values = []
+    slopes = torch.autograd.grad((points(state) * way).sum(), (images, joints))
+    for which, step in enumerate((1e-5, 1e-4)):
+        given = [images.detach(), joints.detach()]
+        move, values = step * drawn(given[which], 5 + which), []
         for sign in (1, -1):
-            with torch.no_grad():
-                of[index].add_(sign * move)
-                moved = solved(fields, wanted, Detached(), state)[0]
-                values.append(float((points(moved) * way).sum()))
-                of[index].sub_(sign * move)
-        expected = (values[0] - values[1]) / 2
-        assert float((gradient * move).sum()) == pytest.approx(expected, rel=1e-3)
+            moved = list(given)
+            moved[which] = given[which] + sign * move
+            again = solved(cameras, *moved, Detached(), state).state
+            values.append(float((points(again) * way).sum()))
+        change = (values[0] - values[1]) / 2
+        assert float((slopes[which] * move).sum()) == pytest.approx(change, rel=1e-4)
