@@ -29,7 +29,7 @@ from perfcap.pipeline.input_doubts import estimate_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
-from perfcap.rates import frame_rate
+from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
@@ -157,6 +157,8 @@ class PoseRefiner(nn.Module):
         """
         require_flags(placed=placed)
         rate = self.rate if rate is None else frame_rate(rate)
+        for line in rate_doubts(rate):
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=3)
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):
             raise InputError(

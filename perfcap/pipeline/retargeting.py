@@ -43,7 +43,7 @@ from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.stances import contact_probability
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.pipeline.track_motion import MotionBlender
-from perfcap.rates import frame_rate
+from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, solve
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import partition
@@ -94,6 +94,9 @@ def retarget(
         InputError: the rate, the scale or a setting is none, or joints are in another unit.
     """
     rate = frame_rate(rate)
+    _require_arguments(source, joints, target)
+    for line in rate_doubts(rate):
+        warnings.warn(line, stacklevel=3)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
@@ -127,6 +130,16 @@ def retarget(
         level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
+
+
+def _require_arguments(source: object, joints: object, target: object) -> None:
+    given = ("source", source, Actor), ("joints", joints, JointMotion), ("target", target, Actor)
+    for name, value, kind in given:
+        if not isinstance(value, kind):
+            raise InputError(
+                f"{name} is a {type(value).__name__}, expected {'an' if kind is Actor else 'a'} "
+                f"{kind.__name__}: retarget(source, joints, target, rate)"
+            )
 
 
 def _placed(

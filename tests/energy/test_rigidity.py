@@ -223,6 +223,6 @@ def test_nodes_of_another_graph_are_refused(graph):
 
 def test_nodes_of_other_frames_are_refused(graph):
     """Those of one frame were the rest of all."""
-    nodes = graph.nodes(posed_strip((1,)))
+    nodes = graph.nodes(posed_strip(frames=1))
     with pytest.raises(InputError, match="made for 1 frames but the state has 2"):
-        Rigidity(graph, nodes)(random_deformation((2,)))
+        Rigidity(graph, nodes)(random_deformation())
