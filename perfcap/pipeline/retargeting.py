@@ -10,6 +10,7 @@ feet tied to where they stand, as in a capture.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
