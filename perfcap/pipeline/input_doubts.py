@@ -35,6 +35,7 @@ from perfcap.rates import rate_doubts
 
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
 _CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
 _NONE = 0.01  # m: these are no legs
@@ -158,6 +159,20 @@ def _headlong(cameras: Camera, poses: Tensor) -> Iterator[str]:
             f"the person of the 3D joints stands on their head in {share:.0%} of the frames, in "
             "the axes of the camera; expected x right, y down, z forward: joints of the world are "
             "taken there by cameras.to_camera"
+        )
+
+
+def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
+    """Whether joints that are placed in the world (F, C, 16, 3) are of a person of another size."""
+    seen = torch.where(certain[..., None] > 0, places, torch.nan).detach().double().cpu()
+    own, shown = (
+        float(points[..., _LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
+        for points in (actor.skeleton.rest_landmarks.detach().double().cpu(), seen)
+    )
+    if shown > _NONE and not _SIZES[0] < own / shown < _SIZES[1]:
+        yield (
+            f"the actor's legs are {own / shown:.2g} times as long as those of the placed 3D "
+            "joints; check their unit, and give the actor of this person"
         )
 
 

@@ -10,7 +10,6 @@ feet tied to where they stand, as in a capture.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +43,7 @@ from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.stances import contact_probability
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.pipeline.track_motion import MotionBlender
-from perfcap.rates import frame_rate, rate_doubts
+from perfcap.rates import frame_rate
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, solve
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import partition
@@ -96,8 +95,6 @@ def retarget(
     """
     rate = frame_rate(rate)
     _require_arguments(source, joints, target)
-    for line in rate_doubts(rate):
-        warnings.warn(line, stacklevel=3)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
