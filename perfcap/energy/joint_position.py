@@ -118,6 +118,7 @@ class JointPosition(Energy[Motion]):
 
         kernel = as_numbers(self.kernel)
         joints, frame, shared = self.points.linearize(motion)
+        self._require_joints(joints)
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
         strength, blocks = (self.confidence, self.weight), (curvature, gradient)
@@ -144,7 +145,7 @@ class JointPosition(Energy[Motion]):
         return point_curvature(self.points, motion, linearized, on_joints, moved, curvature)
 
     def _residual(self, joints: Tensor) -> Residual:
-        require_frames(self, self.direction.shape[-4], joints.shape[-3])
+        self._require_joints(joints)
         if self._compiled_for(joints):
             from perfcap.energy import _joint_position_numba
 
@@ -153,6 +154,15 @@ class JointPosition(Energy[Motion]):
         predicted = self.chain @ (length * self.direction)  # *b F C J 3
         error = self._centre(joints.unsqueeze(-3) - predicted)
         return Residual(error.flatten(-3, -2), self.confidence)
+
+    def _require_joints(self, joints: Tensor) -> None:
+        """Compiled loops believe the shapes they are given."""
+        require_frames(self, self.direction.shape[-4], joints.shape[-3])
+        if joints.shape[-2] != self.direction.shape[-2]:
+            raise InputError(
+                f"points are {joints.shape[-2]}, detections have {self.direction.shape[-2]} "
+                "joints; give actor.landmarks"
+            )
 
     def _derivative(self, joints: Tensor, jacobian: Tensor) -> Tensor:
         """Of the residual, (*b, F, C * 16, 3, D), from that of the joints, (*b, F, 16, 3, D)."""

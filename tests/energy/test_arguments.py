@@ -9,6 +9,7 @@ import torch
 
 import perfcap
 from perfcap.actor import Motion
+from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy import (
     BoneLengthPrior,
     FloorPenetration,
@@ -163,6 +164,17 @@ def test_energies_of_other_frames(sam):
     for energy in (BoneLengthPrior(groups - 1, 5), SharedPrior(3, 5, block="bones")):
         with pytest.raises(InputError, match=f"numbers but the motion shares {groups}"):
             energy(motion)
+
+
+def test_joints_of_another_number_are_refused(sam):
+    """Compiled loops read beyond their ends."""
+    camera, seen = views()
+    corners = torch.arange(20)[:, None]
+    points = SkinnedPoints(sam, corners, torch.ones(20, 1, dtype=F64))
+    energy = JointPosition(points, camera, seen)
+    for call in (energy, lambda motion: solve(Objective(e=energy), motion)):
+        with pytest.raises(InputError, match="points are 20, detections have 16 joints"):
+            call(still(sam))
 
 
 def test_units_and_weights_of_other_things(sam):
