@@ -19,7 +19,7 @@ from perfcap.solve.energy import (
     State,
     WindowEnergy,
 )
-from perfcap.solve.energy_checks import require_lead, require_weight
+from perfcap.solve.energy_checks import require_lead, require_slopes, require_weight
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
 from perfcap.solve.products import apply_transposed
@@ -152,6 +152,7 @@ class _Blocks:
                 return added
         linear = energy.linearize(state)
         require_lead(energy, linear.residual.value, layout.batch, layout.frames)
+        require_slopes(energy, linear.frame, linear.residual.value, layout.frame_dim)
         value = energy.cost(linear.residual) if linear.value is None else linear.value
         self.add(energy, linear, layout)
         return layout.per_element(value)

@@ -60,6 +60,20 @@ def require_lead(energy: object, value: Tensor, batch: Sequence[int], frames: in
         )
 
 
+def require_slopes(energy: object, frame: Tensor, value: Tensor, unknowns: int) -> None:
+    """Refuse a closed form whose derivative is not that of values (*b, F, G, d).
+
+    Raises:
+        InputError: it is not (*b, F, G, d, D).
+    """
+    wanted = (*value.shape[-3:], unknowns)
+    if tuple(frame.shape[-4:]) != wanted or not fits(frame.shape[:-4], value.shape[:-3]):
+        raise InputError(
+            f"{type(energy).__name__}.linearize returned a derivative {tuple(frame.shape)} of "
+            f"values {tuple(value.shape)}; expected (*b, F, G, d, D), which ends in {wanted}"
+        )
+
+
 def require_weight(name: str, weight: Tensor, batch: Sequence[int]) -> None:
     """Refuse a weight that is neither a number nor one of each batch element.
 
