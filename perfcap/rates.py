@@ -11,6 +11,10 @@ SLOWEST, FASTEST = 0.01, 1e5
 """Frames a second, from and to: what videos can say."""
 
 
+_SLOW = 0.2
+"""Frames a second: who is seen every five seconds only has no motion to speak of."""
+
+
 class Timed(Protocol):
     """Something that runs at so many frames a second; a ``Clip``."""
 
@@ -40,3 +44,17 @@ def frame_rate(value: Any, name: str = "rate") -> float:
             f"{FASTEST:g}"
         )
     return rate
+
+
+def rate_doubts(rate: float) -> tuple[str, ...]:
+    """A sentence where a rate looks like the seconds of a frame.
+
+    Args:
+        rate: frames a second.
+    """
+    if rate >= _SLOW:
+        return ()
+    return (
+        f"rate is {rate:.4g} frames a second, a frame in {1 / rate:.4g} s; if a frame takes "
+        f"{rate:.4g} s, give {1 / rate:.4g}",
+    )

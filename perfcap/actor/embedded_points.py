@@ -11,6 +11,7 @@ from perfcap.actor import _embedded_points_torch
 from perfcap.actor._embedded_points_torch import Embedding
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
+from perfcap.actor.points import require_directions
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 
@@ -47,6 +48,7 @@ class EmbeddedPoints(nn.Module):
     ) -> None:
         super().__init__()
         _check(graph, posed, corners, weights)
+        self.nodes = len(graph)
         shape = (*posed.shape[:-2], *corners.shape[-2:])
         chosen = corners.expand(shape), weights.to(posed).expand(shape)
         shares = graph.influence_weights.to(posed)
@@ -58,6 +60,7 @@ class EmbeddedPoints(nn.Module):
 
     def forward(self, deformation: Deformation) -> Tensor:
         """Points in the world, (*b, F, N, 3), metres."""
+        self._require_fitting(deformation)
         points: Tensor = self._twin_for(deformation).place(self._embedding(), deformation)
         return points
 
@@ -77,12 +80,23 @@ class EmbeddedPoints(nn.Module):
             derivative: of the point in each node's rotation and translation, zero where there is
                 none, (*b, F, N, k, 3, 6), or (*b, F, N, k, Q, 6) along directions.
         """
+        self._require_fitting(deformation)
         if directions is None:
             directions = torch.eye(3).to(self.base).expand(*self.base.shape, 3)
+        require_directions(directions, self.base.shape[:-1])
         points, derivative = self._twin_for(deformation, directions).linearize(
             self._embedding(), deformation, directions
         )
         return points, self.blocks, derivative
+
+    def _require_fitting(self, deformation: Deformation) -> None:
+        """Compiled loops believe the shapes they are given."""
+        own, wanted = tuple(deformation.translation.shape), (*self.base.shape[:-2], self.nodes, 3)
+        if own != wanted:
+            raise InputError(
+                f"deformation has shape {own}, expected {wanted}: of the frames that the points "
+                "were posed in, and the nodes of their graph"
+            )
 
     def _embedding(self) -> Embedding:
         return Embedding(self.base, self.blocks, self.arm, self.share)

@@ -249,3 +249,16 @@ class PointDifferences(nn.Module):
         shape = (-1,) + (1,) * (-1 - axis)
         start = values.index_select(axis, self.starts) * self.relative.to(values).reshape(shape)
         return values.index_select(axis, self.ends) - start
+
+
+def require_directions(directions: Tensor, points: Sequence[int]) -> None:
+    """Refuse directions that are not those of points (*b, F, N): compiled loops believe them.
+
+    Raises:
+        InputError: they are not (*b, F, N, Q, 3).
+    """
+    if tuple(directions.shape[:-2]) != tuple(points) or directions.shape[-1] != 3:
+        raise InputError(
+            f"directions have shape {tuple(directions.shape)} for points {tuple(points)}; expected "
+            "(*b, F, N, Q, 3) of the same frames and points"
+        )

@@ -93,6 +93,12 @@ class Skeleton(nn.Module):
                 f"motion has angles {tuple(motion.angles.shape)}, expected (*b, F, "
                 f"{len(self.angle_names)}): those of this skeleton, by angle_names"
             )
+        bones, count = motion.shared.get(BONES), len(self.group_names)
+        if bones is not None and (bones.shape[-1:] != (count,) or bones.ndim >= motion.angles.ndim):
+            raise InputError(
+                f"motion shares bones {tuple(bones.shape)}, expected (*b, {count}): one number a "
+                "bone group, by group_names, for all frames of a clip"
+            )
 
     def _is_plain(self, motion: Motion) -> bool:
         """Whether compiled loops may be used: only numbers are asked for, on the CPU."""

@@ -13,7 +13,7 @@ from perfcap.actor._skinned_points_torch import Chosen, Skin, Unknowns
 from perfcap.actor.actor import Actor
 from perfcap.actor.frame_twists import frame_twists, moved_joints, topmost_joints
 from perfcap.actor.motion import Motion
-from perfcap.actor.points import Linearized
+from perfcap.actor.points import Linearized, require_directions
 from perfcap.errors import InputError
 from perfcap.geometry.dual_quaternion import DualQuaternion
 from perfcap.geometry.plain import is_plain
@@ -78,6 +78,7 @@ class SkinnedPoints(nn.Module):
         table, chosen = joint_table(rotation, translation), self._chosen(motion)
         if directions is None:
             directions = torch.eye(3).to(table).expand(*chosen.corners.shape[:-1], 3, 3)
+        require_directions(directions, chosen.corners.shape[:-1])
         unknowns = self._unknowns(motion, rotation, translation)
         points, frame = self._twin(table, directions).linearize(
             self._skin(), chosen, table, unknowns, directions

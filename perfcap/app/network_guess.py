@@ -161,7 +161,8 @@ def _movenet(session: Session, output: str, layout: str, size: tuple[int, int]) 
         + 'columns = ["y", "x", "confidence"]\nunits = "unit"\n'
         + _joints(COCO17)
     )
-    return Guess("MoveNet SinglePose, COCO-17", text, ())
+    check = ("values: 0 to 255 in rgb here, without mean and std",)
+    return Guess("MoveNet SinglePose, COCO-17", text, check)
 
 
 def _blazepose(session: Session, output: str, layout: str, size: tuple[int, int]) -> Guess:
@@ -178,7 +179,8 @@ def _blazepose(session: Session, output: str, layout: str, size: tuple[int, int]
         + "".join(f'joints3d = "{o}"\n' for o in world[:1])
         + _joints(BLAZEPOSE33)
     )
-    return Guess("BlazePose, BlazePose-33", text, ())
+    check = ("values: 0 to 1 in rgb here (scale)",)
+    return Guess("BlazePose, BlazePose-33", text, check)
 
 
 def _require_set(session: Session, asked: JointSet | None, joints: JointSet, family: str) -> None:

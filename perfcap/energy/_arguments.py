@@ -43,19 +43,67 @@ def _require(given: float | Tensor, name: str, wanted: str, *, above: bool) -> N
         raise InputError(f"{name} is {given}; expected {wanted}")
 
 
+def require_confidence(confidence: Tensor, name: str = "confidence") -> None:
+    """Refuse confidences that are negative or no numbers; a tensor elsewhere may hide its own.
+
+    Raises:
+        InputError: one is.
+    """
+    confidence = confidence.detach()
+    if is_plain(confidence) and not bool((confidence >= 0).all()):
+        raise InputError(
+            f"{name} is {float(confidence.min()):.3g} at least, expected numbers from 0 on; take "
+            "the sigmoid of logits, and 0 for what is unseen (of Detections, finite() does)"
+        )
+
+
+def known_places(places: Tensor, confidence: Tensor, name: str) -> Tensor:
+    """Places (..., N, k) with zeros for those of confidence 0 that are no numbers.
+
+    Raises:
+        InputError: others are none.
+    """
+    if not is_plain(places.detach()):
+        return places
+    lost = ~places.detach().isfinite().all(-1)
+    if not bool(lost.any()):
+        return places
+    if bool((lost & (confidence.detach() > 0)).any()):
+        raise InputError(
+            f"{name} holds NaN or infinity where its confidence is above 0; expected a confidence "
+            "of 0 there (of Detections, finite() gives it)"
+        )
+    return torch.where(lost.unsqueeze(-1), 0, places)
+
+
+def require_frames(energy: object, own: int, frames: int) -> None:
+    """Refuse a state of other frames than an energy was made for.
+
+    Raises:
+        InputError: it is one.
+    """
+    if own != frames:
+        raise InputError(
+            f"{type(energy).__name__} is made for {own} frames but the state has {frames}; make "
+            "one for as many"
+        )
+
+
 _TURNS = 4 * math.pi  # rad: no joint turns further
 _BODY = 20.0  # m from end to end, of anybody's points
 
 
 def require_radians(angles: Tensor, name: str) -> None:
-    """Refuse angles that look like degrees; infinite ones are none.
+    """Refuse angles that look like degrees, and NaN; infinite ones are none.
 
     Raises:
-        InputError: one is beyond two turns.
+        InputError: one is beyond two turns, or no number.
     """
     angles = angles.detach()
     if not is_plain(angles):
         return
+    if bool(angles.isnan().any()):
+        raise InputError(f"{name} holds NaN, expected radians")
     far = angles[angles.isfinite() & (angles.abs() > _TURNS)]
     if len(far):
         raise InputError(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor, nn
 
-from perfcap.energy._arguments import require_unit
+from perfcap.energy._arguments import require_confidence, require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -68,6 +68,7 @@ class ContourAlignment(Energy[Any]):
                 f"correspondences are of {confidence.shape[-2]} views but there are "
                 f"{cameras.views} cameras; give one for each"
             )
+        require_confidence(confidence)
         super().__init__(weight / _usual_count(counts), kernel)
         require_unit(unit)
         self.points, self.sees = points, getattr(points, "sees", ())
@@ -102,6 +103,12 @@ class ContourAlignment(Energy[Any]):
 
     def _by_view(self, points: Tensor) -> list[tuple[Camera, Tensor]]:
         """The points of each view, (*b, F, P, 3), with its camera."""
+        frames, each, count = self.confidence.shape[-3:]
+        if points.shape[-3:-1] != (frames, each * count):
+            raise InputError(
+                f"points have shape {tuple(points.shape)}, correspondences (F, C, P) "
+                f"{(frames, each, count)}; expected (*b, F, C P, 3) of the same frames"
+            )
         views = points.reshape(*points.shape[:-2], *self.confidence.shape[-2:], 3).unbind(-3)
         return list(zip(self.views, views, strict=True))
 

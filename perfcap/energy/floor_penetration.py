@@ -7,7 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
-from perfcap.energy._arguments import require_unit, seen_by
+from perfcap.energy._arguments import require_confidence, require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
@@ -33,7 +33,7 @@ class FloorPenetration(Energy[Motion]):
         unit: metres that count as one.
 
     Raises:
-        InputError: a normal that is no unit vector, or as many confidences as there are no points.
+        InputError: a normal that is no unit vector, or confidences that are none.
     """
 
     coupling = Coupling.FRAME
@@ -62,6 +62,7 @@ class FloorPenetration(Energy[Motion]):
                 f"confidence has shape {tuple(confidence.shape)}; give (*b, F, {points.count}), "
                 "one for each point"
             )
+        require_confidence(confidence)
         level = torch.as_tensor(height).to(normal)
         if is_plain(level) and not bool(level.isfinite().all()):
             raise InputError(f"height is {height}; expected finite metres along the normal")

@@ -11,7 +11,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
-from perfcap.energy._arguments import require_unit, seen_by
+from perfcap.energy._arguments import known_places, require_frames, require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -80,7 +80,9 @@ class JointPosition(Energy[Motion]):
                 "camera a view, in the same order"
             )
         self.points, self.sees = points, seen_by(points)
-        predicted = detections.joints3d
+        trusted = detections.trusted3d.to(detections.joints3d)
+        confidence = trusted[..., None].expand(detections.joints3d.shape[:-1])
+        predicted = known_places(detections.joints3d, confidence, "joints3d")
         count = predicted.shape[-2]
         scale = (1 / torch.as_tensor(unit).to(predicted)).expand(count)
         self.register_buffer("scale", scale)
@@ -90,8 +92,6 @@ class JointPosition(Energy[Motion]):
         self.register_buffer("direction", bones / length)
         self.register_buffer("bones", bone_vectors(torch.eye(count).to(predicted)))
         self.register_buffer("chain", bone_chains().to(predicted))
-        trusted = detections.trusted3d.to(predicted)
-        confidence = trusted[..., None].expand(predicted.shape[:-1])
         self.register_buffer("confidence", confidence.flatten(-2))
 
     def residual(self, motion: Motion) -> Residual:
@@ -118,6 +118,7 @@ class JointPosition(Energy[Motion]):
 
         kernel = as_numbers(self.kernel)
         joints, frame, shared = self.points.linearize(motion)
+        self._require_joints(joints)
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
         strength, blocks = (self.confidence, self.weight), (curvature, gradient)
@@ -144,6 +145,7 @@ class JointPosition(Energy[Motion]):
         return point_curvature(self.points, motion, linearized, on_joints, moved, curvature)
 
     def _residual(self, joints: Tensor) -> Residual:
+        self._require_joints(joints)
         if self._compiled_for(joints):
             from perfcap.energy import _joint_position_numba
 
@@ -152,6 +154,15 @@ class JointPosition(Energy[Motion]):
         predicted = self.chain @ (length * self.direction)  # *b F C J 3
         error = self._centre(joints.unsqueeze(-3) - predicted)
         return Residual(error.flatten(-3, -2), self.confidence)
+
+    def _require_joints(self, joints: Tensor) -> None:
+        """Compiled loops believe the shapes they are given."""
+        require_frames(self, self.direction.shape[-4], joints.shape[-3])
+        if joints.shape[-2] != self.direction.shape[-2]:
+            raise InputError(
+                f"points are {joints.shape[-2]}, detections have {self.direction.shape[-2]} "
+                "joints; give actor.landmarks"
+            )
 
     def _derivative(self, joints: Tensor, jacobian: Tensor) -> Tensor:
         """Of the residual, (*b, F, C * 16, 3, D), from that of the joints, (*b, F, 16, 3, D)."""

@@ -7,10 +7,15 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
-from perfcap.energy._arguments import require_metres, require_unit, seen_by
+from perfcap.energy._arguments import (
+    known_places,
+    require_confidence,
+    require_metres,
+    require_unit,
+    seen_by,
+)
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
@@ -61,14 +66,9 @@ class JointTarget(Energy[Motion]):
                 f"target has shape {tuple(target.shape)} and confidence {tuple(confidence.shape)}; "
                 f"give (*b, F, C, {count}, 3) and (*b, F, C, {count})"
             )
-        if is_plain(confidence.detach()) and bool((confidence < 0).any()):
-            raise InputError(
-                f"confidence is {float(confidence.min()):.3g} at least, expected numbers from 0 on"
-            )
+        require_confidence(confidence)
         require_metres(target, confidence)
-        if is_plain(target.detach()):
-            nowhere = (confidence == 0).unsqueeze(-1) & ~target.isfinite()
-            target = torch.where(nowhere, 0, target) if bool(nowhere.any()) else target
+        target = known_places(target, confidence, "target")
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees
         self.register_buffer("target", target)

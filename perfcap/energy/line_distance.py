@@ -7,6 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
+from perfcap.energy._arguments import known_places, require_confidence, require_unit, seen_by
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
@@ -45,7 +46,8 @@ class LineDistance(Energy[Motion]):
         unit: metres that count as one.
 
     Raises:
-        InputError: shapes that do not fit, negative confidence, directions of another length.
+        InputError: shapes that do not fit, negative confidence, directions of another length, or
+            a unit that is none.
     """
 
     coupling = Coupling.FRAME
@@ -65,9 +67,12 @@ class LineDistance(Energy[Motion]):
     ) -> None:
         if confidence is None:
             confidence = torch.ones_like(direction[..., 0])
+        require_unit(unit)
+        sees = seen_by(points)
         _require_lines(points.count, direction, moment, confidence)
         super().__init__(weight, kernel)
-        self.points, self.sees = points, points.sees
+        self.points, self.sees = points, sees
+        moment = known_places(moment, confidence, "moment")
         there, none = (confidence > 0)[..., None], direction.new_zeros(())
         self.register_buffer("direction", direction.where(there, none) / unit)
         self.register_buffer("moment", moment.where(there, none) / unit)
@@ -130,10 +135,7 @@ def _require_lines(count: int, direction: Tensor, moment: Tensor, confidence: Te
         )
     if not is_plain(direction.detach()):
         return
-    if bool((confidence < 0).any()):
-        raise InputError(
-            f"confidence is {float(confidence.min()):.3g} at least, expected numbers from 0 on"
-        )
+    require_confidence(confidence)
     length = torch.linalg.vector_norm(direction.detach(), dim=-1)[confidence > 0]
     if not bool(((length - 1).abs() < _UNIT).all()):
         raise InputError("direction is not of length one everywhere; make lines by line_through")

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from perfcap.actor.motion import BODY, BONES, Motion
 from perfcap.actor.pose_statistics import Mixture
-from perfcap.energy._arguments import require_radians, require_unit
+from perfcap.energy._arguments import require_frames, require_radians, require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.setting_checks import require_count, require_number, require_size
@@ -127,14 +127,17 @@ class BoneLengthPrior(Energy[Motion]):
         require_size(own, "own", finite=True)
         covariance = own**2 * torch.eye(groups, dtype=dtype) + size**2
         whiten = torch.linalg.inv(torch.linalg.cholesky(covariance))
+        self.frames = frames
         self.register_buffer("whiten", whiten / frames**0.5)
 
     def residual(self, motion: Motion) -> Residual:
         """(*b, F, S, 1), equal in all frames."""
         if BONES not in motion.shared:
             raise ValueError("BoneLengthPrior needs a motion that shares bones; it does not")
-        white = motion.shared[BONES] @ self.whiten.mT
-        frames = motion.angles.shape[-2]
+        frames, own = motion.angles.shape[-2], motion.shared[BONES]
+        require_frames(self, self.frames, frames)
+        _require_size(self, len(self.whiten), own)
+        white = own @ self.whiten.mT
         return Residual(white[..., None, :, None].expand(*white.shape[:-1], frames, -1, 1))
 
     def linearize(self, motion: Motion) -> Linearization:
@@ -157,7 +160,7 @@ class SharedPrior(Energy[Motion]):
 
     Args:
         components: S of the block.
-        frames: F.
+        frames: F of the motion.
         deviation: of every value, a number or (S,).
         weight: of the energy.
         block: name of the block.
@@ -179,6 +182,7 @@ class SharedPrior(Energy[Motion]):
         require_count(frames, "frames")
         require_unit(deviation, "deviation")
         self.sees, self.block, self.components = (block,), block, components
+        self.frames = frames
         spread = torch.as_tensor(deviation, dtype=torch.float64).expand(components)
         self.register_buffer("scale", 1 / (spread * frames**0.5))
 
@@ -187,6 +191,8 @@ class SharedPrior(Energy[Motion]):
         if self.block not in motion.shared:
             raise ValueError(f"SharedPrior needs a motion that shares {self.block}; it does not")
         own = motion.shared[self.block]
+        require_frames(self, self.frames, motion.angles.shape[-2])
+        _require_size(self, self.components, own)
         value = (self.scale.to(own) * own)[..., None, :, None]
         lead = motion.angles.shape[:-1]
         return Residual(value.expand(*lead, self.components, 1))
@@ -198,6 +204,14 @@ class SharedPrior(Energy[Motion]):
         frame = residual.value.new_zeros(1).expand(*lead, self.components, 1, motion.frame_dim)
         shared = self.scale.to(residual.value).diag()[:, None]
         return Linearization(residual, frame, shared.expand(*lead, *shared.shape))
+
+
+def _require_size(energy: object, size: int, block: Tensor) -> None:
+    if block.shape[-1] != size:
+        raise InputError(
+            f"{type(energy).__name__} is made for {size} numbers but the motion shares "
+            f"{block.shape[-1]}; make one for as many"
+        )
 
 
 # --- Poses that people take: a mixture of Gaussians over the joint angles (MuVS Eq. 2) ------------

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
-from perfcap.energy._arguments import require_unit, seen_by
+from perfcap.energy._arguments import known_places, require_confidence, require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -49,12 +51,10 @@ class Reprojection(Energy[Motion]):
     ) -> None:
         super().__init__(weight, kernel)
         require_unit(unit)
-        sure = detections.confidence2d.detach()
-        if is_plain(sure) and bool((sure < 0).any()):
-            raise InputError(
-                f"confidence2d is {float(sure.min()):.3g} at least, expected 0 to 1; take the "
-                "sigmoid of logits"
-            )
+        sure = detections.confidence2d
+        require_confidence(sure, "confidence2d")
+        places = known_places(detections.joints2d, sure, "joints2d")
+        detections = replace(detections, joints2d=places)
         self.points, self.sees = points, seen_by(points)
         self.cameras, self.detections = cameras, detections
         self.register_buffer("scale", 1 / torch.as_tensor(unit).to(detections.joints2d))

@@ -11,7 +11,7 @@ from torch import Tensor
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.energy import _rigidity_torch
-from perfcap.energy._arguments import require_unit
+from perfcap.energy._arguments import require_frames, require_unit
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.rotation import skew
@@ -79,6 +79,12 @@ class Rigidity(Energy[Deformation]):
 
     def linearize_blocks(self, deformation: Deformation) -> EdgeLinearization:
         """Closed form, kept in fewer numbers than its blocks have."""
+        require_frames(self, self.nodes.shape[-3], deformation.translation.shape[-3])
+        if deformation.nodes != self.nodes.shape[-2]:
+            raise InputError(
+                f"Rigidity is made for {self.nodes.shape[-2]} nodes but the deformation has "
+                f"{deformation.nodes}; give one of the same graph"
+            )
         twin = _twin(self.rest, deformation.rotation, deformation.translation)
         gap, turned = twin.stretch(self.start, self.end, self.rest, self.scale, deformation)
         return EdgeLinearization(Residual(gap), turned, self.start, self.end, self.scale)

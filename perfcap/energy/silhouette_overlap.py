@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from perfcap.energy._arguments import require_frames
 from perfcap.energy._outline_rows import OutlineRows, square_root
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -94,6 +95,7 @@ class SilhouetteOverlap(Energy[Any]):
     def residual(self, state: Any) -> Residual:
         """(*b, F, C, H * W)."""
         coverage = self.silhouette.seen_by(self.cameras, self.surface(state))
+        require_frames(self, self.masks.shape[-4], coverage.shape[-4])
         error = self.scale.to(coverage) * (coverage - self.masks.to(coverage))
         return Residual(error.flatten(-2))
 
@@ -193,6 +195,7 @@ class SilhouetteOverlap(Energy[Any]):
     def _outline_rows(self, state: Any) -> list[OutlineRows]:
         """Rows of every frame, *b and F in one; one frame's images at a time."""
         local = self.cameras.to_camera(self.surface(state).detach())
+        require_frames(self, self.masks.shape[-4], local.shape[-4])
         pixels = self.cameras.project_camera(local).flatten(0, -4)  # B C V 2
         depth = local[..., 2].flatten(0, -3)
         shape = (*local.shape[:-2], *self.silhouette.size)

@@ -6,11 +6,14 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.surface_points import SkinnedPoints
-from perfcap.energy._arguments import require_unit
+from perfcap.energy._arguments import require_confidence, require_unit
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.compound import Compound
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
+
+_UNIT = 1e-3  # how far the length of a normal may be from one
 
 
 class SkinContact(Energy[Compound]):
@@ -32,7 +35,8 @@ class SkinContact(Energy[Compound]):
         unit: metres that count as one.
 
     Raises:
-        InputError: points and normals that do not fit each other.
+        InputError: points and normals that do not fit each other, or of another length than one;
+            negative confidence.
     """
 
     coupling = Coupling.FRAME
@@ -62,6 +66,7 @@ class SkinContact(Energy[Compound]):
                 "of each, (*b, F, N, 3), and confidences or depths (*b, F, N)"
             )
         require_unit(unit)
+        _require_normals(normals, confidence)
         super().__init__(weight, kernel)
         self.names, self.inside, self.skin, self.unit = names, inside, skin, unit
         self.register_buffer("normals", normals)
@@ -90,3 +95,15 @@ class SkinContact(Energy[Compound]):
         below = torch.einsum("...k,...k->...", self.normals, skin - inside)
         below = below if self.allowed is None else below - self.allowed
         return below.clamp(min=0).unsqueeze(-1) / self.unit
+
+
+def _require_normals(normals: Tensor, confidence: Tensor | None) -> None:
+    """Refuse normals of another length than one where they count, and negative confidences."""
+    if confidence is not None:
+        require_confidence(confidence)
+    if not is_plain(normals.detach()):
+        return
+    length = torch.linalg.vector_norm(normals.detach(), dim=-1)
+    length = length if confidence is None else length[confidence > 0]
+    if not bool(((length - 1).abs() < _UNIT).all()):
+        raise InputError("contact: normals are not of length one everywhere; divide by the norm")

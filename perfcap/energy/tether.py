@@ -6,6 +6,7 @@ import torch
 
 from perfcap.actor.deformation import BLOCK, Deformation
 from perfcap.energy._arguments import require_unit
+from perfcap.errors import InputError
 from perfcap.setting_checks import require_count
 from perfcap.solve.energy import Coupling, Energy, Residual
 from perfcap.solve.kernels import Kernel
@@ -34,11 +35,18 @@ class Tether(Energy[Deformation]):
     ) -> None:
         require_count(nodes, "nodes")
         super().__init__(weight / nodes, kernel)
+        self.nodes = nodes
         require_unit(unit)
         self.scale = 1 / unit
 
     def residual(self, deformation: Deformation) -> Residual:
         """(*b, F, M, 3)."""
+        own = deformation.translation.shape[-2]
+        if own != self.nodes:
+            raise InputError(
+                f"Tether is made for {self.nodes} nodes but the deformation has {own}; make one "
+                "for as many: len(graph)"
+            )
         return Residual(self.scale * deformation.translation)
 
     def linearize_blocks(self, deformation: Deformation) -> BlockLinearization:

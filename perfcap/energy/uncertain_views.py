@@ -11,7 +11,13 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
-from perfcap.energy._arguments import require_unit, seen_by
+from perfcap.energy._arguments import (
+    known_places,
+    require_confidence,
+    require_frames,
+    require_unit,
+    seen_by,
+)
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
@@ -42,7 +48,8 @@ class UncertainViews(Energy[Motion]):
         unit: pixels that count as one, a number or (C,).
 
     Raises:
-        InputError: cameras that move.
+        InputError: cameras that move, or that are of other views than the detections; confidences
+            that are none.
     """
 
     coupling = Coupling.FRAME
@@ -59,8 +66,17 @@ class UncertainViews(Energy[Motion]):
     ) -> None:
         if cameras.moving:
             raise InputError("cameras move; clocks and small errors of fixed cameras are solved")
+        if detections.joints2d.dim() != 4 or detections.views != cameras.views:
+            raise InputError(
+                f"detections have joints2d {tuple(detections.joints2d.shape)} for {cameras.views} "
+                "cameras; expected one clip of as many views, (F, C, N, 2)"
+            )
         super().__init__(weight, kernel)
         require_unit(unit)
+        sure = detections.confidence2d
+        require_confidence(sure, "confidence2d")
+        places = known_places(detections.joints2d, sure, "joints2d")
+        detections = replace(detections, joints2d=places)
         self.points, self.sees = points, (*seen_by(points), CLOCK, CAMERAS)
         self.cameras, self.detections = cameras, detections
         scale = 1 / torch.as_tensor(unit).to(detections.joints2d)
@@ -97,6 +113,14 @@ class UncertainViews(Energy[Motion]):
 
     def _local(self, points: Tensor, motion: Motion) -> Tensor:
         """Points in the axes of each camera as it really stands, (F, C, N, 3)."""
+        require_frames(self, self.detections.frame_count, points.shape[-3])
+        for block, size in ((CLOCK, 1), (CAMERAS, 6)):
+            own, wanted = motion.shared.get(block), size * self.cameras.views
+            if own is not None and tuple(own.shape) != (wanted,):
+                raise InputError(
+                    f"the motion shares {block} of shape {tuple(own.shape)}, expected ({wanted},): "
+                    f"{size} a view"
+                )
         local = self.cameras.to_camera(points)
         if CAMERAS not in motion.shared:
             return local

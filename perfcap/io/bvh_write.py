@@ -15,6 +15,7 @@ from perfcap.io.bvh_read import BvhMotion, Floats, Integers, require_length
 _AXES = "XYZ"
 _ORDERS = ("ZXY", "ZYX", "XYZ", "XZY", "YXZ", "YZX")
 _STILL = 1e-6  # metres: joints that move less against their parent get no position channels
+_RIGID = 1e-3  # of the product of a rotation and its transpose
 _GIMBAL = 1e-6  # cosine of the middle angle below which only one other angle is defined
 
 
@@ -99,9 +100,16 @@ def save_bvh(
             for each the one whose angles move the least between frames.
 
     Raises:
-        InputError: an order or a unit that is none.
+        InputError: an order, a unit or rotations that are none.
     """
     require_length(metres_per_unit)
+    turns = motion.rotations
+    off = np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
+    if off > _RIGID or np.linalg.det(turns).min(initial=1.0) < 0:
+        raise InputError(
+            f"{path}: rotations are off by up to {off:.2g}, or mirror images; expected matrices of "
+            "rotations, without a scale"
+        )
     auto = order == "auto"
     orders = _calmest_orders(motion.rotations) if auto else _checked(order, len(motion.names))
     scale = 1 / metres_per_unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,24 @@ from perfcap.errors import InputError
 MEBIBYTE = 2**20
 JSON_LIMIT = 512 * MEBIBYTE
 TEXT_LIMIT = 64 * MEBIBYTE
+
+
+def named_path(value: object, name: str, what: str) -> Path:
+    """The path that a caller names; an empty name is none, as it would be where they are.
+
+    Args:
+        value: as it was given.
+        name: of the argument.
+        what: was expected.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(value, str | PathLike):
+        raise InputError(f"{name}: got a {type(value).__name__}, expected the name of {what}")
+    if not value:
+        raise InputError(f"{name}: is empty, expected the name of {what}")
+    return Path(fsdecode(value))
 
 
 def require_file(path: Path, limit: int, what: str) -> None:

@@ -95,8 +95,12 @@ def _checked(template: Template, bone_transforms: Floats, fps: float) -> Floats:
     if not np.isfinite(transforms).all() or (
         np.abs(rotation @ rotation.mT - np.eye(3)).max() > _RIGID_TOLERANCE
         or np.linalg.det(rotation).min() < 0
+        or np.abs(transforms[..., 3, :] - np.eye(4)[3]).max() > _RIGID_TOLERANCE
     ):
-        raise InputError("bone_transforms holds matrices that are not finite and rigid")
+        raise InputError(
+            "bone_transforms holds matrices that are not finite and rigid: expected a rotation "
+            "without a scale, a translation in the last column, and 0 0 0 1 below"
+        )
     if not (np.isfinite(fps) and fps > 0):
         raise InputError(f"fps is {fps}; expected a positive number of frames per second")
     return transforms

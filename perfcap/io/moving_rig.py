@@ -18,6 +18,7 @@ from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, 
 from perfcap.io.bvh_read import BvhMotion, joint_positions, load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
 from perfcap.io.doctor.finding import Severity, ranges
+from perfcap.io.files import named_path
 from perfcap.io.gltf_clip import sample_clip
 from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.gltf_read import Character, read_character
@@ -72,7 +73,7 @@ def read_moving_rig(
     Raises:
         InputError: it cannot be read, does not move, or its joints cannot be found.
     """
-    path = Path(path)
+    path = named_path(path, "path", _expected())
     mapping = mapping or ActorMapping()
     if path.is_dir():
         return _of_result(path, frames, mapping)

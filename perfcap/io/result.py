@@ -18,7 +18,7 @@ from perfcap.actor.skinning import dual_quaternion_blend
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
-from perfcap.io.files import read_json
+from perfcap.io.files import named_path, read_json
 from perfcap.io.gltf_animation import read_bone_transforms
 from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_read import read_template
@@ -122,7 +122,7 @@ def read_result(folder: str | Path) -> Result:
         InputError: it is no such folder, the capture was not finished, or files are missing,
             damaged, or do not belong together.
     """
-    folder = Path(folder)
+    folder = named_path(folder, "folder", "the folder of a capture")
     if own_file(folder, PEOPLE) is not None:
         raise InputError(
             f"{folder}: holds several people; expected the folder of one, {folder / 'person1'}"

@@ -234,3 +234,29 @@ def _require_cameras(what: str, cameras: Camera, detections: Detections) -> None
             "in the same order"
         )
     require_usable(what, cameras, frames)
+
+
+def require_trust(trust: Tensor | None, masks: Tensor) -> None:
+    """Refuse what is no weight of the pixels of masks (F, C, H, W); None is one.
+
+    Raises:
+        InputError: another shape, above 1, or 0 everywhere.
+    """
+    if trust is None:
+        return
+    if not isinstance(trust, Tensor):
+        raise InputError(f"trust is a {type(trust).__name__}, expected a tensor such as the masks")
+    try:
+        trust.expand(masks.shape)
+    except RuntimeError:
+        raise InputError(
+            f"trust has shape {tuple(trust.shape)}; expected one that broadcasts to that of the "
+            f"masks, {tuple(masks.shape)}"
+        ) from None
+    if not bool((trust.detach() != 0).any()):
+        raise InputError(
+            "trust is 0 everywhere, so that no mask counts; expected 1 for a sure pixel"
+        )
+    most = float(trust.detach().max()) if trust.numel() else 0.0
+    if trust.is_floating_point() and most > 1:
+        raise InputError(f"trust is up to {most:.4g}; expected 0 to 1, the weight of a pixel")

@@ -6,12 +6,15 @@ import math
 import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
+from perfcap.detect.association import bone_lengths, tracked_bones
+from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
@@ -28,10 +31,13 @@ from perfcap.io.doctor.evidence import Scene as Seen
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
+from perfcap.rates import rate_doubts
 
 _HEIGHT = (0.5, 2.6)  # m, of people
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
+_SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
+_CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
 _NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _NO_POSE = (
@@ -78,7 +84,8 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ..
         InputError: most images of a view are of one color.
     """
     cameras, images, joints = scene.cameras, scene.images, person.detections
-    told = tuple(actor_doubts(person.actor, cameras, joints, person.solve_bones))
+    told = rate_doubts(scene.rate)
+    told += tuple(actor_doubts(person.actor, cameras, joints, person.solve_bones))
     if images is None or not images.examined:
         told += input_doubts(cameras, joints)
     if images is not None and looked_at and not images.examined:
@@ -155,6 +162,20 @@ def _headlong(cameras: Camera, poses: Tensor) -> Iterator[str]:
         )
 
 
+def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
+    """Whether joints that are placed in the world (F, C, 16, 3) are of a person of another size."""
+    seen = torch.where(certain[..., None] > 0, places, torch.nan).detach().double().cpu()
+    own, shown = (
+        float(points[..., _LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
+        for points in (actor.skeleton.rest_landmarks.detach().double().cpu(), seen)
+    )
+    if shown > _NONE and not _SIZES[0] < own / shown < _SIZES[1]:
+        yield (
+            f"the actor's legs are {own / shown:.2g} times as long as those of the placed 3D "
+            "joints; check their unit, and give the actor of this person"
+        )
+
+
 def actor_doubts(
     actor: Actor, cameras: Camera, detections: Detections, solve_bones: bool
 ) -> Iterator[str]:
@@ -199,13 +220,47 @@ def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | 
     if detections.views < 2:
         return None
     rest = actor.skeleton.rest_landmarks.detach().double().cpu()
-    known = cameras.map(lambda part: part.detach().double().cpu())
-    found = detections.to(known.intrinsics).map(lambda part: part.detach())
-    points, _ = Seen(known, found).straightened().sampled().triangulated(_TRIMS)
+    points = _triangulated(cameras, detections)
     seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
     own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
     shown = float(seen.nanmedian()) if seen.numel() else math.nan
     return own / shown if math.isfinite(shown) and shown > _NONE else None
+
+
+def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
+    """Sentences about each person whose actor fits another one's bones, and theirs this one's."""
+    told: list[tuple[str, ...]] = [()] * len(scene.people)
+    if len(told) < 2 or scene.cameras.views < 2:
+        return told
+    rest = [each.actor.skeleton.rest_landmarks.detach().double().cpu() for each in scene.people]
+    own = torch.stack([bone_lengths(each) for each in rest])
+    seen = (_triangulated(scene.cameras, each.detections.finite()) for each in scene.people)
+    off = bone_difference(own[:, None], torch.stack([tracked_bones(each) for each in seen]))
+    for i, j in combinations(range(len(told)), 2):
+        given, other = (((a.square() + b.square()) / 2).sqrt() for a, b in _pairs(off, i, j))
+        if float(other) + _CLEARLY < float(given) and not _solved(scene.people[i], scene.people[j]):
+            for k in (i, j):
+                told[k] += (
+                    f"the actors of people {i + 1} and {j + 1} look exchanged: bones differ by "
+                    f"{float(given):.1%}, the other way by {float(other):.1%}",
+                )
+    return told
+
+
+def _pairs(off: Tensor, i: int, j: int) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+    return (off[i, i], off[j, j]), (off[i, j], off[j, i])
+
+
+def _solved(*people: Person) -> bool:
+    return any(each.solve_bones for each in people)
+
+
+def _triangulated(cameras: Camera, detections: Detections) -> Tensor:
+    """Joints of some frames where two views see them, (N, 16, 3) m, else NaN."""
+    known = cameras.map(lambda part: part.detach().double().cpu())
+    found = detections.to(known.intrinsics).map(lambda part: part.detach())
+    points, _ = Seen(known, found).straightened().sampled().triangulated(_TRIMS)
+    return points
 
 
 # --- Whether images show the person whose joints are given, where nobody has looked yet -----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, overload
 
@@ -18,6 +19,7 @@ from perfcap.pipeline.clip_problem import Term
 from perfcap.pipeline.clock import Clock, Progress, notebook_progress, shared_stage
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.input_checks import require_flags, require_kinds
+from perfcap.pipeline.input_doubts import exchanged_actors
 from perfcap.pipeline.look import Looked, look, parted
 from perfcap.pipeline.move import Moved, move
 from perfcap.pipeline.people import Person, Scene
@@ -157,6 +159,10 @@ def _capture_scene(
             checkpoint=kept if alone else kept.of(f"person{number}"),
         )
         for number, person in enumerate(scene.people, 1)
+    ]
+    moved = [
+        replace(each, told=each.told + more)
+        for each, more in zip(moved, exchanged_actors(scene), strict=True)
     ]
     stage = partial(shared_stage, [each.clock for each in moved], tell)
     return tuple(_looked(moved, stage, workers, kept))

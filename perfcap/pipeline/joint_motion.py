@@ -29,6 +29,9 @@ LIMBS = tuple(
 ARMS = tuple((f"{side}_shoulder", f"{side}_wrist") for side in "lr")
 _SHORTEST = 1e-9
 _UNITS = 10.0  # times; centimetres, inches and millimetres are more
+_ALIKE = 1.5  # times; above it, joints are of another skeleton
+_SKEWED = 0.05  # of a rotation's rows; low precision leaves a hundredth
+_STEEP, _NEARLY, _FEWEST = 0.5, 0.95, 5  # cosine to y, of the frames, frames that say something
 _OTHERWISE = 30.0  # degrees; limbs that are rigid have none
 
 
@@ -41,7 +44,7 @@ class JointMotion:
         position: in the world, (F, 16, 3), metres.
 
     Raises:
-        InputError: other shapes, no frame, or what is no number.
+        InputError: other shapes, no frame, what is no number, or rotations that are none.
     """
 
     rotation: Tensor
@@ -57,10 +60,17 @@ class JointMotion:
             )
         if not bool(self.rotation.isfinite().all() & self.position.isfinite().all()):
             raise InputError("rotation or position holds what is no number; fill gaps first")
+        turns = self.rotation.detach().double()
+        off = float((turns @ turns.mT - torch.eye(3).to(turns)).abs().amax())
+        if off > _SKEWED or bool((torch.linalg.det(turns) < 0).any()):
+            raise InputError(
+                f"rotation holds matrices that are none (rows off a right angle or unit length by "
+                f"up to {off:.2g}, or a mirror image); expected rotations without a scale"
+            )
 
 
 def require_same_limbs(source: Actor, joints: JointMotion) -> None:
-    """Refuse joints in another unit than their skeleton, and warn of rotations of other limbs.
+    """Refuse joints in another unit than their skeleton, and warn of other limbs and worlds.
 
     Raises:
         InputError: limbs are more than ten times as long as the source's, or less than a tenth.
@@ -76,6 +86,18 @@ def require_same_limbs(source: Actor, joints: JointMotion) -> None:
             f"joints: limbs are {ratio:.3g} times as long as the source's; expected metres, and "
             "joints of this source"
         )
+    if not 1 / _ALIKE < ratio < _ALIKE:
+        warnings.warn(
+            f"joints: limbs are {ratio:.3g} times as long as the source's; expected joints of this "
+            "source: the way of the hips is to its scale",
+            stacklevel=4,
+        )
+    if _lies(place):
+        warnings.warn(
+            "joints: the person lies in nearly all frames; if they do not, the world is another: "
+            "expected y up",
+            stacklevel=4,
+        )
     carried = (turn[:, start] @ own.unsqueeze(-1)).squeeze(-1)
     apart = float(torch.rad2deg(torch.acos(_cosine(carried, shown)).median()))
     if apart > _OTHERWISE:
@@ -84,6 +106,13 @@ def require_same_limbs(source: Actor, joints: JointMotion) -> None:
             "are; expected rest-to-posed rotations in the world, which turn columns",
             stacklevel=4,
         )
+
+
+def _lies(place: Tensor) -> bool:
+    """Whether the trunk (F, 16, 3) is along the ground, or upside down, in nearly all frames."""
+    start, end = ([JOINTS.index(f"{s}_{n}") for s in "lr"] for n in ("hip", "shoulder"))
+    up = torch.nn.functional.normalize(place[:, end].mean(1) - place[:, start].mean(1), dim=-1)
+    return len(up) >= _FEWEST and float((up[:, 1] < _STEEP).double().mean()) > _NEARLY
 
 
 def _cosine(one: Tensor, other: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import ClipProblem
-from perfcap.pipeline.input_checks import require_usable
+from perfcap.pipeline.input_checks import require_kinds, require_trust, require_usable
 from perfcap.pipeline.input_doubts import warn_of_other_joints
 from perfcap.pipeline.objective import FrameProblem, angle_bounds
 from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
@@ -153,7 +153,7 @@ def refine_jointly(
         raise InputError(f"masks are a {type(masks).__name__}, expected a tensor (F, C, H, W)")
     masks = masks.to(motion.angles) if masks.is_floating_point() else masks
     seen = _views(masks, start if cameras is None else cameras, problem)
-    _require_trust(trust, masks)
+    require_trust(trust, masks)
     faces = torch.as_tensor(actor.template.faces.copy())
     with torch.no_grad():
         graph = DeformationGraph.build(actor.vertices, faces, settings.nodes)
@@ -234,13 +234,22 @@ class _Terms:
 
 def _problem(start: Performance, detections: Detections | None) -> ClipProblem:
     """The problem of the motion, adapted to what the capture found."""
-    seen = start.detections if detections is None else detections
+    if not isinstance(start, Performance):
+        raise InputError(
+            f"start is a {type(start).__name__}, expected the Performance that capture returned; "
+            "of several people refine each"
+        )
+    if detections is not None:
+        require_kinds(detections=detections)
+    seen = (start.detections if detections is None else detections).finite()
     shape = (start.frames, *start.detections.joints2d.shape[1:])
     if seen.joints2d.shape != shape or start.detections.frame_count != start.frames:
         raise InputError(
             f"detections have joints {tuple(seen.joints2d.shape)} but the motion {start.frames} "
             f"frames; expected {shape}, here and in the capture: the same frames and views"
         )
+    if not bool((seen.confidence2d > 0).any()):
+        raise InputError("detections show nobody in any frame; expected the person's joints")
     if not isinstance(start.config, CaptureConfig):
         raise InputError("start is a retargeted motion, which no camera saw; expected a capture")
     frames = FrameProblem.of(start.actor, start.cameras, seen, start.config.pose)
@@ -276,23 +285,6 @@ def _views(masks: Tensor, given: Performance | Camera, problem: ClipProblem) -> 
         require_usable("cameras", given, frames)
         return replace(given.to(problem.pixel_unit), size=(size,) * views)
     return resized(problem.cameras, size)
-
-
-def _require_trust(trust: Tensor | None, masks: Tensor) -> None:
-    if trust is None:
-        return
-    if not isinstance(trust, Tensor):
-        raise InputError(f"trust is a {type(trust).__name__}, expected a tensor such as the masks")
-    try:
-        trust.expand(masks.shape)
-    except RuntimeError:
-        raise InputError(
-            f"trust has shape {tuple(trust.shape)}; expected one that broadcasts to that of the "
-            f"masks, {tuple(masks.shape)}"
-        ) from None
-    most = float(trust.detach().max()) if trust.numel() else 0.0
-    if trust.is_floating_point() and most > 1:
-        raise InputError(f"trust is up to {most:.4g}; expected 0 to 1, the weight of a pixel")
 
 
 def resized(cameras: Camera, size: tuple[int, int]) -> Camera:

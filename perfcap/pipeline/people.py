@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import combinations
 
 import torch
@@ -15,6 +16,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.rates import frame_rate
+
+_SAME = 0.05  # of a person's height in every view: nobody else stands so near all the time
 
 
 @dataclass(frozen=True)
@@ -73,10 +76,39 @@ class Scene:
                 f"scene: detections of its people have shapes {sorted(shapes)}; expected the same "
                 "frames and views of everybody"
             )
+        object.__setattr__(self, "people", _alike(self.people))
         for first, second in combinations(range(len(self.people)), 2):
-            joints = [self.people[i].detections.joints2d for i in (first, second)]
-            if joints[0] is joints[1] or torch.equal(*joints):
+            if _same(*(self.people[i].detections for i in (first, second))):
                 raise InputError(
                     f"scene: people {first} and {second} have the same detections; expected those "
                     "of each, as associate finds them"
                 )
+
+
+def _alike(people: tuple[Person, ...]) -> tuple[Person, ...]:
+    """The same people with detections of one type, the most precise of theirs."""
+    places = {str(each.detections.joints2d.device) for each in people}
+    if len(places) > 1:
+        raise InputError(
+            f"scene: detections of its people lie on {' and '.join(sorted(places))}; expected one "
+            "device: take them there by detections.to(torch.zeros(1, device=...))"
+        )
+    types = [each.detections.joints2d.dtype for each in people]
+    if len(set(types)) == 1 or not all(each.is_floating_point for each in types):
+        return people
+    like = people[0].detections.joints2d.new_zeros((), dtype=reduce(torch.promote_types, types))
+    return tuple(replace(each, detections=each.detections.to(like)) for each in people)
+
+
+def _same(one: Detections, other: Detections) -> bool:
+    """Whether two people are the same one: at the same place in every view that shows both."""
+    if one.joints2d is other.joints2d or torch.equal(one.joints2d, other.joints2d):
+        return True
+    if one.joints2d.dim() != 4 or not one.frame_count:
+        return False  # refused where they are captured
+    one, other = (each.map(torch.Tensor.detach).finite() for each in (one, other))
+    both = (one.confidence2d > 0) & (other.confidence2d > 0)
+    apart = (one.joints2d - other.joints2d).norm(dim=-1) / one.person_height()[:, None]
+    usual = apart.where(both, torch.nan).transpose(0, 1).flatten(1).nanmedian(1).values  # C
+    known = usual[usual.isfinite()]
+    return bool(len(known)) and bool((known < _SAME).all())

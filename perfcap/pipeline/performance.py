@@ -21,6 +21,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.files import named_path
 from perfcap.io.result_folder import finish, locked, replacing
 from perfcap.metrics.missing import check_radians
 from perfcap.pipeline.config import RetargetConfig
@@ -334,7 +335,7 @@ def make_folder(folder: str | Path) -> Path:
     Raises:
         InputError: it cannot be made or written.
     """
-    path = Path(folder)
+    path = named_path(folder, "folder", "a folder to write to")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have

@@ -25,11 +25,11 @@ from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.input_checks import require_flags, require_kinds
-from perfcap.pipeline.input_doubts import estimate_doubts
+from perfcap.pipeline.input_doubts import estimate_doubts, size_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
-from perfcap.rates import frame_rate
+from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
@@ -157,6 +157,8 @@ class PoseRefiner(nn.Module):
         """
         require_flags(placed=placed)
         rate = self.rate if rate is None else frame_rate(rate)
+        for line in rate_doubts(rate):
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=3)
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):
             raise InputError(
@@ -186,7 +188,10 @@ class PoseRefiner(nn.Module):
             seen = clip.detections.map(lambda part: part.detach().cpu())
             learned = clip.detections.confidence2d.requires_grad
             which = "" if len(clips) == 1 else f"clip {index}: "
-            for line in estimate_doubts(clip.cameras, seen, missing, learned):
+            lines = [*estimate_doubts(clip.cameras, seen, missing, learned)]
+            if clip.targets is not None and not lines:
+                lines += size_doubts(self.actor, clip.targets, clip.certain)
+            for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
     def _solve_twice(

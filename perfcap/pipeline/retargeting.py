@@ -94,6 +94,7 @@ def retarget(
         InputError: the rate, the scale or a setting is none, or joints are in another unit.
     """
     rate = frame_rate(rate)
+    _require_arguments(source, joints, target)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
@@ -127,6 +128,16 @@ def retarget(
         level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
     return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
+
+
+def _require_arguments(source: object, joints: object, target: object) -> None:
+    given = ("source", source, Actor), ("joints", joints, JointMotion), ("target", target, Actor)
+    for name, value, kind in given:
+        if not isinstance(value, kind):
+            raise InputError(
+                f"{name} is a {type(value).__name__}, expected {'an' if kind is Actor else 'a'} "
+                f"{kind.__name__}: retarget(source, joints, target, rate)"
+            )
 
 
 def _placed(

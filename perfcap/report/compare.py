@@ -9,6 +9,7 @@ from typing import Any
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.files import named_path
 from perfcap.io.result import Result, read_result
 from perfcap.report import sections
 from perfcap.report.angles import read_angles
@@ -41,10 +42,11 @@ def make_comparison(folders: Folders, path: str | Path, progress: Progress | Non
     Raises:
         InputError: no such captures, other frames or rates, or a place that cannot be written.
     """
+    path = named_path(path, "path", "the page to write")
     page = build_comparison(folders, progress)
-    with writing(Path(path)) as file:
+    with writing(path) as file:
         file.write(page.encode("utf-8"))
-    return Path(path)
+    return path
 
 
 def build_comparison(folders: Folders, progress: Progress | None = None) -> str:

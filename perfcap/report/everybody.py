@@ -14,7 +14,7 @@ import torch
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.files import MEBIBYTE, read_json
+from perfcap.io.files import MEBIBYTE, named_path, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import PAGE, PEOPLE, REPORT, own_file, people_of
 from perfcap.metrics.contact import skin_gap
@@ -57,8 +57,9 @@ def make_people_report(
     Raises:
         InputError: no such capture, damaged files, or a place that cannot be written.
     """
-    page = build_people_page(Path(folder), wanted or Wanted(), progress)
-    path = Path(folder) / PAGE
+    folder = named_path(folder, "folder", "the folder of a capture of several people")
+    page = build_people_page(folder, wanted or Wanted(), progress)
+    path = folder / PAGE
     with writing(path) as file:
         file.write(page.encode("utf-8"))
     return path

@@ -6,18 +6,22 @@ import html
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from numbers import Integral
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import METRICS, PAGE, own_file
+from perfcap.metrics.missing import check_metres
 from perfcap.pipeline.performance import Performance
 from perfcap.report import sections
 from perfcap.report.angles import read_angles
@@ -52,6 +56,18 @@ class Wanted:
     places: Places = field(default_factory=Places)
     truth: dict[int, NDArray[np.float64]] | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("start", "stop"):
+            value = getattr(self, name)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, Integral)):
+                raise InputError(f"wanted: {name} is {value!r:.80}, expected a frame's number")
+        if not isinstance(self.places, Places) or not isinstance(self.truth, dict | None):
+            kinds = type(self.places).__name__, type(self.truth).__name__
+            raise InputError(
+                f"wanted: places and truth are {' and '.join(kinds)}, expected Places and joints "
+                "(16, 3) by the number of their frame, {0: ...}"
+            )
+
 
 def make_report(
     folder: str | Path, wanted: Wanted | None = None, progress: Progress | None = None
@@ -76,6 +92,9 @@ def build_page(
 ) -> str:
     """The page of a capture; see ``make_report``."""
     wanted = wanted or Wanted()
+    if not isinstance(wanted, Wanted):
+        kind = type(wanted).__name__
+        raise InputError(f"wanted: is a {kind}, expected Wanted(start, stop, places, truth)")
     tell = progress or (lambda name, done, total: None)
     result = read_result(folder)
     rows, notes = wanted_rows(result, wanted)
@@ -126,7 +145,15 @@ def _truth(result: Result, rows: slice, wanted: Wanted) -> NDArray[np.float64] |
             f"--truth: lacks {len(missing)} of the {len(numbers)} frames of {result.folder}, the "
             f"first is {missing[0]}; expected all of them"
         )
-    return np.stack([wanted.truth[number] for number in numbers])
+    joints = [np.asarray(wanted.truth[number], dtype=np.float64) for number in numbers]
+    shapes = {each.shape for each in joints}
+    if shapes != {(len(LANDMARKS), 3)}:
+        raise InputError(
+            f"--truth: frames have joints {sorted(shapes)}, expected ({len(LANDMARKS)}, 3) each"
+        )
+    found = np.stack(joints)
+    check_metres(truth=torch.from_numpy(found))
+    return found
 
 
 def _page(

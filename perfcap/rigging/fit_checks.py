@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
+
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor import examine_places
+from perfcap.io.doctor.order import examine_order
 from perfcap.rigging.build_body import Person
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -61,6 +66,20 @@ def require_fit(
         raise InputError(
             f"confidences are {float(sure.min()):.3g} to {float(sure.max()):.3g}, expected 0 to 1"
         )
+
+
+def warn_of_places(cameras: Camera, detections: Detections) -> None:
+    """Warn of joints in other pixels than the cameras', and of frames that were sorted as text."""
+    names = tuple(f"view {view}" for view in range(cameras.views))
+    seen = detections.map(lambda part: part.detach().cpu())
+    found = []
+    if cameras.size:
+        rig = CameraRig(names, cameras.map(lambda part: part.detach().cpu()))
+        found += examine_places(rig, seen.map(lambda part: part[None]))
+    for view, name in enumerate(names):
+        found += examine_order(name, seen.joints2d[:, view], seen.confidence2d[:, view])
+    for each in found:
+        warnings.warn(f"body fit: {each.subject}: {each.what}; {each.remedy}", stacklevel=3)
 
 
 def require_masks(masks: object, frames: int, settings: ViewFitSettings) -> None:

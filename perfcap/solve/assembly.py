@@ -19,6 +19,7 @@ from perfcap.solve.energy import (
     State,
     WindowEnergy,
 )
+from perfcap.solve.energy_checks import require_lead, require_slopes, require_weight
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
 from perfcap.solve.products import apply_transposed
@@ -64,6 +65,7 @@ def assemble(objective: Objective, state: State) -> NormalEquations:
     terms: dict[str, Tensor] = {}
     windows: list[WindowTerm] = []
     for name, energy in objective.items():
+        require_weight(name, energy.weight, layout.batch)
         if isinstance(energy, WindowEnergy):
             _require_frames_only(name, energy)
             windows.append(_window_term(energy, state, layout))
@@ -149,6 +151,8 @@ class _Blocks:
             if added is not None:
                 return added
         linear = energy.linearize(state)
+        require_lead(energy, linear.residual.value, layout.batch, layout.frames)
+        require_slopes(energy, linear.frame, linear.residual.value, layout.frame_dim)
         value = energy.cost(linear.residual) if linear.value is None else linear.value
         self.add(energy, linear, layout)
         return layout.per_element(value)

@@ -97,6 +97,11 @@ def _require_rows(values: object, unknowns: Tensor) -> None:
             f"the residual function returned shape {tuple(values.shape)} for unknowns "
             f"{tuple(unknowns.shape)}, expected (*b, m): a row of residuals for a row of unknowns"
         )
+    if not values.shape[-1]:
+        raise InputError(
+            "the residual function returned no residuals, so that nothing is asked; expected "
+            "(*b, m) of one or more"
+        )
     if values.dtype != unknowns.dtype:
         raise InputError(
             f"the residual function returned {values.dtype} for unknowns of {unknowns.dtype}; "

@@ -7,7 +7,6 @@ entries a group, ``D`` unknowns a frame, ``S`` unknowns shared by all frames of 
 from __future__ import annotations
 
 import enum
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.solve.energy_checks import require_fitting, require_settings
 from perfcap.solve.kernels import Kernel, Quadratic
 
 
@@ -115,7 +114,7 @@ class Energy(nn.Module, ABC, Generic[StateType]):
 
     def __init__(self, weight: float | Tensor = 1.0, kernel: Kernel | None = None) -> None:
         super().__init__()
-        _require_settings(weight, kernel)
+        require_settings(weight, kernel)
         if isinstance(weight, nn.Parameter):
             self.weight = weight
         elif isinstance(weight, Tensor):
@@ -135,6 +134,7 @@ class Energy(nn.Module, ABC, Generic[StateType]):
 
     def cost(self, residual: Residual) -> Tensor:
         """Energy of a residual that is already at hand, (*b,)."""
+        require_fitting(self, residual.value, residual.confidence)
         cost = self.kernel.value(residual.squared_norm()).sum((-2, -1))
         return self.weight.to(cost) * cost
 
@@ -147,23 +147,6 @@ class Energy(nn.Module, ABC, Generic[StateType]):
     def linearize(self, state: StateType) -> Linearization:
         """Residual and Jacobian at a state."""
         return forward_mode(self, state)
-
-
-def _require_settings(weight: object, kernel: object) -> None:
-    """Raise an InputError unless these are a weight and a kernel; a tensor may hide its numbers."""
-    if kernel is not None and not isinstance(kernel, Kernel):
-        raise InputError(
-            f"kernel is {kernel!r:.80}, expected one such as Huber(0.1), or None for squares"
-        )
-    known = is_plain(weight.detach()) if isinstance(weight, Tensor) else True
-    if not isinstance(weight, Tensor | float | int) or (
-        known and not _all((weight >= 0) & (weight < math.inf))
-    ):
-        raise InputError(f"weight is {weight!r:.80}; expected a finite number from 0 on")
-
-
-def _all(condition: Tensor | bool) -> bool:
-    return bool(condition.all()) if isinstance(condition, Tensor) else condition
 
 
 @runtime_checkable
@@ -218,6 +201,11 @@ class WindowEnergy(Energy[StateType]):
 
     def filter(self, features: Tensor) -> Tensor:
         """Apply the temporal filter to features (*b, F, E)."""
+        if features.shape[-2] != self.basis.shape[-1]:
+            raise InputError(
+                f"{type(self).__name__} filters {self.basis.shape[-1]} frames but the state has "
+                f"{features.shape[-2]}; make one for as many"
+            )
         components = self.basis @ features  # *b K E
         return features - self.basis.mT @ (self.keep[:, None] * components)
 

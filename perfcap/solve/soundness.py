@@ -11,6 +11,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.solve.compound import OfPart
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
+from perfcap.solve.energy_checks import fits
 
 _LEAK = 1e-9  # of the largest derivative
 _NEGATIVE = (
@@ -213,19 +214,11 @@ def _require_residual(name: str, residual: object, like: Tensor) -> None:
 
 def _require_confidence(name: str, residual: Residual) -> None:
     value, own = residual.value, residual.confidence
-    if own is not None and not _fits(own.shape, value.shape[:-1]):
+    if own is not None and not fits(own.shape, value.shape[:-1]):
         raise InputError(
             f"energy {name!r} has values {tuple(value.shape)} and confidence {tuple(own.shape)}; "
             "expected (*b, F, G, d) and one number a group, (*b, F, G)"
         )
-
-
-def _fits(shape: torch.Size, wanted: torch.Size) -> bool:
-    """Whether the one shape broadcasts to the other."""
-    lacking = len(wanted) - len(shape)
-    return lacking >= 0 and all(
-        own in (1, size) for own, size in zip(shape, wanted[lacking:], strict=True)
-    )
 
 
 def _any(mask: Tensor) -> bool:

@@ -141,3 +141,16 @@ def test_what_does_not_fit_is_refused(change, message):
     given = {"posed": posed_strip(), "corners": corners, "weights": weights} | change
     with pytest.raises(InputError, match=message):
         EmbeddedPoints(tiny_graph(), **given)
+
+
+def test_deformations_and_directions_of_something_else_are_refused(points):
+    """Compiled loops wrote beyond the end of arrays, and the process died."""
+    good = random_deformation((2,))
+    for part in ((slice(1),), (slice(None), slice(1)), (slice(None), slice(None), slice(2))):
+        other = Deformation(good.rotation[part], good.translation[part])
+        for call in (points, points.linearize_blocks):
+            with pytest.raises(InputError, match="deformation has shape"):
+                call(other)
+    for shape in ((2, 1, 11, 1, 3), (2, 2, 4, 1, 3), (2, 2, 11, 1, 2)):
+        with pytest.raises(InputError, match="directions have shape"):
+            points.linearize_blocks(good, torch.zeros(shape, dtype=torch.float64))

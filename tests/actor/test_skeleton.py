@@ -13,6 +13,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.skeleton import Hinge, Rig, Skeleton
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.io import load_actor
 from perfcap.solve.energy import Step
 
 F64 = torch.float64
@@ -296,3 +297,13 @@ def test_bones_that_are_learned_in_place_are_seen() -> None:
     assert not torch.allclose(after[0], before[0])
     skeleton.tree.bone_vectors = 1.2 * skeleton.tree.bone_vectors
     torch.testing.assert_close(skeleton.linearize(motion)[0], skeleton(motion).landmarks)
+
+
+def test_bones_of_other_groups_are_refused() -> None:
+    """Too many were cut off, too few ended in a traceback."""
+    sam = load_actor("sam")
+    count, rest = len(sam.skeleton.group_names), sam.skeleton.rest_motion(2)
+    for shape in ((count + 1,), (count - 1,), (2, count)):
+        wrong = replace(rest, shared={"bones": torch.zeros(shape, dtype=torch.float64)})
+        with pytest.raises(InputError, match=rf"expected \(\*b, {count}\)"):
+            sam.joints(wrong)

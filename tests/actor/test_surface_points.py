@@ -243,3 +243,12 @@ def test_rest_of_a_posed_surface_is_what_was_posed() -> None:
     rest = torch.randn(BATCH, FRAMES, COUNT, 3, generator=random, dtype=F64)
     found = ACTOR.at_rest(motion, ACTOR.surface(motion, rest))
     torch.testing.assert_close(found, rest, rtol=0, atol=1e-10)
+
+
+def test_directions_of_other_frames_or_points_are_refused() -> None:
+    """Compiled loops wrote beyond the end of arrays, and the process died."""
+    motion = random_motion(ACTOR.skeleton, FRAMES, ())
+    points = SkinnedPoints(ACTOR, *choose(FRAMES))
+    for shape in ((1, POINTS, 1, 3), (FRAMES, POINTS - 1, 1, 3), (FRAMES, POINTS, 1, 2)):
+        with pytest.raises(InputError, match="directions have shape"):
+            points.linearize(motion, torch.zeros(shape, dtype=F64))

@@ -153,3 +153,9 @@ def test_numbers_replace_no_other_file(take: TakeFiles, result: Path, perfcap: C
     assert "choose another name" in perfcap([*call, result / "run.json"]).refused()
     assert (result / "run.json").read_text() == "{}" and arrays(take.truth)
     assert perfcap([*call, result / "metrics.json"]).code == 0
+
+
+def test_a_result_is_no_truth_of_its_own(result: Path, perfcap: Command) -> None:
+    """All errors were 0, and nothing said why."""
+    outcome = perfcap(["evaluate", result, "--truth", result / "motion.npz"])
+    assert outcome.code == 0 and "has the joints of the result itself" in outcome.out

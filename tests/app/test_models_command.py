@@ -117,4 +117,5 @@ def test_joints_that_a_network_has_not_are_refused(
     assert code == 2 and words in err and err.count("\n") == 1
     assert not (tmp_path / "manifest.toml").exists()
     own = {"blazepose": "BlazePose-33", "lightning": "COCO-17", None: "Halpe-26"}[name]
-    assert run(capsys, "models", "manifest", model, "--joints", own)[0] == 0
+    code, out, _ = run(capsys, "models", "manifest", model, "--joints", own)
+    assert code == 0 and "to check: " in out  # how values are scaled, no shape tells

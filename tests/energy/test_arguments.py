@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 import perfcap
 from perfcap.actor import Motion
+from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy import (
+    BoneLengthPrior,
     FloorPenetration,
     JointPosition,
     JointTarget,
@@ -16,9 +20,12 @@ from perfcap.energy import (
     SharedPrior,
     Tether,
     Trajectory,
+    UncertainViews,
 )
+from perfcap.energy.line_distance import LineDistance
 from perfcap.errors import InputError
 from perfcap.pipeline import TrajectoryConfig, trajectory_prior
+from perfcap.solve import Objective, solve
 
 F64 = torch.float64
 NAN = float("nan")
@@ -89,3 +96,104 @@ def test_an_actor_is_no_points(sam):
     camera, seen = views()
     with pytest.raises(InputError, match=r"got a Actor.* such as actor\.landmarks"):
         Reprojection(sam, camera, seen)
+
+
+# --- Confidences, frames and shapes that are others -----------------------------------------------
+
+
+def still(sam: perfcap.Actor, frames: int = 2, **shared: torch.Tensor) -> Motion:
+    zero = torch.zeros(frames, 3, dtype=F64)
+    return Motion(zero, zero, torch.zeros(frames, len(sam.skeleton.lower), dtype=F64), shared)
+
+
+@pytest.mark.parametrize("worst", [-1.0, NAN])
+def test_confidences_that_are_none(sam, worst):
+    """A negative one makes what should be small large, and the solve went that way."""
+    camera, seen = views()
+    sure, up = torch.full((2, 16), worst, dtype=F64), torch.tensor([0.0, 1, 0], dtype=F64)
+    bad = replace(seen, confidence2d=sure[:, None])
+    line = torch.zeros(2, 16, 3, dtype=F64)
+    for make in (
+        lambda: Reprojection(sam.landmarks, camera, bad),
+        lambda: UncertainViews(sam.landmarks, camera, bad),
+        lambda: JointTarget(sam.landmarks, seen.joints3d, sure[:, None]),
+        lambda: FloorPenetration(sam.landmarks, up, 0.0, sure),
+        lambda: LineDistance(sam.landmarks, line + up, line, sure),
+    ):
+        with pytest.raises(InputError, match="at least, expected numbers from 0 on"):
+            make()
+
+
+def test_what_is_unseen_may_be_no_number(sam):
+    """As detectors write it; the energy of everything was NaN."""
+    camera, seen = views()
+    places, poses = seen.joints2d.clone(), seen.joints3d.clone()
+    places[0, 0, 3], poses[1] = NAN, NAN
+    sure = torch.ones(2, 1, 16, dtype=F64)
+    with pytest.raises(InputError, match="joints2d holds NaN"):
+        Reprojection(sam.landmarks, camera, replace(seen, joints2d=places, confidence2d=sure))
+    with pytest.raises(InputError, match="joints3d holds NaN"):
+        JointPosition(sam.landmarks, camera, replace(seen, joints3d=poses))
+    sure[0, 0, 3] = 0
+    kept = replace(
+        seen,
+        joints2d=places,
+        confidence2d=sure,
+        joints3d=poses,
+        trusted3d=torch.tensor([[True], [False]]),
+    )
+    ahead = replace(still(sam), translation=torch.tensor([0.0, 0, 4], dtype=F64).expand(2, 3))
+    assert Reprojection(sam.landmarks, camera, kept)(ahead).isfinite()
+    assert JointPosition(sam.landmarks, camera, kept)(ahead).isfinite()
+
+
+def test_energies_of_other_frames(sam):
+    """One frame was repeated for all, and priors counted as often as there are frames."""
+    camera, seen = views()
+    groups = len(sam.skeleton.group_names)
+    motion = still(sam, 5, bones=torch.zeros(groups, dtype=F64))
+    for energy in (
+        JointPosition(sam.landmarks, camera, seen.frames(slice(1))),
+        UncertainViews(sam.landmarks, camera, seen.frames(slice(1))),
+        BoneLengthPrior(groups, 1),
+        SharedPrior(groups, block="bones"),
+        Trajectory(4),
+    ):
+        with pytest.raises(InputError, match=r"frames but the state has 5"):
+            energy(motion)
+    for energy in (BoneLengthPrior(groups - 1, 5), SharedPrior(3, 5, block="bones")):
+        with pytest.raises(InputError, match=f"numbers but the motion shares {groups}"):
+            energy(motion)
+
+
+def test_joints_of_another_number_are_refused(sam):
+    """Compiled loops read beyond their ends."""
+    camera, seen = views()
+    corners = torch.arange(20)[:, None]
+    points = SkinnedPoints(sam, corners, torch.ones(20, 1, dtype=F64))
+    energy = JointPosition(points, camera, seen)
+    for call in (energy, lambda motion: solve(Objective(e=energy), motion)):
+        with pytest.raises(InputError, match="points are 20, detections have 16 joints"):
+            call(still(sam))
+
+
+def test_units_and_weights_of_other_things(sam):
+    """They broadcast, and ended in a traceback, or not at all."""
+    camera, seen = views()
+    energy = Reprojection(sam.landmarks, camera, seen, unit=torch.ones(16, dtype=F64))
+    with pytest.raises(InputError, match="do its points, views, frames and units fit"):
+        energy(still(sam))
+    up = torch.tensor([[0.0, 1, 0]] * 2, dtype=F64)
+    floor = FloorPenetration(sam.landmarks, up, 0.0, torch.ones(2, 16, dtype=F64))
+    with pytest.raises(InputError, match=r"for a state of batch \(\) and 2 frames"):
+        solve(Objective(floor=floor), still(sam))
+    heavy = JointTarget(sam.landmarks, seen.joints3d, weight=torch.ones(2, dtype=F64))
+    with pytest.raises(InputError, match="weights of points and frames are confidences"):
+        solve(Objective(heavy=heavy), still(sam))
+    late = still(sam, clock=torch.zeros(3, dtype=F64))
+    with pytest.raises(InputError, match=r"shares clock of shape \(3,\), expected \(1,\)"):
+        UncertainViews(sam.landmarks, camera, seen)(late)
+    with pytest.raises(InputError, match="expected one clip of as many views"):
+        UncertainViews(sam.landmarks, camera, seen.select([0, 0]))
+    with pytest.raises(InputError, match="mean holds NaN"):
+        PosePrior(torch.full((3,), NAN, dtype=F64))

@@ -219,3 +219,18 @@ def test_minimum_is_that_of_the_dense_method(graph):
 def test_nodes_of_another_graph_are_refused(graph):
     with pytest.raises(InputError, match="graph has 6 nodes"):
         Rigidity(graph, torch.zeros(2, 5, 3))
+
+
+def test_nodes_of_other_frames_are_refused(graph):
+    """Those of one frame were the rest of all."""
+    nodes = graph.nodes(posed_strip(frames=1))
+    with pytest.raises(InputError, match="made for 1 frames but the state has 2"):
+        Rigidity(graph, nodes)(random_deformation())
+
+
+def test_a_deformation_of_another_graph_is_refused(graph):
+    """Compiled loops wrote beyond its end."""
+    energy = Rigidity(graph, graph.nodes(posed_strip()))
+    few = random_deformation()
+    with pytest.raises(InputError, match=f"made for {NODES} nodes but the deformation has 2"):
+        energy(Deformation(few.rotation[:, :2], few.translation[:, :2]))

@@ -71,3 +71,20 @@ def test_what_does_not_belong_together_is_refused() -> None:
         contact(allowed=torch.zeros(FRAMES, 1))
     with pytest.raises(InputError, match=r"unit is 0\.0"):
         SkinContact(("one", "other"), points(0), points(1), normals(), unit=0.0)
+
+
+def test_normals_and_confidences_that_are_none() -> None:
+    """Pairs of confidence below zero were pulled into each other."""
+    given = ("one", "other"), points(0), points(1)
+    for wrong in (2 * normals(), torch.nan * normals()):
+        with pytest.raises(InputError, match="not of length one everywhere"):
+            SkinContact(*given, wrong)
+    padded = normals()
+    padded[0, 0] = 0
+    sure = torch.ones(FRAMES, POINTS)
+    sure[0, 0] = 0
+    SkinContact(*given, padded, sure)
+    with pytest.raises(InputError, match="expected numbers from 0 on"):
+        contact(confidence=-sure)
+    with pytest.raises(InputError, match="directions have shape"):
+        SkinContact(*given, normals()[:1]).linearize(STATE)

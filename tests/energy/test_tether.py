@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from checks import check_energy
 
 from perfcap.actor.deformation import Deformation
 from perfcap.energy.tether import Tether
+from perfcap.errors import InputError
 from perfcap.solve import Objective, TruncatedNewton, solve
 
 SHAPE = (2, 3, 5, 3)  # batch, frames, nodes
@@ -44,3 +46,9 @@ def test_alone_it_brings_nodes_home() -> None:
     method = TruncatedNewton(max_steps=50, tolerance=1e-12)
     solution = solve(Objective(tether=Tether(5, unit=0.1)), deformation(), method)
     assert solution.state.translation.abs().max() < 1e-5
+
+
+def test_another_number_of_nodes_is_refused() -> None:
+    """The mean was over as many as were said."""
+    with pytest.raises(InputError, match="made for 7 nodes but the deformation has 5"):
+        Tether(7)(deformation())

@@ -284,3 +284,11 @@ def test_files_of_other_editors_and_places(tmp_path: Path) -> None:
     path.write_text(text.replace(".", ","), encoding="utf-8")
     with pytest.raises(InputError, match="expected numbers with points, not commas"):
         load_bvh(path)
+
+
+def test_turns_that_are_none_are_not_written(tmp_path: Path) -> None:
+    good = motion()
+    for wrong in (2 * good.rotations, -good.rotations):
+        with pytest.raises(InputError, match="expected matrices of rotations"):
+            save_bvh(tmp_path / "wrong.bvh", replace(good, rotations=wrong))
+    assert not any(tmp_path.iterdir())

@@ -270,6 +270,7 @@ def test_weights_sum_to_exactly_one(tmp_path: Path) -> None:
         (np.tile(np.eye(4), (1, 4, 1, 1)) * np.nan, 30),
         (np.tile(2 * np.eye(4), (1, 4, 1, 1)), 30),
         (np.tile(np.diag([-1.0, 1, 1, 1]), (1, 4, 1, 1)), 30),
+        (np.tile(np.eye(4) + np.outer(np.eye(4)[3], (1, 2, 3, 0)), (1, 4, 1, 1)), 30),
         (np.tile(np.eye(4), (1, 4, 1, 1)), 0),
         (np.tile(np.eye(4), (1, 4, 1, 1)), float("nan")),
     ],

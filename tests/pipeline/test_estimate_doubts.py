@@ -92,3 +92,9 @@ def test_other_spellings_are_named() -> None:
     names = ["LKnee" if name == "l_knee" else name for name in LANDMARKS]
     with pytest.raises(InputError, match=r"not ours: LKnee \(expected l_knee\)"):
         PoseRefiner(TAKE.actor, JointSet("mine", tuple(names)))
+
+
+def test_placed_joints_of_another_size_are_named() -> None:
+    """They put the person at half the distance."""
+    with pytest.warns(UserWarning, match="legs are 2 times as long as those of the placed"):
+        refine(0.5 * LOCAL)

@@ -15,7 +15,7 @@ from perfcap.errors import InputError
 from perfcap.pipeline import JointConfig, Performance, capture, refine_jointly, resized
 from perfcap.pipeline.overlap import warn_of_masks_elsewhere
 from perfcap.render.soft_silhouette import SoftSilhouette
-from perfcap.solve import LevenbergMarquardt
+from perfcap.solve import LevenbergMarquardt, Status
 
 ACTOR, FRAMES, SIZE = actor(), 3, 64
 VIEWS = cameras(2, SIZE, distance=3.0)
@@ -165,3 +165,19 @@ def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tenso
     for nodes in (0, 2.5):
         with pytest.raises(InputError, match="nodes of JointConfig is"):
             JointConfig(nodes=nodes)  # type: ignore[arg-type]
+
+
+def test_joints_that_are_no_numbers_are_unseen(start: Performance, masks: torch.Tensor) -> None:
+    """The result was where it began, and nothing said so."""
+    seen = start.detections
+    holes = seen.confidence2d.clone()
+    holes[1] = torch.nan
+    given = replace(seen, confidence2d=holes)
+    found = refine_jointly(start, masks, detections=given, config=QUICK)
+    assert all(solution.status < Status.NOT_FINITE for _, solution in found.windows)
+    with pytest.raises(InputError, match="show nobody in any frame"):
+        refine_jointly(start, masks, detections=replace(given, confidence2d=0 * holes))
+    with pytest.raises(InputError, match="trust is 0 everywhere"):
+        refine_jointly(start, masks, trust=torch.zeros(1))
+    with pytest.raises(InputError, match="start is a tuple, expected the Performance"):
+        refine_jointly((start,), masks)  # type: ignore[arg-type]

@@ -11,6 +11,7 @@ import perfcap
 from perfcap.detect.association import associate
 from perfcap.errors import InputError
 from perfcap.pipeline.checkpoint import Checkpoint
+from perfcap.pipeline.input_doubts import exchanged_actors
 from perfcap.pipeline.performance import Performance
 
 CROWD = make_crowd(2, frames=24, noise=2.0, spoil=0.2)
@@ -92,3 +93,45 @@ def test_people_of_a_scene_are_any_iterable_of_persons() -> None:
         perfcap.Person(people[0].detections, people[0].actor)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"people\[0\] is a Actor, expected a Person"):
         replace(scene(), people=(people[0].actor,))  # type: ignore[arg-type]
+
+
+# --- What is accepted, and said -------------------------------------------------------------------
+
+
+def test_one_person_given_twice_is_refused() -> None:
+    """As of two detectors: both were captured in one place, and then parted."""
+    one, other = scene().people
+    noise = torch.randn(one.detections.joints2d.shape, generator=torch.Generator().manual_seed(0))
+    for again in (
+        replace(one.detections, joints2d=one.detections.joints2d + 2 * noise),
+        one.detections.to(torch.zeros(1)),
+    ):
+        with pytest.raises(InputError, match="people 0 and 1 have the same detections"):
+            perfcap.Scene(CROWD.cameras, (one, replace(other, detections=again)), RATE)
+
+
+def test_detections_of_people_have_one_type() -> None:
+    """Where people touched, two types ended in a traceback."""
+    one, other = scene().people
+    rough = replace(other, detections=other.detections.to(torch.zeros(1)))
+    mixed = perfcap.Scene(CROWD.cameras, (one, rough), RATE)
+    assert {each.detections.joints2d.dtype for each in mixed.people} == {torch.float64}
+    nowhere = replace(other, detections=other.detections.to(torch.zeros(1, device="meta")))
+    with pytest.raises(InputError, match="lie on cpu and meta; expected one device"):
+        perfcap.Scene(CROWD.cameras, (one, nowhere), RATE)
+
+
+def test_exchanged_actors_and_seconds_of_a_frame_are_told() -> None:
+    whole = scene()
+    one, other = whole.people
+    swapped = (replace(one, actor=other.actor), replace(other, actor=one.actor))
+    until = perfcap.Stage.INITIALIZE
+    for each in perfcap.capture(replace(whole, people=swapped, rate=1 / 30), until=until):
+        told = "\n".join(each.warnings)
+        assert "the actors of people 1 and 2 look exchanged: bones differ by" in told
+        assert "rate is 0.03333 frames a second" in told and "give 30" in told
+    solved = tuple(replace(each, solve_bones=True) for each in swapped)
+    assert not any(exchanged_actors(replace(whole, people=solved)))
+    assert not any(exchanged_actors(whole))
+    notes = associate(CROWD.cameras, CROWD.candidates, 1 / RATE).notes
+    assert any("frames a second" in note for note in notes)

@@ -198,3 +198,19 @@ def test_hands_are_kept_together_the_more_the_nearer_they_are() -> None:
     sure = rows.sure[:, row]
     assert sure[0] == 1 and sure[1] == pytest.approx(0.25)
     assert (sure.diff() < 0).all() and sure[-1] < 1e-3
+
+
+def test_turns_sizes_and_worlds_of_something_else() -> None:
+    """All of them gave a motion, with nothing said."""
+    joints = joints_of(PERSON, walk(PERSON, 6))
+    for wrong in (2 * joints.rotation, -joints.rotation):
+        with pytest.raises(InputError, match="rotation holds matrices that are none"):
+            JointMotion(wrong, joints.position)
+    with pytest.warns(UserWarning, match="limbs are 2 times as long as the source's"):
+        retarget(PERSON, replace(joints, position=2 * joints.position), PERSON, 30.0, FREE)
+    turn = rotvec_to_matrix(torch.tensor([torch.pi / 2, 0.0, 0.0], dtype=F64))
+    z_up = JointMotion(turn @ joints.rotation, joints.position @ turn.mT)
+    with pytest.warns(UserWarning, match="the person lies in nearly all frames"):
+        retarget(PERSON, z_up, PERSON, 30.0, FREE)
+    with pytest.raises(InputError, match="joints is a Actor, expected a JointMotion"):
+        retarget(PERSON, PERSON, joints, 30.0, FREE)  # type: ignore[arg-type]

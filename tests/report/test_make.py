@@ -20,7 +20,13 @@ from perfcap.errors import InputError
 from perfcap.io.result import read_result
 from perfcap.io.result_folder import PAGE
 from perfcap.pipeline.performance import Performance
-from perfcap.report import Places, Wanted, make_report
+from perfcap.report import (
+    Places,
+    Wanted,
+    make_comparison,
+    make_people_report,
+    make_report,
+)
 from perfcap.report.content import Pack, unpack
 from perfcap.report.model import restore
 
@@ -231,3 +237,33 @@ def test_nothing_outside_the_folder_ends_up_in_the_page(folder: Path, tmp_path: 
         (folder / name).symlink_to(secret)
     page = make_report(folder).read_text()
     assert "a secret" not in page and "777333" not in page
+
+
+@pytest.mark.parametrize("wrong", [3, None, b"", ""])
+def test_what_is_no_folder_is_refused(take_performance: Performance, wrong: Any) -> None:
+    """They ended in tracebacks, or wrote where one was."""
+    for call in (
+        make_report,
+        make_people_report,
+        take_performance.save,
+        read_result,
+        lambda name: make_comparison(("a", "b"), name),
+    ):
+        with pytest.raises(InputError, match=r"expected the name of"):
+            call(wrong)
+    with pytest.raises(InputError, match="got a Performance, expected the name of the folder"):
+        make_report(take_performance)  # type: ignore[arg-type]
+
+
+def test_what_is_wanted_is_of_its_kind(folder: Path) -> None:
+    for wrong in ({"start": 0.5}, {"stop": "3"}, {"truth": [1]}, {"places": "x.mp4"}):
+        with pytest.raises(InputError, match="wanted: "):
+            Wanted(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"wanted: is a tuple, expected Wanted\("):
+        make_report(folder, (0, 5))  # type: ignore[arg-type]
+    joints = read_result(folder).joints
+    numbers = range(START, START + len(joints))
+    for factor, part, words in ((1000, 16, "expected metres"), (1, 5, r"expected \(16, 3\) each")):
+        truth = {n: factor * each[:part] for n, each in zip(numbers, joints, strict=True)}
+        with pytest.raises(InputError, match=words):
+            make_report(folder, Wanted(truth=truth))

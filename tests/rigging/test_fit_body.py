@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from dataclasses import astuple, replace
 from functools import partial
 
@@ -26,6 +27,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, extents, fit_body
+from perfcap.rigging.fit_checks import warn_of_places
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import Implicit, LevenbergMarquardt, Step
@@ -299,3 +301,17 @@ def test_gradients_reach_detections_through_the_shape(
     slope = float((free.grad * way).sum())
     change = float(total(pixels + 1e-3 * way) - total(pixels - 1e-3 * way)) / 2e-3
     assert slope == pytest.approx(change, rel=1e-4)
+
+
+def test_joints_of_smaller_videos_are_told(model: BodyModel) -> None:
+    """They gave another body."""
+    cameras = synthetic.cameras(2, size=160, distance=3.0)
+    motion = person(model)
+    detections, _ = seen(model, motion, cameras)
+    half = replace(detections, joints2d=detections.joints2d / 2)
+    with pytest.warns(UserWarning, match="body fit: view 0: all joints .* top left quarter"):
+        warn_of_places(cameras.select([0]), half.select([0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_places(cameras, detections)
+        warn_of_places(replace(cameras, size=()), half)  # unknown

@@ -65,6 +65,7 @@ def test_gradients_reach_what_a_function_holds():
         ((rosenbrock, START.half()), "initial state is torch.float16"),
         ((rosenbrock, torch.tensor(1.0)), r"Tensor torch.float32 \(\)"),
         ((lambda x: [x, x], START), "returned a list"),
+        ((lambda x: x[..., :0], START), "no residuals, so that nothing is asked"),
         ((lambda x: x.sum(), START), r"returned shape \(\)"),
         ((lambda x: x.float(), START), "returned torch.float32"),
         ((Objective(sum=ResidualFunction(rosenbrock)), START), "without coordinates"),

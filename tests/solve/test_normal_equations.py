@@ -10,6 +10,7 @@ from perfcap.errors import InputError
 from perfcap.solve import Coupling, Energy, GemanMcClure, Objective, Residual, WindowEnergy
 from perfcap.solve.assembly import assemble
 from perfcap.solve.box_step import InverseColumns
+from perfcap.solve.energy_checks import require_slopes
 from perfcap.solve.factorization import factorize
 
 KINDS = {
@@ -178,3 +179,12 @@ def test_weak_data_keep_their_digits_in_float32(ratio, features, tolerance):
     objective.float()
     single = newton(state.to(torch.float32))
     assert (single - exact).norm() < tolerance * exact.norm()
+
+
+def test_closed_forms_of_other_frames_or_unknowns_are_refused() -> None:
+    """One frame's derivative was taken for that of all."""
+    value = torch.zeros(2, 3, 4, 1)
+    for shape in ((2, 1, 4, 1, 5), (2, 6, 4, 1, 5), (2, 3, 3, 1, 5), (2, 3, 4, 1, 6)):
+        with pytest.raises(InputError, match="linearize returned a derivative"):
+            require_slopes(None, torch.zeros(shape), value, 5)
+    require_slopes(None, torch.zeros(1, 3, 4, 1, 5), value, 5)

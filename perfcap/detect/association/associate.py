@@ -17,7 +17,7 @@ from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.rates import Timed, frame_rate
+from perfcap.rates import Timed, frame_rate, rate_doubts
 from perfcap.setting_checks import require_count
 
 _LEAST_FRAMES = 3
@@ -100,7 +100,7 @@ def associate(
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
     about = (*_left_out(tracks, chosen), *_strangers(sightings, settled, groups))
-    notes = (*wrong, *_away(kept, joins), *about)
+    notes = (*rate_doubts(rate), *wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
         settled.slots,

@@ -15,6 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
+from perfcap.io.doctor.order import examine_order
 from perfcap.io.doctor.sides import examine_sides
 
 CONFIDENT = 0.3
@@ -59,11 +60,11 @@ def examine_detections(
     for view, name in enumerate(rig.names):
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
+        shown = detections.joints2d[:, view], detections.confidence2d[:, view]
+        order = examine_order(name, *shown)
         if not rig.cameras.moving:
-            findings += examine_jumps(
-                name, detections.joints2d[:, view], detections.confidence2d[:, view]
-            )
-        findings += _repeated(name, detections.joints2d[:, view], detections.confidence2d[:, view])
+            order = order or examine_jumps(name, *shown)
+        findings += order + _repeated(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)

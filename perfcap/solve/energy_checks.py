@@ -1,0 +1,100 @@
+"""Whether an energy's settings are numbers, and its rows those of a state; else refused by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
+from perfcap.solve.kernels import Kernel
+
+
+def require_settings(weight: object, kernel: object) -> None:
+    """Refuse what is no weight or no kernel; a tensor may hide its numbers.
+
+    Raises:
+        InputError: one is.
+    """
+    if kernel is not None and not isinstance(kernel, Kernel):
+        raise InputError(
+            f"kernel is {kernel!r:.80}, expected one such as Huber(0.1), or None for squares"
+        )
+    known = is_plain(weight.detach()) if isinstance(weight, Tensor) else True
+    if not isinstance(weight, Tensor | float | int) or (
+        known and not _all((weight >= 0) & (weight < math.inf))
+    ):
+        raise InputError(f"weight is {weight!r:.80}; expected a finite number from 0 on")
+
+
+def require_fitting(energy: object, value: Tensor, confidence: Tensor | None) -> None:
+    """Refuse confidences that are not those of the groups of values (*b, F, G, d).
+
+    Raises:
+        InputError: they do not broadcast to them.
+    """
+    if confidence is not None and not fits(confidence.shape, value.shape[:-1]):
+        raise InputError(
+            f"{type(energy).__name__} has values {tuple(value.shape)} and confidence "
+            f"{tuple(confidence.shape)}, expected (*b, F, G, d) and (*b, F, G): do its points, "
+            "views, frames and units fit each other?"
+        )
+
+
+def require_lead(energy: object, value: Tensor, batch: Sequence[int], frames: int) -> None:
+    """Refuse values (*b, F, G, d) of other frames, or of another batch, than a state's.
+
+    Raises:
+        InputError: they are.
+    """
+    count, shape = len(batch), value.shape
+    whole = len(shape) == count + 3 and shape[count] == frames
+    if not whole or not fits(shape[:count], batch):
+        raise InputError(
+            f"{type(energy).__name__} has values {tuple(shape)} for a state of batch "
+            f"{tuple(batch)} and {frames} frames, expected (*b, F, G, d): does what it is made of "
+            "have the same batch and frames?"
+        )
+
+
+def require_slopes(energy: object, frame: Tensor, value: Tensor, unknowns: int) -> None:
+    """Refuse a closed form whose derivative is not that of values (*b, F, G, d).
+
+    Raises:
+        InputError: it is not (*b, F, G, d, D).
+    """
+    wanted = (*value.shape[-3:], unknowns)
+    if tuple(frame.shape[-4:]) != wanted or not fits(frame.shape[:-4], value.shape[:-3]):
+        raise InputError(
+            f"{type(energy).__name__}.linearize returned a derivative {tuple(frame.shape)} of "
+            f"values {tuple(value.shape)}; expected (*b, F, G, d, D), which ends in {wanted}"
+        )
+
+
+def require_weight(name: str, weight: Tensor, batch: Sequence[int]) -> None:
+    """Refuse a weight that is neither a number nor one of each batch element.
+
+    Raises:
+        InputError: it is another tensor.
+    """
+    if weight.ndim and (weight.ndim != len(batch) or not fits(weight.shape, batch)):
+        raise InputError(
+            f"energy {name!r} has weights {tuple(weight.shape)} for a state of batch "
+            f"{tuple(batch)}; expected a number, or one of each batch element: weights of points "
+            "and frames are confidences"
+        )
+
+
+def fits(shape: Sequence[int], wanted: Sequence[int]) -> bool:
+    """Whether the one shape broadcasts to the other."""
+    lacking = len(wanted) - len(shape)
+    return lacking >= 0 and all(
+        own in (1, size) for own, size in zip(shape, wanted[lacking:], strict=True)
+    )
+
+
+def _all(condition: Tensor | bool) -> bool:
+    return bool(condition.all()) if isinstance(condition, torch.Tensor) else condition
