@@ -69,17 +69,12 @@ def _look(
     into: tuple[Floats, Floats, Floats, Floats] | None,
 ) -> float:
     """Energy of one image; its derivatives are written ``into`` arrays."""
-    from perfcap.energy import _contour_numba
-    from perfcap.render import _density_numba
+    from perfcap.energy import _contour_rows_numba
 
-    height, width = field.flat.shape
-    depth, slope = np.zeros((height, width)), np.zeros((2, height, width))
-    bent = np.empty((3, height, width))
-    _density_numba.draw(*shapes, LEAST, depth, slope)
     edges, flat = numbers(field.edges), numbers(field.flat)
+    found = into or tuple(np.empty_like(each) for each in (*shapes, shapes[1]))
     stiff = 0.0 if bend is None else bend
-    value: float = _contour_numba.contour(depth, slope, edges, flat, stiff, bent)
-    if into is not None:
-        _density_numba.pull_back(*shapes, LEAST, depth, slope, *into[:3])
-        _density_numba.gather(*shapes, LEAST, bent, into[3])
+    value: float = _contour_rows_numba.look(
+        shapes, LEAST, edges, flat, stiff, into is not None, found[:3], found[3]
+    )
     return value

@@ -160,32 +160,3 @@ def pull_back(
         of_form[q, 0] = a * (wxx - 0.5 * mxx)
         of_form[q, 1] = a * (wxy - mxy)
         of_form[q, 2] = a * (wyy - 0.5 * myy)
-
-
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
-def gather(
-    centre: Floats, form: Floats, thickness: Floats, least: float, images: Floats, sums: Floats
-) -> None:
-    """Sums of images, weighed by the optical depth of each Gaussian.
-
-    Args:
-        centre: as of ``draw``, as the next three.
-        form: (Q, 3).
-        thickness: (Q,).
-        least: optical depth.
-        images: (K, H, W).
-        sums: (Q, K), written.
-    """
-    count, height, width = images.shape
-    values = np.empty(width)
-    for q in range(len(thickness)):
-        far = reach(thickness[q], least)
-        first, last = touched_rows(centre[q], form[q], far, height)
-        sums[q] = 0.0
-        for row in range(first, last):
-            start, stop = fill(centre[q], form[q], far, row, values)
-            for k in range(count):
-                line, total = images[k, row, start:stop], 0.0
-                for i in range(len(line)):
-                    total += values[i] * line[i]
-                sums[q, k] += thickness[q] * total
