@@ -23,7 +23,9 @@ GROUPS = {
         "stage_ablation", "real_silhouettes", "segmentation_ablation", "shaken_masks",
         "held_out_masks", "worst_masks", "boundary_trust", "paired_or_soft",
     ),
-    "Raw images, without background or masks (Rhodin et al. 2016)": ("contours", "contour_cues"),
+    "Raw images, without background or masks (Rhodin et al. 2016)": (
+        "contours", "contour_cues", "contour_clocks",
+    ),
     "Bodies and characters": (
         "body_fit", "real_body", "shape_over_time", "orbit_frames", "auto_rig", "actor_import",
         "actor_sheets", "template_quality", "shoulders",

@@ -30,7 +30,7 @@ from perfcap.pipeline.stage import Stage
 from perfcap.render import rasterize
 from perfcap.temporal.window import Window
 
-_VIEWS = {6: (0, 1, 2, 3, 4, 5), 4: (0, 1, 3, 4), 2: (0, 3)}
+VIEWS = {6: (0, 1, 2, 3, 4, 5), 4: (0, 1, 3, 4), 2: (0, 3)}
 _EVERY = 6  # frames between those whose silhouettes are compared
 _RUNS = 15  # of what is timed, the first of which compiles
 
@@ -95,7 +95,7 @@ def run(config: Experiment) -> Report:
         seen = read(name, config.data)
         several = "/" in name
         for count in config.views[: 1 if several else None]:
-            some = seen.select(_VIEWS[count])
+            some = seen.select(VIEWS[count])
             found = [captured(some, stage) for stage in (None, "rhodin2016")]
             found += [captured(some, "default")] if config.masks else []
             joints.append((name, count, *_joint_row(some, found)))
@@ -192,7 +192,7 @@ def _volumes(config: Experiment) -> Table:
 
 def _speed(config: Experiment) -> Table:
     """Value, slope and curvature of the energy, CPU milliseconds a view and frame."""
-    seen = read(config.sequences[0], config.data).select(_VIEWS[6])
+    seen = read(config.sequences[0], config.data).select(VIEWS[6])
     own = seen.recording
     found = capture(own.actor, own.cameras, own.detections, own.rate)
     settings = PRESETS["rhodin2016"].contours

@@ -219,7 +219,7 @@ def _perform(
             inputs.detections.to(like),
             inputs.clip.fps,
             settings_of(request),
-            images=Images(inputs.clip, cameras, segmenter, masks, examined=True),
+            images=Images(inputs.clip, cameras, segmenter, masks, examined=True, lag=inputs.lag),
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,

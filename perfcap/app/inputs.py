@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from torch import Tensor
+
 from perfcap.app.console import progress_bars
 from perfcap.app.networks import (
     DETECTORS,
@@ -52,6 +54,7 @@ class Inputs:
         warnings: what a user should know.
         lost: frames that should follow, but a damaged video or its detections end before.
         files: what was read, and the state of each.
+        lag: frames by which images were taken later than their frame, (F, C); see ``Images``.
     """
 
     clip: Clip
@@ -61,6 +64,7 @@ class Inputs:
     warnings: tuple[str, ...]
     lost: int = 0
     files: Mapping[str, str | None] = field(default_factory=dict)
+    lag: Tensor | None = None
 
 
 def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:

@@ -38,12 +38,14 @@ def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str,
         found = solve_views(actor, cameras, detections, rate, sync=sync, refine=refine)
     except InputError as error:
         raise InputError(f"{option}: {error}") from error
-    names = list(inputs.rig.names)
+    names, start = list(inputs.rig.names), inputs.clip.start
+    counts = [len(source) for source in inputs.clip.sources]
     changed = replace(
         inputs,
         clip=_late(inputs.clip, found),
         rig=replace(inputs.rig, cameras=found.of_cameras(inputs.rig.cameras)),
         detections=found.of_detections(inputs.detections),
+        lag=found.lag(range(start, start + len(inputs.clip)), counts),
         warnings=(*inputs.warnings, *found.sentences(names)),
     )
     return changed, found.report(names)
@@ -51,9 +53,9 @@ def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str,
 
 def _late(clip: Clip, found: ViewErrors) -> Clip:
     """The clip with each view from the frame nearest to its clock."""
-    if found.clock is None:
+    if found.late is None:
         return clip
-    whole = [round(value) for value in found.clock.tolist()]
+    whole = [round(value) for value in found.late.tolist()]
     sources = [
         LateSource(source, late) if late else source
         for source, late in zip(clip.sources, whole, strict=True)

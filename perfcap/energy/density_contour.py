@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -73,6 +74,8 @@ class DensityContour(Majorized[Any]):
         unit: pixels that count as one, a number or (C,).
         bend: curvature of an edge of strength one, px^-2.
         offset: added to every frame; see ``Majorized``.
+        shift: by how much Gaussians have moved in an image that was taken a little later than
+            the others of its frame, (F, C, Q, 2) px; None for none.
 
     Raises:
         InputError: numbers of Gaussians, frames or views that do not fit.
@@ -81,6 +84,7 @@ class DensityContour(Majorized[Any]):
     deviations: Tensor
     densities: Tensor
     scale: Tensor
+    shift: Tensor | None
 
     def __init__(
         self,
@@ -93,6 +97,7 @@ class DensityContour(Majorized[Any]):
         *,
         bend: float = 0.25,
         offset: float = 0.0,
+        shift: Tensor | None = None,
     ) -> None:
         super().__init__(points, weight, offset)
         require_unit(unit)
@@ -102,11 +107,15 @@ class DensityContour(Majorized[Any]):
                 f"{sorted({len(row) for row in fields})} views for {cameras.views} cameras; "
                 "expected the same numbers"
             )
+        moved = (len(fields), cameras.views, points.count, 2)
+        if shift is not None and shift.shape != moved:
+            raise InputError(f"shift of contours is {tuple(shift.shape)}, expected {moved}")
         self.cameras, self.fields, self.bend = cameras, fields, bend
         self.register_buffer("deviations", volume.deviations)
         self.register_buffer("densities", volume.densities)
         scale = (1 / torch.as_tensor(unit)).to(volume.deviations).expand(cameras.views)
         self.register_buffer("scale", scale.contiguous())
+        self.register_buffer("shift", shift)
 
     def lengths(self, points: Tensor) -> Tensor:
         """Contour of each frame (F,) about points (F, Q, 3), views added up, in units."""
@@ -244,7 +253,10 @@ class DensityContour(Majorized[Any]):
         if points.shape[-1] == 4:
             thickness, width = width * density, points[..., 3].exp()
             density = thickness / width
-        return Splats.seen_by(self.cameras, points[..., :3], width, density)
+        splats = Splats.seen_by(self.cameras, points[..., :3], width, density)
+        if self.shift is None:
+            return splats
+        return replace(splats, centre=splats.centre + self.shift.to(points))
 
     def _compiled_for(self, points: Tensor) -> bool:
         wanted = torch.is_grad_enabled() and any(recorded(e) for row in self.fields for e in row)

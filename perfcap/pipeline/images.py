@@ -8,6 +8,7 @@ from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -46,6 +47,9 @@ class Images:
         segmenter: a network that finds people in them, as a cue of silhouettes; None to go without.
         masks: silhouettes of the person where they are known, used as they are; None without any.
         examined: somebody has seen already that they show the person whose joints are captured.
+        lag: frames by which each image was taken later than its frame of the motion, (F, C), less
+            than one either way; NaN where a view has no image of that time, and gives another in
+            its place. None where clocks agree. What meets edges of raw images heeds it.
     """
 
     reader: FrameReader
@@ -53,6 +57,7 @@ class Images:
     segmenter: PersonNetwork | None = None
     masks: KnownMasks | None = None
     examined: bool = False
+    lag: Tensor | None = None
 
     def __post_init__(self) -> None:
         masks = self.masks is None or hasattr(self.masks, "knows")
@@ -77,6 +82,13 @@ class Images:
                 f"{len(self.cameras.size)} image sizes; give the (height, width) of every view"
             )
 
+        lags = len(self.reader), self.cameras.views
+        if self.lag is not None and self.lag.shape != lags:
+            raise InputError(
+                f"images have lags {tuple(self.lag.shape)} for {lags[0]} frames of {lags[1]} "
+                "views; expected one a frame and view"
+            )
+
     def checked(self) -> Self:
         """The same, whose frames are refused where they are not those of the cameras."""
         sizes = self.cameras.size
@@ -92,7 +104,9 @@ class Images:
             raise ValueError(f"images of every {step} frames are asked for, expected each in a row")
         cameras = self.cameras.frames(slice(start, stop))
         masks = None if self.masks is None else _PartOfMasks(self.masks, start)
-        return replace(self, reader=_Part(self.reader, start, stop), cameras=cameras, masks=masks)
+        lag = None if self.lag is None else self.lag[start:stop]
+        reader = _Part(self.reader, start, stop)
+        return replace(self, reader=reader, cameras=cameras, masks=masks, lag=lag)
 
 
 @dataclass(frozen=True)

@@ -153,10 +153,11 @@ def _solve(
 ) -> tuple[Motion, Tensor]:
     """The motion of a window, and the share of contours on edges before and after, (2, W)."""
     cameras = sight.cameras.frames(window.index)
-    contour = DensityContour(
-        points, volume, cameras, fields, config.weight, sight.unit, bend=config.bend
-    )
     start = points(motion)
+    shift = sight.shift(start, window)
+    contour = DensityContour(
+        points, volume, cameras, fields, config.weight, sight.unit, bend=config.bend, shift=shift
+    )
     contour.offset = -contour.lower_bound(start)
     terms = dict(problem.objective(window).items())
     method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
@@ -222,11 +223,29 @@ class ContourSight:
         ]
         return [list(row) for row in zip(*columns, strict=True)]
 
+    def shift(self, points: Tensor, window: Window) -> Tensor | None:
+        """How far Gaussians at points (W, Q, 3) are moved in images of another time, or None.
+
+        On parabolas through each frame and those about it; (W, C, Q, 2) px.
+        """
+        if self.images.lag is None or len(points) < 2:
+            return None
+        lag = self.images.lag[window.index].nan_to_num().to(points)[..., None, None]
+        (speed,) = torch.gradient(points, dim=0)
+        bend = torch.zeros_like(points)
+        bend[1:-1] = points[2:] - 2 * points[1:-1] + points[:-2]
+        moved = lag * speed[:, None] + 0.5 * lag.square() * bend[:, None]
+        _, slope = self.cameras.frames(window.index).linearize(points)
+        return (slope @ moved[..., None]).squeeze(-1)
+
     def _view(
         self, view: int, low: list[list[float]], high: list[list[float]], window: Window
     ) -> list[Patch]:
-        found, size = [], self.cameras.size[view]
+        found, size, lag = [], self.cameras.size[view], self.images.lag
         for frame in range(window.start, window.stop):
+            if lag is not None and bool(lag[frame, view].isnan()):
+                found.append(Patch.none())
+                continue
             (image,) = self.images.reader.read_view(view, frame, frame + 1)
             box = _clamped(low[frame - window.start], high[frame - window.start], size)
             found.append(Patch.cut(shrunk(image, size), box))
@@ -260,11 +279,16 @@ class Patch:
     size: tuple[int, int]
 
     @classmethod
+    def none(cls) -> Patch:
+        """No pixel."""
+        return cls(np.zeros((0, 0, 3), np.uint8), (0, 0), (0, 0), (0, 0))
+
+    @classmethod
     def cut(cls, image: NDArray[np.uint8], box: tuple[int, int, int, int]) -> Patch:
         """Rows and columns of a box: top, left, bottom, right."""
         top, left, bottom, right = box
         if bottom <= top or right <= left:
-            return cls(np.zeros((0, 0, 3), np.uint8), (top, left), (top, left), (0, 0))
+            return cls.none()
         first = max(0, top - _RIM), max(0, left - _RIM)
         pixels = image[first[0] : bottom + _RIM, first[1] : right + _RIM].copy()
         return cls(pixels, (top, left), first, (bottom - top, right - left))

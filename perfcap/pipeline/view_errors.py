@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, s
 from perfcap.solve.covariance import shared_covariance
 
 _MUCH = 3.0  # deviations, beyond which a correction is no small one
+_WHOLE = 0.1  # frames that a clock may be off where it is taken for a whole number
 _UNKNOWN = 0.5  # frames of deviation, beyond which a clock is not found: others have 0.05 to 0.2
 
 
@@ -86,9 +87,37 @@ class ViewErrors:
 
     def of_detections(self, detections: Detections) -> Detections:
         """Detections in the time of the first view."""
-        if self.clock is None:
-            return detections
-        return at_clock(detections, self.clock.to(detections.joints2d))
+        late = self.late
+        return detections if late is None else at_clock(detections, late.to(detections.joints2d))
+
+    @property
+    def late(self) -> Tensor | None:
+        """Frames by which each view is read later, (C,): whole ones where the clock may be whole.
+
+        Between frames, a wrong joint spoils two of them, and the first or the last is lost.
+        """
+        if self.clock is None or self.clock_deviation is None:
+            return self.clock
+        whole = self.clock.round()
+        near = (self.clock - whole).abs() <= self.clock_deviation.clamp(max=_WHOLE)
+        return torch.where(near, whole, self.clock)
+
+    def lag(self, clip: range, counts: Sequence[int]) -> Tensor | None:
+        """Frames by which the images nearest to ``late`` are later than the motion, (F, C).
+
+        NaN where a view has no such image; None where each has the very one.
+
+        Args:
+            clip: its frames in the files.
+            counts: of all frames in the file of each view.
+        """
+        if self.late is None:
+            return None
+        whole = self.late.round()
+        index = torch.tensor(clip)[:, None] + whole
+        there = (index >= 0) & (index < torch.tensor(counts))
+        lag = torch.where(there, whole - self.late, torch.nan)
+        return None if bool((lag == 0).all()) else lag
 
     def report(self, names: list[str]) -> dict[str, Any]:
         """Plain values by view."""

@@ -235,3 +235,24 @@ def test_wrong_numbers_are_refused() -> None:
         DensityContour(points, volume, energy.cameras, [row[:2] for row in energy.fields])
     with pytest.raises(InputError, match="same frames"):
         energy(random_motion(actor().skeleton, 3))
+
+
+def test_gaussians_are_shifted_in_images_of_another_time() -> None:
+    energy, points = seen(truth())
+    here = points(truth())
+    _, volume = body()
+    given = points, volume, energy.cameras, energy.fields
+    shift = torch.zeros(2, 3, points.count, 2, dtype=F64)
+    shift[:, 1] = torch.tensor([2.5, -1.5], dtype=F64)
+    lens = energy.cameras.intrinsics.clone()
+    lens[1, :2, 2] += shift[0, 1, 0]
+    moved = DensityContour(points, volume, replace(energy.cameras, intrinsics=lens), energy.fields)
+    shifted = DensityContour(*given, shift=shift)
+    for ours, theirs in (
+        (shifted.values(here), moved.values(here)),
+        (shifted.expand(here).gradient, moved.expand(here).gradient),
+        (shifted.support(here), moved.support(here)),
+    ):
+        torch.testing.assert_close(ours, theirs)
+    with pytest.raises(InputError, match="shift of contours is"):
+        DensityContour(*given, shift=shift[:1])

@@ -13,8 +13,10 @@ import torch
 from numpy.typing import NDArray
 from synthetic import cameras as circle
 from takes import Take, detect, sway
+from torch import Tensor
 
 from perfcap.actor.volume_fit import VolumeFit
+from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import load_actor
 from perfcap.pipeline.checkpoint import Checkpoint
@@ -25,6 +27,7 @@ from perfcap.pipeline.presets import RHODIN, CaptureConfig
 from perfcap.pipeline.refine_contours import ContoursConfig, ContourSight
 from perfcap.pipeline.stage import Stage
 from perfcap.render import ProjectedMesh, Texture, render
+from perfcap.temporal.window import Window
 
 SIZE, FRAMES, VIEWS = 260, 6, 3
 FIT = VolumeFit(height=120, poses=1, steps=120)
@@ -82,9 +85,13 @@ def film(take: Take, kind: str = "slope") -> Film:
 
 
 def captured(
-    take: Take, images: Film | None, config: CaptureConfig = QUICK, **options: object
+    take: Take,
+    images: Film | None,
+    config: CaptureConfig = QUICK,
+    lag: Tensor | None = None,
+    **options: object,
 ) -> Performance:
-    given = None if images is None else Images(images, take.cameras)
+    given = None if images is None else Images(images, take.cameras, lag=lag)
     return capture(
         take.actor,
         take.cameras,
@@ -188,3 +195,47 @@ def test_moving_cameras(take: Take) -> None:
     )
     still, moved = captured(take, film(take)), captured(replace(take, cameras=moving), film(take))
     torch.testing.assert_close(still.joints(), moved.joints(), atol=1e-6, rtol=0)
+
+
+def test_views_between_frames_are_met_where_the_person_was(take: Take) -> None:
+    """Images of two are half a frame late: that is known, or not."""
+    whole = sway(take.actor, 2 * FRAMES, 12.0)
+    truth = whole[0 : 2 * FRAMES : 2]
+    detections = detect(take.actor, take.cameras, truth, lifted=False)
+    seen = Take(take.actor, take.cameras, detections, truth, 6.0)
+    shots, late = (film(replace(seen, truth=whole[first::2])) for first in (0, 1))
+    shots = Film([shots.views[0], *late.views[1:]])
+    lag = torch.zeros(FRAMES, VIEWS)
+    lag[:, 1:] = 0.5
+    sure = replace(QUICK, contours=replace(QUICK.contours, weight=20.0))
+    known, unknown = (captured(seen, shots, sure, lag=each) for each in (lag, None))
+    errors = [float(seen.error_mm(each.joints()).mean()) for each in (known, unknown)]
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_images_that_a_view_does_not_have_are_not_looked_at(take: Take) -> None:
+    lag = torch.zeros(FRAMES, VIEWS)
+    lag[0, 2] = torch.nan
+    shots = film(take)
+    other = Film([*shots.views[:2], np.concatenate((shots.views[2][3:4], shots.views[2][1:]))])
+    found = [captured(take, each, lag=lag).joints() for each in (shots, other)]
+    torch.testing.assert_close(*found)
+    with pytest.raises(InputError, match="images have lags"):
+        Images(shots, take.cameras, lag=lag[1:])
+    part = Images(shots, take.cameras, lag=lag).frames(slice(0, 2))
+    assert part.lag is not None and len(part.lag) == 2
+
+
+def test_gaussians_move_on_parabolas(take: Take) -> None:
+    lag = torch.full((FRAMES, VIEWS), 0.25, dtype=torch.float64)
+    images = Images(film(take), take.cameras, lag=lag)
+    heights = torch.full((VIEWS,), 160.0, dtype=torch.float64)
+    sight = ContourSight.of(images, heights, QUICK.contours, heights)
+    time = torch.arange(FRAMES, dtype=torch.float64)[:, None, None]
+    way = torch.tensor([[[0.02, 0.01, 0.03]], [[0.004, -0.002, 0.001]]], dtype=torch.float64)
+    start = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    here, there = (start + way[0] * t + way[1] * t**2 for t in (time, time + 0.25))
+    shift = sight.shift(here, Window(0, FRAMES))
+    assert shift is not None and shift.shape == (FRAMES, VIEWS, 1, 2)
+    expected = sight.cameras.project(there) - sight.cameras.project(here)
+    assert float((shift - expected)[1:-1].norm(dim=-1).max()) < 0.02

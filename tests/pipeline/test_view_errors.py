@@ -155,3 +155,29 @@ def test_joints_that_are_no_numbers_are_unseen() -> None:
     lost = Detections.from_joints(pixels, detections.confidence2d)
     found = solve_views(actor(), take.cameras, lost, 30.0)
     assert found.clock is not None and float((found.clock - LATE).abs().max()) < 0.1
+
+
+def test_clocks_that_may_be_whole_are_taken_so() -> None:
+    """A wrong joint of a frame spoils no other, and the ends of the clip stay."""
+    clock = torch.tensor([0.0, -0.04, -1.06, 0.52, 0.9], dtype=F64)
+    found = ViewErrors(clock, torch.tensor([0.0, 0.06, 0.05, 0.06, 0.3], dtype=F64))
+    assert found.late is not None
+    torch.testing.assert_close(found.late, torch.tensor([0, 0, -1.06, 0.52, 1], dtype=F64))
+    pixels = torch.arange(8, dtype=F64)[:, None, None, None].expand(8, 5, 16, 2)
+    moved = found.of_detections(Detections.from_joints(pixels, torch.ones(8, 5, 16).double()))
+    assert torch.equal(moved.joints2d[:, 1], pixels[:, 1]) and moved.confidence2d[:, 1].all()
+    assert torch.allclose(moved.joints2d[:7, 3], pixels[:7, 3] + 0.52)
+
+
+def test_images_lag_behind_clocks_between_frames() -> None:
+    clock, sure = torch.tensor([0.0, -1.4, 0.7], dtype=F64), torch.full((3,), 0.05, dtype=F64)
+    found = ViewErrors(clock, sure)
+    lag = found.lag(range(3), [3, 3, 3])
+    assert lag is not None and lag.shape == (3, 3)
+    # frame 1 of the motion is at -0.4 of the second view, whose frame 0 is 0.4 later
+    torch.testing.assert_close(lag[1], torch.tensor([0, 0.4, 0.3], dtype=F64))
+    assert lag.isnan().tolist() == [[False, True, False], [False] * 3, [False, False, True]]
+    longer = found.lag(range(2, 5), [9, 9, 9])  # a part of videos that go on
+    assert longer is not None and not bool(longer.isnan().any())
+    assert ViewErrors().lag(range(3), [3]) is None
+    assert ViewErrors(0 * clock, sure).lag(range(3), [3, 3, 3]) is None
