@@ -40,6 +40,7 @@ from perfcap.energy._contour_fields import (
     FreeField,
     numbers,
     recorded,
+    require_images,
     strength,
     whole,
 )
@@ -75,7 +76,8 @@ class DensityContour(Majorized[Any]):
         offset: added to every frame; see ``Majorized``.
 
     Raises:
-        InputError: numbers of Gaussians, frames or views that do not fit.
+        InputError: numbers of Gaussians, frames or views that do not fit, or edges and prices of
+            different pixels.
     """
 
     deviations: Tensor
@@ -102,6 +104,7 @@ class DensityContour(Majorized[Any]):
                 f"{sorted({len(row) for row in fields})} views for {cameras.views} cameras; "
                 "expected the same numbers"
             )
+        require_images(fields)
         self.cameras, self.fields, self.bend = cameras, fields, bend
         self.register_buffer("deviations", volume.deviations)
         self.register_buffer("densities", volume.densities)
