@@ -1,4 +1,4 @@
-"""Energies of one's own that do not fit the state: compiled loops wrote beyond the ends of arrays."""
+"""Energies of one's own that do not fit the state: compiled loops wrote beyond arrays."""
 
 import pytest
 import torch
