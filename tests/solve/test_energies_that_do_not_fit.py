@@ -8,6 +8,7 @@ from toy import Frames, cosine_basis
 from perfcap.errors import InputError
 from perfcap.solve import (
     BlockLinearization,
+    Bounds,
     Energy,
     LevenbergMarquardt,
     Objective,
@@ -134,3 +135,16 @@ def test_edges_of_other_nodes() -> None:
     for far in (edges + 1, edges - 1):
         with pytest.raises(InputError, match="edges names nodes"):
             aggregate(far, 3)
+
+
+def test_tensors_without_numbers() -> None:
+    """They ended in tracebacks."""
+    nothing, zeros = torch.zeros(3, device="meta"), torch.zeros(5, 3, dtype=F64)
+    state = Frames(zeros, torch.zeros(0, dtype=F64))
+    bounds = Bounds.on_frames(nothing, nothing)
+    with pytest.raises(InputError, match="bounds has tensors on the meta device"):
+        solve(Objective(data=Data()), state, bounds=bounds)
+    with pytest.raises(InputError, match="initial state has tensors on the meta device"):
+        solve(Objective(data=Data()), Frames(zeros.to("meta"), state.shared))
+    with pytest.raises(InputError, match="objective has tensors on the meta device"):
+        solve(Objective(data=Data().to("meta")), state)
