@@ -17,6 +17,7 @@ from perfcap.actor.volume import GAUSSIANS, Volume
 from perfcap.errors import InputError
 from perfcap.render.density import Splats, background
 from perfcap.render.label_map import rasterize
+from perfcap.setting_checks import require_size
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -107,10 +108,11 @@ def interior(actor: Actor, spacing: float = _SPACING) -> Floats:
     """Points of a grid inside the mesh of an actor at rest, (N, 3) m.
 
     Raises:
-        InputError: there are too few, as the mesh encloses nothing.
+        InputError: there are too few, as the mesh encloses nothing; spacing is no size.
     """
     from perfcap.actor import _interior_numba
 
+    require_size(spacing, "spacing", finite=True)
     vertices = actor.vertices.double().numpy(force=True)
     faces = np.ascontiguousarray(actor.template.faces, dtype=np.int64)
     low, high = vertices.min(0), vertices.max(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -160,7 +161,13 @@ def _solved(
     name: str, rig: MovingRig, target: Actor, scale: float, config: RetargetConfig
 ) -> _Part:
     joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
-    found = retarget(rig.actor, joints, target, rig.rate, config, scale)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", UserWarning)
+        found = retarget(rig.actor, joints, target, rig.rate, config, scale)
+    notes = tuple(str(each.message) for each in told if each.category is UserWarning)
+    for note in notes:
+        _LOG.warning("%s", note)
+    rig = replace(rig, notes=(*rig.notes, *notes))
     scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
     return _Part(name, rig, joints, target, found, scores)
 

@@ -76,6 +76,25 @@ def known_places(places: Tensor, confidence: Tensor, name: str) -> Tensor:
     return torch.where(lost.unsqueeze(-1), 0, places)
 
 
+def require_moved(points: Tensor, moved: Tensor, unknowns: int | None = None) -> None:
+    """Refuse a derivative of other points, or in other unknowns: compiled loops believe it.
+
+    Args:
+        points: (*b, F, N, 3).
+        moved: their derivative, (*b, F, N, 3, D).
+        unknowns: D; None where any will do.
+
+    Raises:
+        InputError: it is not theirs.
+    """
+    if moved.shape[:-1] != points.shape or unknowns not in (None, moved.shape[-1]):
+        wanted = "D" if unknowns is None else f"D = {unknowns}"
+        raise InputError(
+            f"points {tuple(points.shape)} came with a derivative {tuple(moved.shape)}; expected "
+            f"(*b, F, N, 3) and (*b, F, N, 3, D) with {wanted}: does their linearize fit the state?"
+        )
+
+
 def require_frames(energy: object, own: int, frames: int) -> None:
     """Refuse a state of other frames than an energy was made for.
 

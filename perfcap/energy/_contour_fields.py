@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+from perfcap.array_checks import require_shape
+
+_FLOATS = torch.float32, torch.float64
+_KINDS = np.float32, np.float64  # that kernels are compiled for
 
 
 class Field(Protocol):
@@ -49,8 +55,21 @@ class FreeField:
 
 def numbers(part: Any) -> NDArray[Any]:
     """A part of a field as an array, side by side in memory."""
-    plain = part.numpy(force=True) if isinstance(part, Tensor) else np.asarray(part)
-    return np.ascontiguousarray(plain)
+    if isinstance(part, Tensor):
+        part = (part if part.dtype in _FLOATS else part.float()).numpy(force=True)
+    plain = np.asarray(part)
+    return np.ascontiguousarray(plain, plain.dtype if plain.dtype in _KINDS else np.float32)
+
+
+def require_images(fields: Sequence[Sequence[Field]]) -> None:
+    """Refuse fields whose edges are not of the pixels that have prices.
+
+    Raises:
+        InputError: one is such.
+    """
+    for field in (each for row in fields for each in row):
+        require_shape(field.flat, "flat of a field", (None, None), "(h, w)")
+        require_shape(field.edges, "edges of a field", (2, *field.flat.shape), "(2, h, w) of flat")
 
 
 def strength(field: Field) -> NDArray[Any]:

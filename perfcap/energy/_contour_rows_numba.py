@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.energy._fading_numba import fading
-from perfcap.render._density_numba import reach
+from perfcap.render._density_numba import reach, steps
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -82,7 +82,7 @@ def look(
     return total
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
 def _boxes(splats: Splats, reaches: Floats, height: int, width: int, boxes: Places) -> int:
     """Rows and columns that each Gaussian touches, and its first place in a ``Room``; its size."""
     centre, form, _ = splats
@@ -90,16 +90,17 @@ def _boxes(splats: Splats, reaches: Floats, height: int, width: int, boxes: Plac
     boxes[:] = 0
     for q in range(len(reaches)):
         boxes[q, _AT] = size
-        if reaches[q] == 0:
-            continue
-        far = reaches[q] / (form[q, 0] * form[q, 2] - form[q, 1] * form[q, 1])
+        determinant = form[q, 0] * form[q, 2] - form[q, 1] * form[q, 1]
+        if not (0 < reaches[q] < math.inf and form[q, 0] > 0 and determinant > 0):
+            continue  # too faint, no ellipse, or not a number
+        far = reaches[q] / determinant
         wide, tall = math.sqrt(far * form[q, 2]), math.sqrt(far * form[q, 0])
-        x, y = centre[q, 0], centre[q, 1]
-        boxes[q, _FIRST] = max(0, math.ceil(y - tall))
-        boxes[q, _LAST] = min(height, math.floor(y + tall) + 1)
-        boxes[q, _LEFT] = min(width, max(0, math.ceil(x - wide)))
-        # not before the first: an image beside all of a Gaussian has none of it
-        boxes[q, _RIGHT] = max(boxes[q, _LEFT], min(width, math.floor(x + wide) + 1))
+        first, last = steps(centre[q, 1] - tall, centre[q, 1] + tall, height)
+        left, right = steps(centre[q, 0] - wide, centre[q, 0] + wide, width)
+        if right == left:  # an image beside all of a Gaussian has none of it
+            continue
+        boxes[q, _FIRST], boxes[q, _LAST] = first, last
+        boxes[q, _LEFT], boxes[q, _RIGHT] = left, right
         size += boxes[q, _RIGHT] - boxes[q, _LEFT] + _BLOCK
     return size
 
@@ -177,8 +178,9 @@ def _draw(
         share = 1 / xx
         rest = far[q] - (yy - xy * xy * share) * dy * dy
         half, middle = math.sqrt(max(rest, 0.0) * share), centre[q, 0] - xy * dy * share
-        start = max(left, math.ceil(middle - half))
-        stop = max(start, min(right, math.floor(middle + half) + 1))
+        start, stop = steps(middle - half, middle + half, right)
+        start = max(left, start)
+        stop = max(start, stop)
         boxes[q, _START], boxes[q, _STOP] = start, stop
         own, lean_q = values[at : at + right - left], lean[at : at + right - left]
         if row > boxes[q, _FIRST] and xy * xy <= _TILTED * _TILTED * xx * yy:

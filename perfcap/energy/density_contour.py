@@ -41,6 +41,7 @@ from perfcap.energy._contour_fields import (
     FreeField,
     numbers,
     recorded,
+    require_images,
     strength,
     whole,
 )
@@ -78,7 +79,8 @@ class DensityContour(Majorized[Any]):
             the others of its frame, (F, C, Q, 2) px; None for none.
 
     Raises:
-        InputError: numbers of Gaussians, frames or views that do not fit.
+        InputError: numbers of Gaussians, frames or views that do not fit, or edges and prices of
+            different pixels.
     """
 
     deviations: Tensor
@@ -107,6 +109,7 @@ class DensityContour(Majorized[Any]):
                 f"{sorted({len(row) for row in fields})} views for {cameras.views} cameras; "
                 "expected the same numbers"
             )
+        require_images(fields)
         moved = (len(fields), cameras.views, points.count, 2)
         if shift is not None and shift.shape != moved:
             raise InputError(f"shift of contours is {tuple(shift.shape)}, expected {moved}")

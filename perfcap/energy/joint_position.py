@@ -11,7 +11,13 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
 from perfcap.detect.retarget import bone_chains, bone_vectors
-from perfcap.energy._arguments import known_places, require_frames, require_unit, seen_by
+from perfcap.energy._arguments import (
+    known_places,
+    require_frames,
+    require_moved,
+    require_unit,
+    seen_by,
+)
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -121,6 +127,7 @@ class JointPosition(Energy[Motion]):
         self._require_joints(joints)
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
+        require_moved(joints, frame, gradient.shape[-1])
         strength, blocks = (self.confidence, self.weight), (curvature, gradient)
         return _joint_position_numba.add_to_blocks(
             self._known(), strength, joints, frame, kernel, blocks
@@ -166,6 +173,7 @@ class JointPosition(Energy[Motion]):
 
     def _derivative(self, joints: Tensor, jacobian: Tensor) -> Tensor:
         """Of the residual, (*b, F, C * 16, 3, D), from that of the joints, (*b, F, 16, 3, D)."""
+        require_moved(joints, jacobian)
         if self._compiled_for(joints) and is_plain(joints, jacobian):
             from perfcap.energy import _joint_position_numba
 

@@ -10,7 +10,13 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.detect.detections import Detections
-from perfcap.energy._arguments import known_places, require_confidence, require_unit, seen_by
+from perfcap.energy._arguments import (
+    known_places,
+    require_confidence,
+    require_moved,
+    require_unit,
+    seen_by,
+)
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -86,6 +92,7 @@ class Reprojection(Energy[Motion]):
         joints, frame, shared = self.points.linearize(motion)
         if kernel is None or shared is not None or not is_plain(joints, frame):
             return None
+        require_moved(joints, frame, gradient.shape[-1])
         projected = self.cameras.linearize(joints)
         if not is_plain(*projected) or projected[0].shape[:-1] != seen.confidence2d.shape:
             return None

@@ -79,6 +79,10 @@ class Camera(Record):
 
     def linearize(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Pixels (*b, F, C, N, 2) and their derivative in the world points (*b, F, C, N, 2, 3)."""
+        if points.ndim < 2 or points.shape[-1] != 3:
+            raise InputError(
+                f"points have shape {tuple(points.shape)}, expected (*b, F, N, 3), metres"
+            )
         if self._compiled_for(points):
             from perfcap.geometry import _projection_numba
 
@@ -102,7 +106,8 @@ class Camera(Record):
     def _compiled_for(self, points: Tensor) -> bool:
         """Whether only numbers are asked for, of cameras and points with matching frames."""
         lead, frames = self.intrinsics.shape[:-3], points.shape[:-2]
-        return lead == frames[len(frames) - len(lead) :] and is_plain(
+        fits = lead == frames[len(frames) - len(lead) :] and points.numel() > 0
+        return fits and is_plain(
             points, self.intrinsics, self.rotation, self.translation, self.distortion
         )
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_indices, require_shape
+from perfcap.errors import InputError
 from perfcap.geometry.surface_topology import SurfaceTopology, group_by
 
 Floats = NDArray[np.float64]
@@ -30,6 +32,16 @@ class SurfacePaths:
     neighbor: Integers
     length: Floats
 
+    def __post_init__(self) -> None:
+        count = len(self.neighbor)
+        require_shape(self.length, "length", (count,), "(N,), of the path to each neighbour")
+        require_indices(self.neighbor, "neighbor", len(self.start) - 1, "places")
+        steps = np.diff(self.start)
+        if not len(self.start) or self.start[0] < 0 or self.start[-1] > count or (steps < 0).any():
+            raise InputError(f"start does not ascend from 0 to {count}, the number of neighbours")
+        if (self.length < 0).any():
+            raise InputError(f"length is {self.length.min():g} at least, expected 0 or more metres")
+
     def nearest(
         self, sources: Integers, count: int = 1, limit: float = math.inf
     ) -> tuple[Floats, Integers]:
@@ -43,7 +55,11 @@ class SurfacePaths:
         Returns:
             Distance (U, K) in metres, inf where fewer are reached, and index into ``sources``
             (U, K), -1 there; nearest first.
+
+        Raises:
+            InputError: a source is no place.
         """
+        require_indices(sources, "sources", len(self.start) - 1, "places")
         from perfcap.geometry import _geodesic_numba
 
         distance = np.full((len(self.start) - 1, count), np.inf)
@@ -62,7 +78,15 @@ class SurfacePaths:
 
         Returns:
             Distinct places, (M,); M is less than ``count`` where there are no more.
+
+        Raises:
+            InputError: a seed is no place, there are none or too many, or ``usable`` is of others.
         """
+        places = len(self.start) - 1
+        require_indices(seeds, "seeds", places, "places")
+        require_shape(usable, "usable", (places,), "(U,), whether each place is")
+        if not 1 <= len(seeds) <= count:
+            raise InputError(f"{len(seeds)} seeds of {count} places; expected from one to all")
         from perfcap.geometry import _geodesic_numba
 
         distance = np.where(usable, np.inf, -1.0)

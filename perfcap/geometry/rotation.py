@@ -48,7 +48,7 @@ def quaternion_multiply(left: Tensor, right: Tensor) -> Tensor:
 
 def compose_rotvec(left: Tensor, right: Tensor) -> Tensor:
     """Rotation vector (*b, 3), angle in [0, pi], of rotating by ``right``, then by ``left``."""
-    if is_plain(left, right):
+    if is_plain(left, right) and left.shape[-1:] == right.shape[-1:] == (3,):
         from perfcap.geometry._rotation_numba import compose
 
         return compose(left, right)

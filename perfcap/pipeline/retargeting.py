@@ -10,6 +10,7 @@ feet tied to where they stand, as in a capture.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,7 +44,7 @@ from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.stances import contact_probability
 from perfcap.pipeline.standing import Standing, stand_where
 from perfcap.pipeline.track_motion import MotionBlender
-from perfcap.rates import frame_rate
+from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Bounds, LevenbergMarquardt, Objective, solve
 from perfcap.solve.energy import Energy
 from perfcap.temporal.window import partition
@@ -94,6 +95,8 @@ def retarget(
         InputError: the rate, the scale or a setting is none, or joints are in another unit.
     """
     rate = frame_rate(rate)
+    for line in rate_doubts(rate):
+        warnings.warn(f"retarget: {line}", stacklevel=2)
     _require_arguments(source, joints, target)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")

@@ -18,30 +18,44 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
 def reach(thickness: float, least: float) -> float:
     """Squared Mahalanobis distance at which a Gaussian has thinned out to ``least``, or zero."""
     return 2 * math.log(thickness / least) if thickness > least else 0.0
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
 def touched_rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, int]:
     """First row that a Gaussian touches, and the one behind the last."""
     determinant = form[0] * form[2] - form[1] * form[1]
+    if not (form[0] > 0 and determinant > 0):  # no ellipse, or not a number
+        return 0, 0
     half = math.sqrt(far * form[0] / determinant)
-    return max(0, math.ceil(centre[1] - half)), min(height, math.floor(centre[1] + half) + 1)
+    rows: tuple[int, int] = steps(centre[1] - half, centre[1] + half, height)
+    return rows
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+def steps(low: float, high: float, side: int) -> tuple[int, int]:
+    """Whole numbers of a range within a side: the first, and the one behind the last.
+
+    What is infinite or not a number is no index: only what lies within is rounded. That is why this
+    says ``fastmath=False``, without which it takes after the kernel that calls it.
+    """
+    if not (low < side and high >= 0):
+        return 0, 0
+    first = math.ceil(low) if low > 0 else 0
+    return first, max(first, math.floor(high) + 1 if high < side - 1 else side)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
 def fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> tuple[int, int]:
     """Values of a Gaussian in a row; its first column, and the one behind the last."""
     dy = row - centre[1]
     middle = -form[1] * dy / form[0]
     left = far - (form[2] - form[1] * form[1] / form[0]) * dy * dy
     half = math.sqrt(max(left, 0.0) / form[0])
-    start = max(0, math.ceil(centre[0] + middle - half))
-    # not before the first: an image beside all of a Gaussian has none of it
-    stop = max(start, min(len(values), math.floor(centre[0] + middle + half) + 1))
+    start, stop = steps(centre[0] + middle - half, centre[0] + middle + half, len(values))
     dx = start - centre[0]
     t = math.exp(-0.5 * (form[0] * dx * dx + 2 * form[1] * dx * dy + form[2] * dy * dy))
     r, ratio = math.exp(-form[0] * (dx + 0.5) - form[1] * dy), math.exp(-form[0])
@@ -52,7 +66,7 @@ def fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> 
     return start, stop
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def draw(
     centre: Floats, form: Floats, thickness: Floats, least: float, depth: Floats, slope: Floats
 ) -> None:
@@ -88,7 +102,7 @@ def draw(
                 down[i] += t * v
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def pull_back(
     centre: Floats,
     form: Floats,

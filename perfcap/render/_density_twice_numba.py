@@ -14,7 +14,7 @@ from perfcap.render._density_numba import fill, reach, touched_rows
 Floats = NDArray[np.float64]
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def tangents(
     centre: Floats, form: Floats, thickness: Floats, least: float, moves: Floats, found: Floats
 ) -> None:
@@ -55,7 +55,7 @@ def tangents(
                     found[2, row, column, k] += t * log * v + kept * down
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def bend(
     centre: Floats, form: Floats, thickness: Floats, least: float, pull: Floats, bent: Floats
 ) -> None:

@@ -89,8 +89,8 @@ def background(splats: Splats, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     Raises:
         InputError: an image too large, or splats whose shapes do not fit each other.
     """
-    _check(splats, size)
     lead = splats.thickness.shape[:-1]
+    _check(splats.centre, splats.form, splats.thickness, size)
     centre, form, thickness = (
         each.reshape(-1, *each.shape[len(lead) :]) for each in _fields(splats)
     )
@@ -103,6 +103,7 @@ def optical_depth(
     centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
     """Optical depth (B, H, W) of splats (B, Q) and minus its slope, (B, 2, H, W)."""
+    _check(centre, form, thickness, size)
     if centre.dtype != torch.float64 or not is_plain(centre.detach()):
         return _density_torch.draw(centre, form, thickness, size, LEAST)
     drawn: tuple[Tensor, Tensor] = _Drawn.apply(centre, form, thickness, size)  # type: ignore[no-untyped-call]
@@ -150,11 +151,11 @@ def _fields(splats: Splats) -> tuple[Tensor, Tensor, Tensor]:
     return splats.centre, splats.form, splats.thickness
 
 
-def _check(splats: Splats, size: tuple[int, int]) -> None:
-    lead = splats.thickness.shape
-    if splats.centre.shape != (*lead, 2) or splats.form.shape != (*lead, 3):
+def _check(centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int]) -> None:
+    lead = thickness.shape
+    if centre.shape != (*lead, 2) or form.shape != (*lead, 3):
         raise InputError(
-            f"splats have centre {tuple(splats.centre.shape)}, form {tuple(splats.form.shape)} and "
+            f"splats have centre {tuple(centre.shape)}, form {tuple(form.shape)} and "
             f"thickness {tuple(lead)}; expected (*b, Q, 2), (*b, Q, 3) and (*b, Q)"
         )
     if len(size) != 2 or not all(1 <= side <= LARGEST for side in size):

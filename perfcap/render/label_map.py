@@ -20,8 +20,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.array_checks import require_shape
 from perfcap.errors import InputError
 from perfcap.render import _part_depth_numba, _zbuffer_numba, _zbuffer_reference
+from perfcap.setting_checks import require_number
 
 Box = tuple[slice, slice]
 
@@ -240,7 +242,7 @@ def _check(pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int]) 
             f"faces refers to vertices {int(faces.min())} to {int(faces.max())} but there are "
             f"{depth.shape[-1]}; expected indices into pixels"
         )
-    if not all(1 <= side <= LARGEST for side in size):
+    if len(size) != 2 or not all(1 <= side <= LARGEST for side in size):
         raise InputError(f"size is {size}; expected height and width from 1 to {LARGEST} pixels")
 
 
@@ -273,7 +275,14 @@ def part_depth(
 
     Returns:
         (P,) px; infinite where background ends the part, or nothing does within reach.
+
+    Raises:
+        InputError: normals of other points, parts that are no image, or an infinite reach.
     """
+    require_shape(points, "points", (None, 2), "(P, 2) px")
+    require_shape(normals, "normals", points.shape, "(P, 2), of each point")
+    require_shape(parts, "parts", (None, None), "(H, W), of each pixel")
+    require_number(reach, "reach")
     steps = np.arange(_START, max(reach, _START) + 1.0)
     found = np.empty(len(points))
     seen = np.ascontiguousarray(parts, np.int64)

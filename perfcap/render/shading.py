@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.array_checks import require_shape
 from perfcap.errors import InputError
 from perfcap.render.label_map import LabelMap, barycentric_at
 from perfcap.render.lighting import DAYLIGHT, Lighting
@@ -48,9 +49,12 @@ def render(
 
     Raises:
         InputError: the background does not have the picture's size, the texture another number of
-            faces than the mesh, or too many samples.
+            faces than the mesh, the share of light another number of vertices, or too many samples.
     """
     _check(mesh, texture, background, supersampling)
+    if reached is not None:
+        for name, share in (("sun", reached.sun), ("sky", reached.sky)):
+            require_shape(share, f"reached {name}", mesh.depth.shape, "(V,), of each vertex")
     gather = _gather_compiled if mesh.depth.device.type == "cpu" else _gather
     light, coverage = gather(
         mesh.enlarged(supersampling), texture, lighting, reached, supersampling
@@ -149,6 +153,8 @@ def _doubled_area(mesh: ProjectedMesh) -> Tensor:
 
 
 def _check(mesh: ProjectedMesh, texture: Texture, background: Tensor, supersampling: int) -> None:
+    vertices = (*mesh.depth.shape, 3)
+    require_shape(mesh.vertices, "vertices", vertices, "(V, 3), of each depth")
     if background.shape != (*mesh.size, 3) or background.dtype != torch.uint8:
         raise InputError(
             f"background has shape {tuple(background.shape)} and dtype {background.dtype}; "

@@ -11,8 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 
+_FARTHEST = 1e6  # of a uv from the image, in images; whole numbers and fractions are told apart
 COARSEST = 16  # px; smaller levels mix parts of the body that are neighbours in the atlas only
 
 
@@ -41,28 +43,42 @@ class Texture:
         levels: linear light (h, w, 3) at full size, then each half the size of the one before.
         uv: (N, 2), origin at the top left corner of the image, repeated outside [0, 1].
         faces: indices into ``uv`` of each face's corners, (T, 3).
+
+    Raises:
+        InputError: arrays of other shapes, faces that index no uv, or uv of faces that are not
+            finite, or a million images away.
     """
 
     levels: tuple[Tensor, ...]
     uv: Tensor
     faces: Tensor
 
+    def __post_init__(self) -> None:
+        for level in self.levels:
+            require_shape(level, "texture level", (None, None, 3), "(h, w, 3)")
+        if not self.levels or any(0 in level.shape for level in self.levels):
+            raise InputError("texture has no image, or an empty one; expected a pixel at least")
+        require_shape(self.uv, "texture uv", (None, 2), "(N, 2)")
+        require_shape(self.faces, "texture faces", (None, 3), "(T, 3)")
+        require_indices(self.faces, "texture faces", len(self.uv), "uv")
+        corners = self.uv.detach()[self.faces.long()].abs()
+        if not bool((corners <= _FARTHEST).all()):
+            raise InputError(
+                "texture uv of faces are not numbers or beyond a million; expected 0 to 1 within "
+                "the image"
+            )
+
     @classmethod
     def from_image(cls, image: Tensor, uv: Tensor, faces: Tensor) -> Self:
         """Map an sRGB image (h, w, 3) uint8 onto faces (T, 3) that index uv (N, 2).
 
         Raises:
-            InputError: the image is not (h, w, 3) uint8, or faces index no uv.
+            InputError: the image is not (h, w, 3) uint8, or of faces and uv as of the class.
         """
         if image.ndim != 3 or image.shape[-1] != 3 or image.dtype != torch.uint8:
             raise InputError(
                 f"texture image has shape {tuple(image.shape)} and dtype {image.dtype}; "
                 "expected (h, w, 3) uint8"
-            )
-        if faces.numel() and not 0 <= int(faces.min()) <= int(faces.max()) < len(uv):
-            raise InputError(
-                f"texture faces refer to uv {int(faces.min())} to {int(faces.max())} but there are "
-                f"{len(uv)}; expected indices into uv, from 0"
             )
         levels = [to_linear(image)]
         while min(levels[-1].shape[:2]) >= 2 * COARSEST:

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from perfcap.actor.template import INFLUENCES
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 from perfcap.geometry.laplacian import laplacian
 from perfcap.geometry.surface_topology import SurfaceTopology, surface_topology
@@ -278,9 +279,15 @@ class Sight:
     Args:
         places: (U, 3), metres.
         faces: (T, 3).
+
+    Raises:
+        InputError: places that are not finite, or faces of others.
     """
 
     def __init__(self, places: Floats, faces: Integers) -> None:
+        _require_places(places, "places", len(places))
+        require_shape(faces, "faces", (None, 3), "(T, 3)")
+        require_indices(faces, "faces", len(places), "places")
         self._faces = np.ascontiguousarray(faces)
         self._corners = np.ascontiguousarray(places[faces])
         low, high = places.min(0) - 1e-6, places.max(0) + 1e-6
@@ -301,9 +308,22 @@ class Sight:
             starts: points, metres.
             ends: points, metres.
             own: the place each start is at, (N,); triangles at it never block. -1 for none.
+
+        Raises:
+            InputError: arrays of different lengths, or points that are not finite.
         """
+        for name, points in (("starts", starts), ("ends", ends)):
+            _require_places(points, name, len(starts))
+        require_shape(own, "own", (len(starts),), "(N,), of each start")
         starts, ends = (np.ascontiguousarray(p, dtype=np.float64) for p in (starts, ends))
         hidden: Flags = _sight_numba.blocked(
             starts, ends, own, self._corners, self._faces, *self._grid, *self._cells
         )
         return hidden
+
+
+def _require_places(places: Floats, name: str, count: int) -> None:
+    """No number is no cell of a grid."""
+    require_shape(places, name, (count, 3), "(N, 3), metres")
+    if not np.isfinite(places).all():
+        raise InputError(f"{name} are not all finite; expected metres")

@@ -36,6 +36,23 @@ class Forest(NamedTuple):
 
 
 @numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def is_network(neighbor: NDArray[np.int32], capacity: NDArray[np.int32]) -> bool:
+    """Whether neighbours lead back to each other, and capacities are those of neighbours."""
+    for node in range(len(neighbor)):
+        for direction in range(8):
+            other, back = neighbor[node, direction], 7 - direction
+            if capacity[node, direction] < 0 or (other < 0 and capacity[node, direction] != 0):
+                return False
+            if other < 0:
+                continue
+            if other >= len(neighbor) or (other > node) != (direction > back):
+                return False
+            if neighbor[other, back] != node:
+                return False
+    return True
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
 def settle_lines(
     neighbor: NDArray[np.int32],
     capacity: NDArray[np.int32],

@@ -48,13 +48,14 @@ def cover(
         # clockwise where rows go down: seen from outside, two corners change places
         ax, bx, cx = x[a], x[c], x[b]
         ay, by, cy = y[a], y[c], y[b]
-        if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0:
+        if not (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0:  # or not a number
             continue
         left, right = min(ax, bx, cx), max(ax, bx, cx)
         top, bottom = min(ay, by, cy), max(ay, by, cy)
         bits = ANY | SEEN if seen[index] else ANY
-        first, last = max(0, int(np.ceil(left))), min(width - 1, int(np.floor(right)))
-        for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
+        first, last = _steps(left, right, width)
+        lowest, highest = _steps(top, bottom, height)
+        for row in range(lowest, highest + 1):
             for column in range(first, last + 1):
                 old = picture[row, column]
                 new = old | bits
@@ -66,6 +67,12 @@ def cover(
                 if new & SEEN and not old & SEEN:
                     sums[1] += distance[row, column]
                     sums[2] += 1.0
+
+
+@numba.njit(nogil=True, cache=True)
+def _steps(low, high, side):  # type: ignore[no-untyped-def]
+    """First and last whole number of a range, of those of a side; it may be infinite."""
+    return int(min(max(np.ceil(low), 0.0), side)), int(max(min(np.floor(high), side - 1.0), -1.0))
 
 
 @numba.njit(nogil=True, cache=True)

@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
+from perfcap.errors import InputError
 from perfcap.segment import _background_numba
 from perfcap.segment.trimap import Box, Mask
 from perfcap.setting_checks import Settings
@@ -25,6 +27,7 @@ Image = NDArray[np.uint8]
 _QUARTILES = 1.35  # interquartile range of a normal distribution of unit deviation
 _CHI_SQUARED_MEDIAN = 2.366  # three degrees of freedom
 _LEAST, _SAMPLES = 100, 4000  # pixels of the surroundings
+_MOST = 255  # images, which bytes can count
 _BAND = 64  # rows of a plate worked on at once
 _DARK = 30  # grey levels below which a ratio says nothing about exposure
 
@@ -146,7 +149,19 @@ def build_plate(
         hidden: one for each.
         settings: how it is made.
         workers: threads, that share the rows; all cores when None.
+
+    Raises:
+        InputError: no images or more than 255, or arrays that do not fit each other.
     """
+    if not 1 <= len(images) <= _MOST or len(hidden) != len(images):
+        raise InputError(
+            f"a plate of {len(images)} images and {len(hidden)} masks; expected 1 to {_MOST}, as "
+            "many of both"
+        )
+    shape = images[0].shape[:2]
+    for image, mask in zip(images, hidden, strict=True):
+        require_shape(image, "image of a plate", (*shape, 3), "(H, W, 3), all of one size")
+        require_shape(mask, "mask of a plate", shape, "(H, W) of its image")
     height = len(images[0])
     bands = [slice(row, row + _BAND) for row in range(0, height, _BAND)]
 
@@ -181,6 +196,11 @@ def find_lighting(
     None where they do not fit: the camera has moved, or the scene has changed. Around feet, at
     ``contact`` (h, w), shadows are of another kind (``PlateSettings.contact``).
     """
+    shape = plate.known.shape
+    require_shape(image, "image", (*shape, 3), "(h, w, 3) of the plate's part")
+    for name, mask in (("surroundings", surroundings), ("contact", contact)):
+        if mask is not None:
+            require_shape(mask, name, shape, "(h, w) of the plate's part")
     sample = np.nonzero((surroundings & plate.known).ravel())[0]
     if len(sample) < _LEAST:
         return None
@@ -244,6 +264,10 @@ def background_density(
 
     If they show the plate, lit as the surroundings are, or as ``lighting.light`` says.
     """
+    shape = plate.known.shape
+    require_shape(chosen, "chosen", shape, "(h, w) of the plate's part")
+    for name, colors in (("image", image), ("light", lighting.light)):
+        require_shape(colors, name, (*shape, 3), "(h, w, 3) of the plate's part")
     places = np.flatnonzero(chosen)
     density = np.empty(len(places), np.float32)
     weights = 1 - settings.shadow_prior - settings.clutter, settings.shadow_prior

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
 from perfcap.segment import _color_numba
-from perfcap.setting_checks import Settings
+from perfcap.setting_checks import Settings, require_counts
 
 Colors = NDArray[np.float32]
 
@@ -37,6 +38,10 @@ class ColorSettings(Settings):
     noise: float = 3.0
     samples: int = 8000
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_counts(self, "components", "samples")
+
 
 @dataclass(frozen=True)
 class ColorModel:
@@ -52,14 +57,21 @@ class ColorModel:
     means: NDArray[np.float64]
     covariances: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        count = len(self.weights)
+        require_shape(self.means, "means", (count, 3), "(K, 3), of each weight")
+        require_shape(self.covariances, "covariances", (count, 3, 3), "(K, 3, 3), of each weight")
+
     def log_density(self, pixels: Colors) -> Colors:
         """Natural log of the density per cubic grey level at colours (n, 3), (n,)."""
+        _require_colors(pixels)
         out = np.empty(len(pixels), np.float32)
         _color_numba.log_density(np.ascontiguousarray(pixels, np.float32), *self._kernel(), out)
         return out
 
     def refit(self, pixels: Colors, settings: ColorSettings) -> ColorModel:
         """Assign each pixel to its component and fit these anew; components that lost all go."""
+        _require_colors(pixels)
         moments = np.zeros((len(self.weights), 10))
         _color_numba.gather(np.ascontiguousarray(pixels, np.float32), *self._kernel(), moments)
         return _from_moments(moments, settings.noise)
@@ -87,6 +99,7 @@ def fit_color_model(
     """
     if not len(pixels):
         return None
+    _require_colors(pixels)
     chosen = np.ascontiguousarray(pixels[:: _step(len(pixels), settings)], np.float32)
     model, rounds = start, 1
     if model is None:
@@ -94,6 +107,10 @@ def fit_color_model(
     for _ in range(rounds):
         model = model.refit(chosen, settings)
     return model
+
+
+def _require_colors(pixels: Colors) -> None:
+    require_shape(pixels, "pixels", (None, 3), "(n, 3), the colours of each")
 
 
 def thinned(image: Colors, region: NDArray[np.bool_], settings: ColorSettings) -> Colors:

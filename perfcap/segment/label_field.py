@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 from perfcap.segment import _label_field_numba
 from perfcap.segment.min_cut import solve_min_cut
@@ -59,6 +60,11 @@ class LabelField:
     price: NDArray[np.int32]
     links: NDArray[np.int32]
 
+    def __post_init__(self) -> None:
+        shape = self.open.shape
+        require_shape(self.price, "price", (None, *shape), "(L, h, w) of the open pixels")
+        require_shape(self.links, "links", (*shape, 4), "(h, w, 4) of the open pixels")
+
     @classmethod
     def of(
         cls, image: Plane, nats: Plane, open_: Mask, settings: FieldSettings | None = None
@@ -89,6 +95,8 @@ class LabelField:
         above = np.minimum(nats - np.where(np.isfinite(least), least, 0), _MOST)
         links = np.zeros((*open_.shape, 4), np.int32)
         spread = _label_field_numba.mean_contrast(chosen, colors)
+        if not np.isfinite(spread):
+            raise InputError("label field: the image holds what is no number; expected finite ones")
         weights = settings.contrast, settings.potts, 1 / (2 * max(spread, 1e-6))
         _label_field_numba.link(chosen, colors, weights, _UNIT, links)
         price = np.ascontiguousarray(np.rint(above * _UNIT), np.int32)
@@ -96,6 +104,7 @@ class LabelField:
 
     def energy(self, labels: Labels) -> float:
         """Nats of a labelling (h, w)."""
+        self._require_labels(labels)
         return float(_label_field_numba.energy(labels, self.price, self.links)) / _UNIT
 
     def solve(self, start: Labels) -> Labels:
@@ -104,6 +113,7 @@ class LabelField:
         Args:
             start: labels to begin with; those of pixels that are not open stay.
         """
+        self._require_labels(start)
         labels = np.array(start, np.uint8, order="C")
         best = _label_field_numba.energy(labels, self.price, self.links)
         idle, label = 0, 0
@@ -117,6 +127,10 @@ class LabelField:
             if idle >= len(self.price):
                 break
         return labels
+
+    def _require_labels(self, labels: Labels) -> None:
+        require_shape(labels, "labels", self.open.shape, "(h, w) of the field")
+        require_indices(labels, "labels", len(self.price), "label")
 
     def _expanded(self, labels: Labels, label: int) -> Labels:
         free = self.open & (labels != label) & (self.price[label] < _FORBIDDEN)

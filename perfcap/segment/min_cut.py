@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
+from perfcap.errors import InputError
 from perfcap.segment import _min_cut_numba
 
 # (row, column) steps of the eight directions; 7 - d leads back
@@ -52,11 +54,23 @@ class MinCut:
     Args:
         neighbor: see ``solve_min_cut``.
         capacity: likewise.
+
+    Raises:
+        InputError: neighbours that do not lead back to each other, or capacities of none of them.
     """
 
     def __init__(self, neighbor: NDArray[np.int32], capacity: NDArray[np.int32]) -> None:
+        shape = len(neighbor), len(DIRECTIONS)
+        require_shape(neighbor, "neighbor", shape, "(n, 8), eight directions of each node")
+        require_shape(capacity, "capacity", shape, "(n, 8), of each neighbour")
         self.neighbor = np.ascontiguousarray(neighbor)
         self.capacity = np.array(capacity, order="C")  # what is left of it
+        if not _min_cut_numba.is_network(self.neighbor, self.capacity):
+            raise InputError(
+                "neighbor and capacity are no network: expected a neighbour in direction d whose "
+                "own one in direction 7 - d leads back, of a greater number where d is 4 or more, "
+                "and capacities from 0 on, 0 where there is none"
+            )
         size = len(self.neighbor)
         self.asked, self.left = np.zeros((2, size), np.int32)
         self.flow = 0
@@ -66,7 +80,8 @@ class MinCut:
 
         ``flow`` is then what flowed in all calls, the greatest flow after the first one.
         """
-        size = len(excess)
+        size = len(self.neighbor)
+        require_shape(excess, "excess", (size,), "(n,), of each node")
         self.left += excess - self.asked
         self.asked = np.array(excess)
         moved = np.empty(size, np.int32)

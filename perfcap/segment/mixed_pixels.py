@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
 from perfcap.segment import _mixed_numba
 from perfcap.segment.evidence import Backdrop
 from perfcap.segment.trimap import Mask, bounds
@@ -29,7 +30,13 @@ def settle_mixed(inside: Mask, image: NDArray[np.uint8], backdrop: Backdrop, ope
         image: (h, w, 3) RGB.
         backdrop: the plate, and how it is lit.
         open_: pixels that may change, (h, w).
+
+    Raises:
+        InputError: arrays of other shapes than the mask's.
     """
+    require_shape(image, "image", (*inside.shape, 3), "(h, w, 3) of the mask's part")
+    for name, other in (("plate", backdrop.plate.known), ("open pixels", open_)):
+        require_shape(other, name, inside.shape, "(h, w) of the mask's part")
     settled = inside.copy()
     part = bounds(open_, 2 * _REACH)  # whether a pixel is pure depends on the nearest ones alone
     if part[0].start == part[0].stop:

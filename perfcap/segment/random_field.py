@@ -16,9 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_shape
+from perfcap.errors import InputError
 from perfcap.segment import _random_field_numba
 from perfcap.segment.min_cut import MinCut
 from perfcap.segment.trimap import FOREGROUND, PROBABLE_BACKGROUND, Trimap, bounds
+from perfcap.setting_checks import Settings
 
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -28,7 +31,7 @@ _MOST = 200.0  # nats; keeps capacities and their sums within 32 bits
 
 
 @dataclass(frozen=True)
-class Smoothness:
+class Smoothness(Settings):
     """Weights of neighbouring pixels with different labels.
 
     Attributes:
@@ -66,11 +69,18 @@ class BandField:
     """The field of one image, for evidence that changes; see ``solve_field``.
 
     What neighbours say to each other is computed once, and only around the open band.
+
+    Raises:
+        InputError: arrays of other shapes than the trimap's, or what is no number.
     """
 
     def __init__(
         self, trimap: Trimap, image: Plane, smoothness: Smoothness, motion: Plane | None = None
     ) -> None:
+        shape = trimap.labels.shape
+        require_shape(image, "image", (*shape, 3), "(h, w, 3) of the trimap's box")
+        if motion is not None:
+            require_shape(motion, "motion", shape, "(h, w) of the trimap's box")
         self.decided: Mask = trimap.labels == FOREGROUND
         self.part = bounds(trimap.band, 1)  # open pixels and their neighbours: others have no say
         labels = np.ascontiguousarray(trimap.labels[self.part])
@@ -87,6 +97,8 @@ class BandField:
             motion = motion[self.part]
             calm = np.exp(-motion * motion)
         spread = _random_field_numba.mean_contrast(labels, image)
+        if not np.isfinite(spread) or np.isnan(calm).any():
+            raise InputError("image or motion holds what is no number; expected finite ones")
         temporal = 0.0 if motion is None else smoothness.temporal
         weights = (smoothness.contrast, temporal, 1 / (2 * max(spread, 1e-6)))
         _random_field_numba.connect(
@@ -96,7 +108,10 @@ class BandField:
 
     def solve(self, evidence: Plane) -> Mask:
         """Foreground (h, w) of least energy under nats in its favour (h, w)."""
+        require_shape(evidence, "evidence", self.decided.shape, "(h, w) of the trimap's box")
         nats = np.clip(evidence[self.part][self.band], -_MOST, _MOST).astype(np.float64)
+        if np.isnan(nats).any():
+            raise InputError("evidence holds what is no number; expected nats, finite or infinite")
         foreground = self.decided.copy()
         foreground[self.part][self.band] = self.cut.solve(
             self.pull + np.rint(nats * _UNIT).astype(np.int32)

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 from perfcap.render.label_map import BITS, Cull, snap
 from perfcap.segment import _shape_samples_numba
@@ -93,6 +94,10 @@ class SampledPeople:
                 f"labels has {len(self.labels)} entries but faces {len(self.faces)}; give one for "
                 "each triangle"
             )
+        require_shape(self.faces, "faces", (None, 3), "(T, 3)")
+        require_indices(self.faces, "faces", self.depth.shape[1], "vertices")
+        count = self.shares.size
+        require_indices(self.labels, "labels", count, "parts of people")
 
     def prior(self, box: Box, foreground: Mask, closed: Plane) -> Plane:
         """Probability that a pixel of anybody is one of each person, (K, h, w), of sum one.
@@ -102,6 +107,7 @@ class SampledPeople:
             foreground: where somebody is, (h, w).
             closed: the prior in closed form, (K, h, w).
         """
+        require_shape(closed[0], "closed", foreground.shape, "(h, w) of the foreground, of each")
         shown = self.shown(box)
         weights = self._weights(shown, foreground)
         people = np.where(shown >= 0, shown // self.shares.shape[1], -1)

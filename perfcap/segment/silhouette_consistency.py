@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.segment import _silhouette_consistency_numba as kernel
 
 MISSED = 80.0  # lambda: cost of a silhouette of which nothing is covered, in units of distance
@@ -37,6 +38,9 @@ class CoarseSilhouette:
     distance: NDArray[np.float32]
     corner: tuple[int, int]
     scale: float
+
+    def __post_init__(self) -> None:
+        require_shape(self.distance, "distance", self.inside.shape, "(h, w) of the silhouette")
 
     @classmethod
     def of(cls, mask: Flags, part: tuple[slice, slice], scale: float, unit: float) -> Self:
@@ -83,6 +87,10 @@ class Coverage:
     picture: NDArray[np.uint8]
     sums: Floats
 
+    def __post_init__(self) -> None:
+        own = self.silhouette.inside.shape
+        require_shape(self.picture, "picture", own, "(h, w) of the silhouette")
+
     @classmethod
     def of(
         cls,
@@ -101,7 +109,11 @@ class Coverage:
             faces: that stay where they are.
             seen: whether each triangle's part was seen in the frame before, (T,): what somebody
                 hides costs nothing beyond the silhouette.
+
+        Raises:
+            InputError: arrays that do not fit each other.
         """
+        _require_fitting(pixels, usable, faces, seen, (2, None))
         picture, sums = np.zeros(silhouette.inside.shape, np.uint8), np.zeros(3)
         where = *silhouette.on_grid(pixels), usable
         kernel.cover(*where, faces, seen, silhouette.inside, silhouette.distance, picture, sums)
@@ -123,7 +135,11 @@ class Coverage:
             faces: that the poses move, (T, 3).
             seen: (T,).
             missed: cost of a silhouette of which nothing is covered.
+
+        Raises:
+            InputError: arrays that do not fit each other.
         """
+        _require_fitting(pixels, usable, faces, seen, (2, None, None))
         own = self.silhouette
         where = *own.on_grid(pixels), usable
         covered, beyond, area = kernel.cover_each(
@@ -133,3 +149,17 @@ class Coverage:
         explained = missed * (own.inside.sum() - covered) / whole
         found: Floats = explained + beyond / np.maximum(area, 1)
         return found
+
+
+def _require_fitting(
+    pixels: Places,
+    usable: Flags,
+    faces: NDArray[np.int64],
+    seen: Flags,
+    shape: tuple[int | None, ...],
+) -> None:
+    require_shape(pixels, "pixels", shape, "columns and rows of the vertices")
+    require_shape(usable, "usable", pixels.shape[1:], "whether each vertex is")
+    require_shape(faces, "faces", (None, 3), "(T, 3)")
+    require_shape(seen, "seen", faces.shape[:1], "(T,), whether each triangle was")
+    require_indices(faces, "faces", pixels.shape[-1], "vertices")

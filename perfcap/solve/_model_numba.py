@@ -88,7 +88,7 @@ def newton_steps(
     frames, dim = gradient.shape[1:]
     for b in range(len(step)):
         pull, seen = features[b].copy(), np.empty_like(features[b])
-        right = np.zeros_like(model.root[b, 0])
+        right = np.zeros(model.root.shape[1], model.root.dtype)
         to_basis(model, features[b], right)
         from_basis(model, -right, pull)
         for f in range(frames):

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from perfcap.errors import InputError
 from perfcap.solve._box_numba import solve_all
 from perfcap.solve._frames_numba import factorize_each
 from perfcap.solve._model_numba import Model, from_basis, newton_steps, plain, to_basis
@@ -57,6 +58,11 @@ def damped_step(model: DampedModel, room: Room) -> DampedStep:
     """See ``damped_step.damped_step``."""
     equations, box = model.equations, model.box
     jacobian, features = _stacked(equations)
+    if features.shape[-1] != room.defect.shape[-1]:
+        raise InputError(
+            f"window energies have {features.shape[-1]} features and had {room.defect.shape[-1]} "
+            "before; expected as many at every state"
+        )
     nowhere = model.at[:, :0]
     problem = _Problem(
         plain(equations.curvature),

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from perfcap.array_checks import require_shape
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.energy import (
@@ -19,7 +20,12 @@ from perfcap.solve.energy import (
     State,
     WindowEnergy,
 )
-from perfcap.solve.energy_checks import require_lead, require_slopes, require_weight
+from perfcap.solve.energy_checks import (
+    require_features,
+    require_lead,
+    require_slopes,
+    require_weight,
+)
 from perfcap.solve.layout import Layout
 from perfcap.solve.normal_equations import NormalEquations, WindowTerm
 from perfcap.solve.products import apply_transposed
@@ -90,6 +96,7 @@ def _require_frames_only(name: str, energy: WindowEnergy[Any]) -> None:
 
 def _window_term(energy: WindowEnergy[Any], state: State, layout: Layout) -> WindowTerm:
     features, jacobian = energy.linearize_features(state)
+    require_features(energy, features, jacobian, layout.batch, (layout.frames, layout.frame_dim))
     weight = _weight(energy, layout, features).sqrt()
     complement = (1 - energy.keep).square()
     return WindowTerm(
@@ -149,6 +156,10 @@ class _Blocks:
         if isinstance(energy, OffersBlocks):
             added = energy.add_to_blocks(state, self.curvature, self.gradient)
             if added is not None:
+                what = "(B,), the energy of each batch element"
+                require_shape(
+                    added, f"{type(energy).__name__}.add_to_blocks", (len(self.gradient),), what
+                )
                 return added
         linear = energy.linearize(state)
         require_lead(energy, linear.residual.value, layout.batch, layout.frames)

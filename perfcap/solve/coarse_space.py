@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.array_checks import require_indices, require_shape
+
 
 @dataclass(frozen=True)
 class CoarseSpace:
@@ -47,7 +49,12 @@ def aggregate(edges: Indices, nodes: int, groups: int | None = None) -> tuple[In
     Returns:
         The group of each node, (nodes,), -1 in parts that there was no centre for, and how many
         groups there are.
+
+    Raises:
+        InputError: edges of other nodes.
     """
+    require_shape(edges, "edges", (None, 2), "(E, 2), directed pairs")
+    require_indices(edges, "edges", nodes, "nodes")
     wanted = min(nodes, (3 * math.isqrt(nodes) + 3) // 4 if groups is None else groups)
     ordered = edges[np.argsort(edges[:, 0], kind="stable")]
     first = np.searchsorted(ordered[:, 0], np.arange(nodes + 1))

@@ -74,6 +74,32 @@ def require_slopes(energy: object, frame: Tensor, value: Tensor, unknowns: int) 
         )
 
 
+def require_features(
+    energy: object, features: Tensor, jacobian: Tensor, batch: Sequence[int], state: tuple[int, int]
+) -> None:
+    """Refuse features of other frames, or another batch, than a state's, and slopes of others.
+
+    Args:
+        energy: whose they are.
+        features: (*b, F, E).
+        jacobian: their derivative, (*b, F, E, D).
+        batch: b of the state.
+        state: F and D.
+
+    Raises:
+        InputError: they are.
+    """
+    frames, unknowns = state
+    count, shape = len(batch), features.shape
+    whole = len(shape) == count + 2 and shape[count] == frames
+    if not whole or not fits(shape[:count], batch) or jacobian.shape != (*shape, unknowns):
+        raise InputError(
+            f"{type(energy).__name__}.linearize_features returned features {tuple(shape)} and "
+            f"their derivative {tuple(jacobian.shape)} for a state of batch {tuple(batch)} and "
+            f"{frames} frames of {unknowns} unknowns; expected (*b, F, E) and (*b, F, E, D)"
+        )
+
+
 def require_weight(name: str, weight: Tensor, batch: Sequence[int]) -> None:
     """Refuse a weight that is neither a number nor one of each batch element.
 

@@ -65,8 +65,8 @@ def solve(
         says so in its status; it never stops the others.
 
     Raises:
-        InputError: something is of another kind than this says, the state has no unknowns, or
-            the bounds do not fit it.
+        InputError: something is of another kind than this says or holds no numbers, the state has
+            no unknowns, or the bounds do not fit it.
     """
     _require_settings(method, adjoint)
     if isinstance(objective, Objective):
@@ -96,6 +96,7 @@ def _solve(
             "expected at least one of each; nothing can be solved"
         )
     here = initial.coordinates()
+    _require_numbers(objective, here, bounds)
     _require_flat(initial, bounds, here.frame)
     if here.frame.dtype not in (torch.float32, torch.float64):
         raise InputError(
@@ -137,6 +138,22 @@ def _require_state(initial: object, bounds: object) -> None:
             f"bounds are a {type(bounds).__name__}, expected Bounds beside an Objective, as in "
             "Bounds.on_frames(lower, upper)"
         )
+
+
+def _require_numbers(objective: Objective, here: Step, bounds: Bounds | None) -> None:
+    """Refuse tensors that are shapes alone."""
+    box = () if bounds is None else (bounds.lower, bounds.upper)
+    named = {
+        "initial state": (here.frame, here.shared),
+        "bounds": tuple(each for side in box for each in (side.frame, side.shared)),
+        "objective": (*objective.parameters(), *objective.buffers()),
+    }
+    for name, tensors in named.items():
+        if any(each.is_meta for each in tensors):
+            raise InputError(
+                f"{name} has tensors on the meta device, which hold no numbers; expected cpu or "
+                "cuda"
+            )
 
 
 def _require_flat(initial: object, bounds: Bounds | None, like: Tensor) -> None:

@@ -11,9 +11,12 @@ from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
+from perfcap.array_checks import require_indices
+from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.energy import Residual
+from perfcap.solve.energy_checks import fits
 
 
 class Curvature(Protocol):
@@ -81,6 +84,30 @@ class BlockLinearization:
     residual: Residual
     blocks: Tensor
     jacobian: Tensor
+
+    def require_fitting(self, name: str, blocks: int, unknowns: int) -> None:
+        """Refuse what is not of a frame's blocks of unknowns: compiled loops believe it.
+
+        Args:
+            name: of the energy.
+            blocks: M.
+            unknowns: q.
+
+        Raises:
+            InputError: it is not.
+        """
+        *groups, entries = self.residual.value.shape
+        slots = self.blocks.shape[-1]
+        own, wanted = tuple(self.jacobian.shape), (*groups, slots, entries, unknowns)
+        named = fits(self.blocks.shape, (*groups, slots))
+        if own != wanted or not named or self.blocks.is_floating_point():
+            raise InputError(
+                f"energy {name!r} has a derivative {own} of values "
+                f"{tuple(self.residual.value.shape)} in blocks {tuple(self.blocks.shape)}; "
+                f"expected (*b, F, G, k, d, q) with q = {unknowns}, (*b, F, G, d) and (*b, F, G, k)"
+            )
+        if is_plain(self.jacobian):
+            require_indices(self.blocks, f"energy {name!r}", blocks, "blocks", least=-1)
 
     def curvature(self, weight: Tensor) -> Curvature:
         """``J' W J`` with the weight (*b, F, G) of each group."""

@@ -8,10 +8,12 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, total
-from perfcap.solve.sparse import Curvature, OffersBlocks, OffersCoarseSpace
+from perfcap.solve.sparse import BlockLinearization, Curvature, OffersBlocks, OffersCoarseSpace
 
 
 @runtime_checkable
@@ -115,6 +117,8 @@ class SparseProblem:
         terms, curvatures = {}, []
         for name, energy in self.energies.items():
             linear = energy.linearize_blocks(state)  # type: ignore[operator]  # checked in ``of``
+            if isinstance(linear, BlockLinearization):
+                linear.require_fitting(name, self.blocks, self.unknowns)
             squared = linear.residual.squared_norm()
             terms[name] = self._costs(energy, squared)
             curvature = linear.curvature(_group_weight(energy, linear.residual, squared))
@@ -127,6 +131,11 @@ class SparseProblem:
         for energy in self.energies.values():
             if isinstance(energy, OffersCoarseSpace):
                 space = energy.coarse_space(state)
+                sizes = (*space.modes.shape[:-3], self.blocks, self.unknowns, space.modes.shape[-1])
+                require_shape(space.modes, "modes", sizes, "(*b, F, M, q, r) of the state's blocks")
+                require_shape(space.group, "group", (self.blocks,), "(M,), of each block")
+                if is_plain(space.modes):
+                    require_indices(space.group, "group", space.groups, "groups", least=-1)
                 modes = space.modes.expand(*self.frames, *space.modes.shape[-3:])
                 return CoarseSpace(space.group, space.groups, modes.flatten(0, -4).contiguous())
         return None

@@ -1,5 +1,6 @@
 """Gaussians of a body: where they lie, how they move, and that they look like the mesh."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -129,3 +130,9 @@ def test_volume_covers_the_mesh_at_rest() -> None:
     person = load_actor("sam").double()
     six = Silhouettes(person, VolumeFit(height=400, views=6, poses=0), np.random.default_rng(1))
     assert np.mean(six.overlap(fit_volume(person))) > 0.94
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, math.nan, math.inf])
+def test_grids_of_no_size_are_refused(spacing: float) -> None:
+    with pytest.raises(InputError, match="spacing is"):
+        interior(actor(), spacing)

@@ -69,6 +69,7 @@ def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Co
     (tmp_path / "c.bvh").write_text(head + "Frame Time: 8.3333\n" + time.partition("\n")[2])
     outcome = perfcap(["retarget", tmp_path / "c.bvh", "--actor", "sam", "--out", tmp_path / "c"])
     assert outcome.code == 0 and any("check its frame time" in line for line in outcome.notes)
+    assert any("retarget: rate is 0.12 frames a second" in line for line in outcome.notes)
 
 
 def test_places_that_no_person_is_in_are_told() -> None:

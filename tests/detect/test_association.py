@@ -173,6 +173,21 @@ def test_sides_that_are_swapped_in_a_view_are_named(view: int) -> None:
     assert notes[0].startswith(f"left and right joints look swapped in view {view} (counted")
 
 
+@pytest.mark.parametrize(
+    ("scale", "size"), [(0.5, "half"), (2 / 3, "two thirds of"), (2.0, "twice")]
+)
+@pytest.mark.parametrize("count", [1, 2])
+def test_pixels_of_another_size_are_named(count: int, scale: float, size: str) -> None:
+    """Half of them had four people in place of two, without a note."""
+    crowd = make_crowd(1, count=count, views=3)
+    other = replace(crowd.candidates, joints2d=scale * crowd.candidates.joints2d)
+    try:
+        notes = associate(crowd.cameras, other, RATE).notes
+    except InputError as error:
+        notes = (str(error),)
+    assert any(f"in pixels of videos of {size} the size" in note for note in notes)
+
+
 def test_clips_of_a_frame_or_two_are_refused() -> None:
     crowd = make_crowd(1)
     with pytest.raises(InputError, match="the clip has 2 frames; expected 3 or more"):

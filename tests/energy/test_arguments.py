@@ -197,3 +197,36 @@ def test_units_and_weights_of_other_things(sam):
         UncertainViews(sam.landmarks, camera, seen.select([0, 0]))
     with pytest.raises(InputError, match="mean holds NaN"):
         PosePrior(torch.full((3,), NAN, dtype=F64))
+
+
+class OddPoints:
+    """Landmarks whose derivative is changed by a function."""
+
+    sees = ()
+
+    def __init__(self, points, change):
+        self.points, self.change = points, change
+
+    def __call__(self, motion):
+        return self.points(motion)
+
+    def linearize(self, motion):
+        points, frame, shared = self.points.linearize(motion)
+        return points, self.change(frame), shared
+
+
+@pytest.mark.parametrize("kind", [Reprojection, JointPosition])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda moved: moved[:1],
+        lambda moved: moved[:, :3],
+        lambda moved: moved[..., :3],
+        lambda moved: torch.cat((moved, moved), -1),
+    ],
+)
+def test_derivatives_of_other_points_or_unknowns(sam, kind, change):
+    """Compiled loops read beyond their ends."""
+    energy = kind(OddPoints(sam.landmarks, change), *views())
+    with pytest.raises(InputError, match="came with a derivative"):
+        solve(Objective(e=energy), still(sam))

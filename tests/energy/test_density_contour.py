@@ -256,3 +256,25 @@ def test_gaussians_are_shifted_in_images_of_another_time() -> None:
         torch.testing.assert_close(ours, theirs)
     with pytest.raises(InputError, match="shift of contours is"):
         DensityContour(*given, shift=shift[:1])
+
+
+def test_edges_and_prices_of_other_pixels_are_refused() -> None:
+    """Compiled loops read beyond the end of arrays."""
+    points, volume = body()
+    for edges, flat in (((2, 5, 5), (9, 9)), ((1, 9, 9), (9, 9)), ((2, 9), (9,))):
+        field = Seen(np.zeros(edges, np.float32), np.zeros(flat, np.float32), (0, 0))
+        with pytest.raises(InputError, match="of a field has shape"):
+            DensityContour(points, volume, circle(1, size=110), [[field]] * 2)
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.int32, F64])
+def test_fields_of_any_type(kind: torch.dtype) -> None:
+    points, volume = body()
+    edges, flat = torch.ones(2, 60, 60), torch.ones(60, 60)
+    values = [
+        DensityContour(points, volume, circle(1, size=110), [[Seen(*field, (20, 20))]] * 2).values(
+            points(truth())
+        )
+        for field in ((edges, flat), (edges.to(kind), flat.to(kind)))
+    ]
+    torch.testing.assert_close(*values)

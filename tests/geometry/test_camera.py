@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
 
@@ -218,3 +219,15 @@ def test_views_are_chosen_by_flags_too() -> None:
     flags, places = camera.select([True, False, True]), camera.select([0, -1])
     assert flags.size == places.size == ((1, 2), (5, 6))
     assert torch.equal(flags.translation, places.translation)
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 4), (3, 4, 2), (3,)])
+def test_points_of_other_axes_are_refused(shape: tuple[int, ...]) -> None:
+    """Compiled loops wrote beyond the end of arrays."""
+    with pytest.raises(InputError, match="points have shape"):
+        rig().linearize(torch.ones(shape, dtype=torch.float64))
+
+
+def test_no_points_have_no_pixels() -> None:
+    pixels, slope = rig().linearize(torch.ones(2, 0, 3, dtype=torch.float64))
+    assert pixels.shape == (2, 3, 0, 2) and slope.shape == (2, 3, 0, 2, 3)

@@ -6,7 +6,8 @@ import trimesh
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from perfcap.geometry.geodesic import surface_paths
+from perfcap.errors import InputError
+from perfcap.geometry.geodesic import SurfacePaths, surface_paths
 from perfcap.geometry.surface_topology import surface_topology
 
 
@@ -103,3 +104,26 @@ def test_farthest_takes_only_usable_places_until_none_is_left():
     usable = np.arange(42) % 3 == 0
     picked = paths.farthest(np.array([0]), 50, usable)
     assert sorted(picked) == np.flatnonzero(usable).tolist()
+
+
+def test_paths_and_places_that_do_not_fit_are_refused():
+    """Compiled loops read beyond the end of arrays, or never ended."""
+    start, neighbor, length = np.array([0, 1, 3, 4]), np.array([1, 0, 2, 1]), np.ones(4)
+    for given, message in (
+        ((start, neighbor + 9, length), "neighbor names places"),
+        ((start, neighbor, length[:1]), "length has shape"),
+        ((start + 9, neighbor, length), "start does not ascend"),
+        ((start, neighbor, -length), "length is -1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            SurfacePaths(*given)
+    paths, usable = SurfacePaths(start, neighbor, length), np.ones(3, bool)
+    with pytest.raises(InputError, match="sources names places 3"):
+        paths.nearest(np.array([3]))
+    with pytest.raises(InputError, match="seeds names places -4"):
+        paths.farthest(np.array([-4]), 2, usable)
+    with pytest.raises(InputError, match="usable has shape"):
+        paths.farthest(np.array([0]), 2, usable[:1])
+    for seeds in ([], [0, 1, 2]):
+        with pytest.raises(InputError, match="seeds of 2 places"):
+            paths.farthest(np.array(seeds, int), 2, usable)

@@ -71,3 +71,12 @@ def test_product_of_views_is_the_product(dtype: torch.dtype, batch: tuple[int, .
     assert torch.allclose(multiply_views(left.requires_grad_(), right), expected, atol=1e-5)
     shared = multiply_views(left[..., :1, :, :, :].detach().mT.contiguous().mT, right)
     assert torch.allclose(shared, expected[..., :1, :, :, :], atol=1e-5)
+
+
+def test_products_that_compiled_loops_cannot_take_are_torch_s():
+    """They read beyond the end of arrays."""
+    left = torch.rand(2, 2, 6, 2, 3)
+    one = torch.rand(2, 1, 3, 4)
+    assert torch.allclose(multiply_views(left, one), left @ one.unsqueeze(-4))
+    with pytest.raises(RuntimeError):
+        multiply_views(left, torch.rand(2, 3, 3, 4))

@@ -214,3 +214,9 @@ def test_turns_sizes_and_worlds_of_something_else() -> None:
         retarget(PERSON, z_up, PERSON, 30.0, FREE)
     with pytest.raises(InputError, match="joints is a Actor, expected a JointMotion"):
         retarget(PERSON, PERSON, joints, 30.0, FREE)  # type: ignore[arg-type]
+
+
+def test_seconds_of_a_frame_are_no_rate() -> None:
+    joints = joints_of(PERSON, walk(PERSON, 6))
+    with pytest.warns(UserWarning, match=r"retarget: rate is 0\.03333 frames a second"):
+        retarget(PERSON, joints, PERSON, 1 / 30, FREE)

@@ -150,3 +150,28 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         background(Splats(centre, form, thickness[:, :-1]), SIZE)
     with pytest.raises(InputError, match="size is"):
         background(Splats(centre, form, thickness), (0, 5))
+
+
+@pytest.mark.parametrize("form", [(0.0, 0, 0), (-1.0, 0, -1), (1.0, 5, 1), (torch.nan,) * 3])
+@pytest.mark.parametrize("place", [(9.0, 9.0), (torch.nan, 0.0), (1e300, -torch.inf)])
+def test_what_is_no_gaussian_or_nowhere_is_not_drawn(
+    form: tuple[float, ...], place: tuple[float, ...]
+) -> None:
+    """Numbers that are none became indices, or a division by zero."""
+    shapes = (torch.tensor(each, dtype=F64)[None, None] for each in (place, form))
+    depth, slope = optical_depth(*shapes, torch.ones(1, 1, dtype=F64), SIZE)
+    assert not depth.any() and not slope.any()
+
+
+def test_a_thickness_that_is_no_number_does_not_end_in_a_traceback() -> None:
+    centre, form = torch.zeros(1, 1, 2, dtype=F64), torch.tensor([[[1.0, 0, 1]]], dtype=F64)
+    thickness = torch.full((1, 1), torch.nan, dtype=F64, requires_grad=True)
+    depth, _ = optical_depth(centre, form, thickness, SIZE)
+    depth.sum().backward()
+
+
+def test_optical_depth_refuses_shapes_that_do_not_fit() -> None:
+    """Compiled loops read beyond the end of arrays."""
+    centre, form, thickness = blobs()
+    with pytest.raises(InputError, match="expected"):
+        optical_depth(centre, form[:, :1], thickness, SIZE)

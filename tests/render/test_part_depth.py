@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from perfcap.errors import InputError
 from perfcap.render.label_map import part_depth
 
 # an arm (1) of 12 px in front of a torso (0), which background (-1) ends on the right
@@ -63,3 +64,19 @@ def test_the_compiled_loop_equals_numpy() -> None:
         ends = other.any(1) & (seen[:, 0] >= 0) & (seen[np.arange(400), first] >= 0)
         expected = np.where(ends, steps[first], np.inf)
         np.testing.assert_array_equal(part_depth(points, normals, parts, reach, corner), expected)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"points": np.zeros((5, 2))}, "normals has shape"),
+        ({"points": np.zeros((1, 1))}, "points has shape"),
+        ({"parts": PARTS[None]}, "parts has shape"),
+        ({"reach": np.inf}, "reach is inf"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, message) -> None:
+    """Compiled loops read beyond the end of arrays."""
+    given = {"points": np.zeros((1, 2)), "normals": LEFT, "parts": PARTS, "reach": 30.0} | change
+    with pytest.raises(InputError, match=message):
+        part_depth(**given)

@@ -211,5 +211,34 @@ def test_a_mesh_out_of_sight_leaves_the_background() -> None:
 @pytest.mark.parametrize("corner", [-1, 3])
 def test_texture_faces_that_index_no_corner(corner: int) -> None:
     image = torch.zeros(4, 4, 3, dtype=torch.uint8)
-    with pytest.raises(InputError, match="texture faces refer to uv"):
+    with pytest.raises(InputError, match="texture faces names uv"):
         Texture.from_image(image, torch.zeros(3, 2), torch.tensor([[0, 1, corner]]))
+
+
+@pytest.mark.parametrize("far", [torch.nan, torch.inf, 1e30])
+def test_uv_that_are_nowhere_are_refused(far: float) -> None:
+    """Compiled loops looked for texels there, and the process died."""
+    image, faces = torch.zeros(64, 64, 3, dtype=torch.uint8), torch.tensor([[0, 1, 2]])
+    with pytest.raises(InputError, match="not numbers or beyond a million"):
+        Texture.from_image(image, torch.full((3, 2), far), faces)
+    Texture.from_image(image, torch.tensor([[0.0, 0], [1, 0], [1, 1], [far, 0]]), faces)
+
+
+def test_textures_of_other_shapes_are_refused() -> None:
+    level, uv, faces = torch.zeros(8, 8, 3), torch.zeros(3, 2), torch.tensor([[0, 1, 2]])
+    for given, message in (
+        (((level,), uv, faces - 1), "texture faces names uv -1 to 1"),
+        (((level,), uv, faces[:, :2]), "texture faces has shape"),
+        (((level[..., :1],), uv, faces), "texture level has shape"),
+        (((), uv, faces), "texture has no image"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Texture(*given)
+
+
+def test_light_at_other_vertices_is_refused() -> None:
+    vertices, faces = sphere()
+    mesh = ProjectedMesh.seen_by(front_camera(), vertices, faces)
+    few, texture = Visibility(torch.ones(1), torch.ones(1)), Texture.plain((9, 9, 9), len(faces))
+    with pytest.raises(InputError, match="reached sun has shape"):
+        render(mesh, texture, BACKGROUND, reached=few)

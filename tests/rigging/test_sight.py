@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 
+from perfcap.errors import InputError
 from perfcap.rigging.bone_heat import Sight
 
 
@@ -44,3 +46,24 @@ def test_points_outside_the_grid_are_walked() -> None:
     starts = np.array([[0.1, 0.2, 0.0], [3.0, 0.0, 0.1]])
     ends = np.array([[0.1, 0.2, 4.0], [3.0, 1.0, 0.1]])
     assert sight.blocked(starts, ends, np.array([-1, -1])).tolist() == [True, False]
+
+
+def test_what_is_no_mesh_or_no_points_is_refused() -> None:
+    """Compiled loops read beyond the end of arrays."""
+    mesh = trimesh.creation.icosphere(subdivisions=0)
+    places, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    for given, message in (
+        ((np.nan * places, faces), "places are not all finite"),
+        ((places, faces + 1), "faces names places 1 to 12"),
+        ((places, faces[:, :2]), "faces has shape"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Sight(*given)
+    sight, own = Sight(places, faces), np.full(12, -1)
+    for given, message in (
+        ((places, places[:1], own), "ends has shape"),
+        ((places, places, own[:1]), "own has shape"),
+        ((places, places + np.inf, own), "ends are not all finite"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sight.blocked(*given)

@@ -1,4 +1,4 @@
-"""Views in each other's place, and sides swapped in one: people fit far better without that."""
+"""Views in each other's place, sides swapped in one, other pixels: people fit better without."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from perfcap.geometry.camera import Camera
 _LOOKED_AT = 24  # images, of a frame and view each
 _FEWEST = 4  # frames
 _BETTER = 1.2  # times as well; of right views no such change was more than 0.83 times as good
+_SIZES = {2.0: "half", 1.5: "two thirds of", 2 / 3: "one and a half times", 0.5: "twice"}
 _OTHER_SIDE = list(LANDMARKS16.mirrored())
 
 
@@ -62,6 +63,13 @@ def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections]]
             f"left and right joints look swapped in {which}: check for a mirrored "
             "video (front camera) or swapped joint names",
             replace(candidates, joints2d=joints, confidence2d=confidence),
+        )
+
+    for scale, size in _SIZES.items():
+        yield (
+            f"detections look as if they were in pixels of videos of {size} the size: give them in "
+            f"pixels of the calibration, {scale:.3g} times theirs",
+            replace(candidates, joints2d=scale * candidates.joints2d),
         )
 
 
