@@ -106,3 +106,19 @@ def test_fading_of_nothing_and_of_very_much() -> None:
     fading(np.array([0.0, 700.0, 1e30]), left)
     assert left[0] == 1
     np.testing.assert_allclose(left[1:], np.exp(-700.0), rtol=5e-16)
+
+
+def test_what_is_no_ellipse_is_not_drawn() -> None:
+    """NaN, infinity and the like are no index: loops stay within the image."""
+    draw, size = np.random.default_rng(3), (20, 25)
+    odd = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, -1e300, 1e-300])
+    edges, flat = np.ones((2, *size), np.float32), np.ones(size, np.float32)
+    for _ in range(300):
+        centre, thickness = draw.uniform(-10, 35, (3, 2)), draw.uniform(0, 3, 3)
+        form = np.array([0.1, 0.01, 0.1]) * draw.uniform(0.5, 1, (3, 1))
+        for part in (centre, form, thickness):
+            some = draw.random(part.shape) < 0.3
+            part[some] = draw.choice(odd, some.sum())
+        into = (np.empty((3, 2)), np.empty((3, 3)), np.empty(3)), np.empty((3, 3))
+        given = (centre, form, thickness), 1e-4, edges, flat
+        assert np.isfinite(look(*given, 0.25, True, *into))
