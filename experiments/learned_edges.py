@@ -34,7 +34,8 @@ from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.presets import RHODIN
 from perfcap.pipeline.refine_contours import ContourSight, Patch
 from perfcap.pipeline.track_twice import track_twice
-from perfcap.segment.edge_tensors import TensorField, edge_tensors
+from perfcap.segment.edge_network import EdgeNetwork
+from perfcap.segment.edge_tensors import TensorField
 from perfcap.solve import (
     Detached,
     Implicit,
@@ -72,7 +73,6 @@ _HELD_OUT = (
     ("rendered_multi/dev_views/person1/template.glb", "05_12", 300, 25, "plain"),
 )
 _PAIRS = ((0, 2), (1, 3), (3, 5))  # of six views on a circle, a third of it apart
-_WIDE = 16  # channels
 
 
 @dataclass(frozen=True)
@@ -94,27 +94,6 @@ class Experiment:
     """Of the network and of the order."""
     save: Path | None = None
     """Where the weights of the last seed go, .safetensors."""
-
-
-class EdgeNetwork(nn.Module):
-    """How much edges count and what contours cost, of an image and its edges."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        last = nn.Conv2d(_WIDE, 2, 1)
-        nn.init.zeros_(last.weight)
-        nn.init.zeros_(last.bias)
-        self.layers = nn.Sequential(
-            nn.Conv2d(6, _WIDE, 5, padding=2), nn.ReLU(),
-            nn.Conv2d(_WIDE, _WIDE, 5, padding=2), nn.ReLU(), last,
-        )  # fmt: skip
-
-    def forward(self, image: Tensor) -> Tensor:
-        """Edges and price (3, h, w) of an image (3, h, w) from 0 to 1."""
-        plain = edge_tensors(image)
-        seen = torch.cat((image - 0.5, 5 * plain))
-        gain, price = self.layers(seen[None])[0]
-        return torch.cat((plain[:2] * gain.clamp(-3, 1).exp(), plain[2:] + 0.1 * price))
 
 
 @dataclass(frozen=True)

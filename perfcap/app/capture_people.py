@@ -19,7 +19,7 @@ from perfcap.app.capture_checks import (
     refuse_wrong_cameras,
     wants_bones,
 )
-from perfcap.app.capture_request import casting_of, find_device, settings_of
+from perfcap.app.capture_request import casting_of, edge_network, find_device, settings_of
 from perfcap.app.console import progress_bars
 from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import UNMATCHED, Matching, match_actors
@@ -212,7 +212,7 @@ def _perform(
     like = torch.zeros((), dtype=torch.float64, device=find_device(request.device))
     moved = tuple(replace(each, detections=each.detections.to(like)) for each in people)
     cameras = inputs.pixel_map.cameras(inputs.rig.cameras, inputs.clip.sizes)
-    images = Images(inputs.clip, cameras, examined=True)
+    images = Images(inputs.clip, cameras, examined=True, edges=edge_network(request))
     scene = Scene(inputs.rig.cameras.to(like), moved, inputs.clip.fps, images)
     with progress_bars() as tell:
         config = settings_of(request)

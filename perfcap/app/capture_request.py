@@ -16,7 +16,14 @@ import torch
 from perfcap import __version__
 from perfcap.app.auto_actor import Casting
 from perfcap.app.inputs import Inputs
-from perfcap.app.networks import DETECTORS, LIFTERS, NO_SEGMENTER, find_model, find_segmenter
+from perfcap.app.networks import (
+    DETECTORS,
+    LIFTERS,
+    NO_SEGMENTER,
+    find_edge_network,
+    find_model,
+    find_segmenter,
+)
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
@@ -24,6 +31,7 @@ from perfcap.io.actor_folder import MANIFEST
 from perfcap.io.gltf_document import companions
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
+from perfcap.segment.edge_network import EdgeNetwork
 
 _PACKAGES = ("torch", "kornia", "numpy", "numba", "opencv-python-headless", "av")
 
@@ -59,6 +67,9 @@ def used_files(request: Capture, actors: Iterable[Path]) -> Iterator[Path]:
     segmenter = segmenter_of(request)
     if segmenter is not None:
         yield segmenter
+    edges = edges_of(request)
+    if edges is not None:
+        yield edges
 
 
 def segmenter_of(request: Capture) -> Path | None:
@@ -75,6 +86,23 @@ def segmenter_of(request: Capture) -> Path | None:
         return None
     read_segmenter_manifest(found)
     return found
+
+
+def edges_of(request: Capture) -> Path | None:
+    """Weights of the network of edges; None where edges count as they are or no contour asks.
+
+    Raises:
+        InputError: there are none.
+    """
+    found = find_edge_network(request.edges)
+    wanted = PRESETS[request.preset].contours.enabled
+    return found if wanted and Stage[request.until.upper()].needs_images else None
+
+
+def edge_network(request: Capture) -> EdgeNetwork | None:
+    """The network that weighs edges for a request, if any does."""
+    weights = edges_of(request)
+    return None if weights is None else EdgeNetwork.load(weights)
 
 
 def uses_masks(request: Capture) -> bool:

@@ -21,6 +21,7 @@ from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, RememberingNe
 DETECTORS, LIFTERS = "detectors", "lifters"
 SEGMENTER = "segmenter.toml"  # of a shipped detector that answers with masks as well
 NO_SEGMENTER = "none"
+EDGES, WEIGHTS, PLAIN_EDGES = "edges", "weights.safetensors", "plain"
 
 _CHUNK = 16  # frames decoded at once
 
@@ -96,6 +97,28 @@ def find_segmenter(name: str) -> Path:
     known = ", ".join(sorted(p.parent.name for p in shipped.glob(f"*/{SEGMENTER}")))
     raise InputError(
         f"--segmenter {name}: no such folder; expected one with {MANIFEST}, or {known}, or none"
+    )
+
+
+def find_edge_network(name: str) -> Path | None:
+    """Weights of a network of edges by path, or shipped ones by name; None for edges as they are.
+
+    Raises:
+        InputError: there are no such weights.
+    """
+    if name == PLAIN_EDGES:
+        return None
+    path, shipped = Path(name), models_folder() / EDGES
+    if path.name == name and (shipped / name / WEIGHTS).is_file():
+        return shipped / name / WEIGHTS
+    if path.is_file():
+        return path
+    if (path / WEIGHTS).is_file():
+        return path / WEIGHTS
+    known = ", ".join(sorted(p.parent.name for p in shipped.glob(f"*/{WEIGHTS}")))
+    raise InputError(
+        f"--edges {name}: no such weights; expected {known}, a .safetensors file that "
+        f"experiments/learned_edges.py wrote, or {PLAIN_EDGES}"
     )
 
 

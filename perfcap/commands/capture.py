@@ -47,6 +47,9 @@ class Capture(Views):
     segmenter: str = "blazepose"
     """A network that finds person masks, as one cue of silhouettes: a shipped one by name, a folder
     with manifest.toml, or a manifest; none to go without."""
+    edges: str = "learned"
+    """How the edges that contours of --preset rhodin2016 meet are weighed: by the shipped network,
+    by weights of your own (.safetensors), or plain, as they are."""
     until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
     """The last stage to run."""
     preset: Literal["default", "liu2013", "monoperfcap", "muvs2017", "rhodin2016"] = "default"

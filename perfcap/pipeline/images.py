@@ -12,6 +12,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.segment.edge_network import EdgeNetwork
 from perfcap.segment.network_cue import PersonNetwork, Plane
 from perfcap.segment.trimap import Box, Mask
 
@@ -50,6 +51,7 @@ class Images:
         lag: frames by which each image was taken later than its frame of the motion, (F, C), less
             than one either way; NaN where a view has no image of that time, and gives another in
             its place. None where clocks agree. What meets edges of raw images heeds it.
+        edges: a network that weighs the edges that contours meet; None for edges as they are.
     """
 
     reader: FrameReader
@@ -58,6 +60,7 @@ class Images:
     masks: KnownMasks | None = None
     examined: bool = False
     lag: Tensor | None = None
+    edges: EdgeNetwork | None = None
 
     def __post_init__(self) -> None:
         masks = self.masks is None or hasattr(self.masks, "knows")
@@ -75,6 +78,10 @@ class Images:
             raise InputError(
                 f"images: segmenter is a {type(self.segmenter).__name__}, expected an "
                 "OnnxSegmenter, a function of (image, model, spine, part), or None"
+            )
+        if self.edges is not None and not isinstance(self.edges, EdgeNetwork):
+            raise InputError(
+                f"images: edges is a {type(self.edges).__name__}; expected an EdgeNetwork or None"
             )
         if len(self.cameras.size) != self.cameras.views:
             raise InputError(

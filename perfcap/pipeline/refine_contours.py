@@ -27,6 +27,7 @@ from perfcap.pipeline.track_motion import MotionBlender, Progress
 from perfcap.pipeline.volume_colors import color_volume
 from perfcap.render.density import Splats
 from perfcap.segment.edge_field import EdgeField, EdgeSettings, find_edges, shrunk
+from perfcap.segment.edge_network import EdgeNetwork
 from perfcap.setting_checks import Settings, require_counts, require_sizes
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 from perfcap.temporal.window import Window, partition
@@ -122,8 +123,7 @@ def refine_contours(
 
     def refined(task: tuple[Window, list[list[Patch]]]) -> tuple[Motion, Tensor]:
         window, patches = task
-        fields = [[patch.edges(config.edges) for patch in row] for row in patches]
-        return _solve(problem, sight, points, volume, motion[window.index], window, fields, config)
+        return _solve(problem, sight, points, volume, motion[window.index], window, patches)
 
     blender, shares = MotionBlender(), np.zeros((2, motion.frames))
     kept = checkpoint.kept("refine_contours")
@@ -148,11 +148,11 @@ def _solve(
     volume: Volume,
     motion: Motion,
     window: Window,
-    fields: list[list[EdgeField]],
-    config: ContoursConfig,
+    patches: list[list[Patch]],
 ) -> tuple[Motion, Tensor]:
     """The motion of a window, and the share of contours on edges before and after, (2, W)."""
-    cameras = sight.cameras.frames(window.index)
+    cameras, config = sight.cameras.frames(window.index), sight.config
+    fields = [[sight.edges(patch) for patch in row] for row in patches]
     start = points(motion)
     shift = sight.shift(start, window)
     contour = DensityContour(
@@ -163,6 +163,8 @@ def _solve(
     method = LevenbergMarquardt(max_steps=config.max_steps, tolerance=config.tolerance)
     objective = Objective({"contours": contour, **terms})
     found: Motion = solve(objective, motion, method, angle_bounds(problem.actor)).state
+    if sight.images.edges is not None:  # shares are of edges as they are
+        contour.fields = [[patch.edges(config.edges) for patch in row] for row in patches]
     return found, torch.stack([contour.support(each) for each in (start, points(found))])
 
 
@@ -205,7 +207,11 @@ class ContourSight:
     def fields(self, points: Tensor, volume: Volume, window: Window) -> list[list[EdgeField]]:
         """Edges about the Gaussians at points (W, Q, 3), ``[W][C]``."""
         rows = self.patches(points, volume, window)
-        return [[patch.edges(self.config.edges) for patch in row] for row in rows]
+        return [[self.edges(patch) for patch in row] for row in rows]
+
+    def edges(self, patch: Patch) -> EdgeField:
+        """Edges of a part of an image, by the network of the images if they have one."""
+        return patch.edges(self.config.edges, self.images.edges)
 
     def patches(self, points: Tensor, volume: Volume, window: Window) -> list[list[Patch]]:
         """Parts of the images about the Gaussians at points (W, Q, 3), ``[W][C]``."""
@@ -293,17 +299,20 @@ class Patch:
         pixels = image[first[0] : bottom + _RIM, first[1] : right + _RIM].copy()
         return cls(pixels, (top, left), first, (bottom - top, right - left))
 
-    def edges(self, settings: EdgeSettings) -> EdgeField:
-        """Edges of the part."""
+    def edges(self, settings: EdgeSettings, network: EdgeNetwork | None = None) -> EdgeField:
+        """Edges of the part, as they are or as a network weighs them."""
         height, width = self.size
         if not height:
             none = np.zeros((2, 0, 0), np.float32)
             return EdgeField(none, none[0], self.corner)
-        found = find_edges(self.pixels, settings)
+        if network is None:
+            plain = find_edges(self.pixels, settings)
+            whole = np.concatenate((plain.edges, plain.flat[None]))
+        else:
+            whole = network.look(self.pixels)
         top, left = self.corner[0] - self.first[0], self.corner[1] - self.first[1]
-        rows, columns = slice(top, top + height), slice(left, left + width)
-        edges = np.ascontiguousarray(found.edges[:, rows, columns])
-        return EdgeField(edges, np.ascontiguousarray(found.flat[rows, columns]), self.corner)
+        found = np.ascontiguousarray(whole[:, top : top + height, left : left + width])
+        return EdgeField(found[:2], found[2], self.corner)
 
 
 def _colors(volume: Volume, points: GaussianCentres, motion: Motion, images: Images) -> Tensor:
