@@ -83,11 +83,20 @@ class EdgeNetwork(nn.Module):
         return torch.cat((plain[:2] * gain.clamp(-3, 1).exp(), plain[2:] + 0.1 * price))
 
     def look(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Edges and price (3, h, w) of an RGB picture (h, w, 3)."""
+        """Edges and price (3, h, w) of an RGB picture (h, w, 3).
+
+        Raises:
+            InputError: they are not finite.
+        """
         height, width = picture.shape[:2]
         rim = max(0, _SMALL - height), max(0, _SMALL - width)
         padded = np.pad(picture, ((0, rim[0]), (0, rim[1]), (0, 0)), mode="edge")
         image = torch.from_numpy(padded).permute(2, 0, 1).float() / 255
         with torch.no_grad():
             found: NDArray[np.float32] = self(image).numpy()
+        if not np.isfinite(found).all():
+            raise InputError(
+                "an edge network answers with NaN or infinity; its weights are too large, train it "
+                "again"
+            )
         return found[:, :height, :width]

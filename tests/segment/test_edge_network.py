@@ -53,6 +53,15 @@ def test_weights_are_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(EdgeNetwork.load(path).look(image), network.look(image))
 
 
+def test_answers_are_finite() -> None:
+    network = EdgeNetwork()
+    with torch.no_grad():
+        network.layers[-1].bias.fill_(3e38)
+        network.layers[-1].weight.fill_(3e38)
+    with pytest.raises(InputError, match="too large"):
+        network.look(picture((20, 20)))
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "weights.safetensors"
     with pytest.raises(InputError, match="no weights"):

@@ -19,12 +19,12 @@ import torch
 import trimesh
 from fuzzing import mutate
 from fuzzing.mutate import Random
+from fuzzing.networks import networks
 from fuzzing.recordings import data_sets
 from fuzzing.targets import Target, command, spoiled
 from takes import TakeFiles, detect, make_take, shrunk, write_take
 from tiny_networks import write_tiny
 
-from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.actor import load_actor
 from perfcap.io.body_model import load_body_model
 from perfcap.io.bvh_read import BvhMotion, load_bvh
@@ -56,7 +56,7 @@ def targets(root: Path) -> list[Target]:
         *_detections(root),
         *_projects(root),
         *_shapes(root, take),
-        *_networks(root),
+        *networks(root),
         Target("result", out, lambda f, _: _whole(read_result(f))),
         *_commands(root, take, out),
         *_arrays(root),
@@ -208,17 +208,6 @@ def _write_gltf(path: Path) -> None:
     exported = trimesh.creation.box().export(file_type="gltf")
     for name, data in exported.items():
         (path if name.endswith(".gltf") else path.with_name(name)).write_bytes(data)
-
-
-def _networks(root: Path) -> list[Target]:
-    folder = _new(root, "networks")
-    write_tiny(folder, "vitpose")
-
-    def read(folder: Path, rng: Random) -> Any:
-        detector = OnnxDetector(folder / "vitpose")
-        return detector.estimate(np.zeros((1, 128, 96, 3), np.uint8)).joints2d
-
-    return [Target("networks", folder, read)]
 
 
 def _results(folder: str, take: TakeFiles) -> list[list[str]]:
