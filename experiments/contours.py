@@ -18,6 +18,7 @@ from report import Report, Table
 
 from perfcap.actor.volume import GaussianCentres
 from perfcap.actor.volume_fit import Silhouettes, VolumeFit, fit_volume
+from perfcap.app.networks import find_edge_network
 from perfcap.energy.density_contour import DensityContour
 from perfcap.io.clip import Clip
 from perfcap.metrics import mask_overlap
@@ -28,6 +29,7 @@ from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.refine_contours import ContourSight
 from perfcap.pipeline.stage import Stage
 from perfcap.render import rasterize
+from perfcap.segment.edge_network import EdgeNetwork
 from perfcap.temporal.window import Window
 
 VIEWS = {6: (0, 1, 2, 3, 4, 5), 4: (0, 1, 3, 4), 2: (0, 3)}
@@ -49,6 +51,8 @@ class Experiment:
     """Numbers of views; of sequences with one person all of these, of others the first."""
     masks: bool = False
     """Also capture with silhouettes and plates, for what they gain."""
+    edges: str = "learned"
+    """How edges are weighed: as by ``perfcap capture --edges``."""
     pictures: bool = False
     """Write volumes, contours and edges of a frame in every view beside the numbers."""
 
@@ -67,7 +71,12 @@ class Seen:
         own, kept = self.recording, list(views)
         detections = own.detections.select(kept)
         recording = replace(own, rig=own.rig.select(kept), detections=detections)
-        images = Images(_Views(self.images.reader, kept), self.images.cameras.select(kept))
+        own_images = self.images
+        images = replace(
+            own_images,
+            reader=_Views(own_images.reader, kept),
+            cameras=own_images.cameras.select(kept),
+        )
         return replace(
             self, recording=recording, images=images, labels=[self.labels[v] for v in kept]
         )
@@ -92,7 +101,7 @@ def run(config: Experiment) -> Report:
     """All tables."""
     joints, overlaps = [], []
     for name in config.sequences:
-        seen = read(name, config.data)
+        seen = read(name, config.data, config.edges)
         several = "/" in name
         for count in config.views[: 1 if several else None]:
             some = seen.select(VIEWS[count])
@@ -117,8 +126,10 @@ def run(config: Experiment) -> Report:
     return Report(tables, (note,))
 
 
-def read(name: str, data: Path) -> Seen:
-    """A sequence, or one of its people as ``name/person``."""
+def read(name: str, data: Path, edges: str = "learned") -> Seen:
+    """A sequence, or one of its people as ``name/person``, and what weighs its edges."""
+    weights = find_edge_network(edges)
+    network = None if weights is None else EdgeNetwork.load(weights)
     folder, _, number = name.partition("/")
     person = int(number or 1)
     recording = rendered_views(data, folder, person)
@@ -127,7 +138,8 @@ def read(name: str, data: Path) -> Seen:
     frames, size = len(recording.truth), clip.sizes[0]
     maps = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED).reshape(frames, *size)
             for p in sorted((recording.folder / "labels").glob("*.png"))]  # fmt: skip
-    return Seen(recording, Images(clip, recording.cameras), maps, person)
+    images = Images(clip, recording.cameras, edges=network)
+    return Seen(recording, images, maps, person)
 
 
 def captured(seen: Seen, preset: str | None) -> Performance:

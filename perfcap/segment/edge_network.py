@@ -27,7 +27,8 @@ _SMALL = 16  # px, below which an image is padded
 class EdgeNetwork(nn.Module):
     """How much edges count and what contours cost, of an image and its edges.
 
-    With its first weights both are those of ``find_edges``.
+    With its first weights both are those of ``find_edges``. In the mean of a picture they always
+    are: the network says where, and the weight of contours how much.
 
     Args:
         settings: how edges are found.
@@ -80,7 +81,12 @@ class EdgeNetwork(nn.Module):
         plain = edge_tensors(image, self.settings)
         seen = torch.cat((image - 0.5, 5 * plain))
         gain, price = self.layers(seen[None])[0]
-        return torch.cat((plain[:2] * gain.clamp(-3, 1).exp(), plain[2:] + 0.1 * price))
+        edges = plain[:2] * gain.clamp(-3, 3).exp()
+        # how much contours count beside joints is another question
+        usual, now = (
+            each.square().sum(0).clamp(min=1e-12).sqrt().mean() for each in (plain[:2], edges)
+        )
+        return torch.cat((edges * (usual / now), plain[2:] + 0.1 * (price - price.mean())))
 
     def look(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Edges and price (3, h, w) of an RGB picture (h, w, 3).
