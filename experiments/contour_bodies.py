@@ -20,7 +20,7 @@ import torch
 from anny_people import People, Person
 from body_fit import Experiment as Ring
 from body_fit import Take, film, rotation_about_y, true_measurements
-from contours import Seen, captured, overlap_row, read
+from contours import Seen, captured, edge_network, overlap_row, read
 from numpy.typing import NDArray
 from real_silhouettes import labels_of
 from recordings import balancing
@@ -258,7 +258,7 @@ def _real(config: Experiment) -> list[tuple[object, ...]]:
     seen = replace(real.detections, joints2d=pixel_map.to_video(real.detections.joints2d))
     recording = replace(real, rig=replace(real.rig, cameras=cameras), detections=seen)
     none = [np.zeros(0, np.uint8)] * real.cameras.views  # outlines are of single frames
-    whole = Seen(recording, Images(clip, cameras), none, 1)
+    whole = Seen(recording, Images(clip, cameras, edges=edge_network()), none, 1)
     for views in ((0, 1, 2, 3), (0, 1), (0, 2)):
         some = whole.select(views)
         for kind in ("joints", "contours"):

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from report import Report, Table
 
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
-from perfcap.pipeline.images import Images
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 
@@ -57,7 +56,7 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     rows, clocks = [], []
     for name in config.sequences:
-        seen = read(name, config.data).select(VIEWS[config.views])
+        seen = read(name, config.data, "plain").select(VIEWS[config.views])
         for late in (1.0, 0.5):
             step = 1 if late == 1 else 2
             errors: dict[str, list[tuple[float, ...]]] = {}
@@ -102,7 +101,7 @@ def picked(seen: Seen, step: int, late: dict[int, int]) -> Seen:
     )
     first = torch.arange(count) * step
     recording = replace(own, detections=given, truth=own.truth[first], rate=own.rate / step)
-    images = Images(_Picked(seen.images.reader, frames), seen.images.cameras)
+    images = replace(seen.images, reader=_Picked(seen.images.reader, frames))
     return replace(seen, recording=recording, images=images)
 
 
@@ -131,7 +130,7 @@ def settled(seen: Seen, found: ViewErrors, between: bool) -> Seen:
     recording = replace(own, detections=found.of_detections(own.detections))
     lag = found.lag(range(count), [count] * len(frames)) if between else None
     reader = _Picked(seen.images.reader, frames)
-    return replace(seen, recording=recording, images=Images(reader, seen.images.cameras, lag=lag))
+    return replace(seen, recording=recording, images=replace(seen.images, reader=reader, lag=lag))
 
 
 def _scores(seen: Seen) -> tuple[float, ...]:

@@ -128,8 +128,6 @@ def run(config: Experiment) -> Report:
 
 def read(name: str, data: Path, edges: str = "learned") -> Seen:
     """A sequence, or one of its people as ``name/person``, and what weighs its edges."""
-    weights = find_edge_network(edges)
-    network = None if weights is None else EdgeNetwork.load(weights)
     folder, _, number = name.partition("/")
     person = int(number or 1)
     recording = rendered_views(data, folder, person)
@@ -138,8 +136,14 @@ def read(name: str, data: Path, edges: str = "learned") -> Seen:
     frames, size = len(recording.truth), clip.sizes[0]
     maps = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED).reshape(frames, *size)
             for p in sorted((recording.folder / "labels").glob("*.png"))]  # fmt: skip
-    images = Images(clip, recording.cameras, edges=network)
+    images = Images(clip, recording.cameras, edges=edge_network(edges))
     return Seen(recording, images, maps, person)
+
+
+def edge_network(name: str = "learned") -> EdgeNetwork | None:
+    """What weighs edges, as ``perfcap capture --edges`` names it."""
+    weights = find_edge_network(name)
+    return None if weights is None else EdgeNetwork.load(weights)
 
 
 def captured(seen: Seen, preset: str | None) -> Performance:

@@ -20,7 +20,7 @@ from perfcap.io.actor import models_folder
 from perfcap.io.atomic import writing
 from perfcap.io.files import TEXT_LIMIT, require_file
 
-_KINDS = ("actors", "bodies", "detectors", "lifters", "priors")
+_KINDS = ("actors", "bodies", "detectors", "edges", "lifters", "priors")
 _MOST = 1000  # folders that are looked at
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -44,3 +46,9 @@ def test_nobody_asks_for_them(options: dict[str, str]) -> None:
 def test_weights_that_are_not_there() -> None:
     with pytest.raises(InputError, match="--edges canny: no such weights; expected learned"):
         edges_of(request(preset="rhodin2016", edges="canny"))
+
+
+def test_the_shipped_file_is_that_of_its_manifest() -> None:
+    (file,) = tomllib.loads(SHIPPED.with_name("manifest.toml").read_text(encoding="utf-8"))["file"]
+    data = SHIPPED.read_bytes()
+    assert (len(data), hashlib.sha256(data).hexdigest()) == (file["size"], file["sha256"])
