@@ -69,7 +69,7 @@ def run(config: Experiment) -> Report:
                 overlaps = parts[:, 0]
                 doubted = np.zeros(len(overlaps), bool)
                 assert found.refinement is not None
-                doubted[found.refinement.evidence.doubtful] = True
+                doubted[found.refinement.doubtful_masks] = True
                 scores[network].append(overlaps)
                 named[network].append(doubted)
                 joints = joint_errors(found.joints(), clip.truth, RATE)

@@ -128,7 +128,7 @@ def _look(clip: Staged, network: str, capture: Performance) -> Seen:
     refinement = capture.refinement
     assert refinement is not None and refinement.pose is not None
     evidence, named = refinement.evidence, np.zeros(capture.frames, bool)
-    named[evidence.doubtful] = True
+    named[refinement.doubtful_masks] = True
     pairs = enumerate(clip.masks)
     overlaps = [mask_overlap(evidence.masks(frame)[0], mask).iou for frame, mask in pairs]
     clues = mask_clues(evidence, np.asarray(refinement.pose.after))

@@ -117,7 +117,7 @@ def _scored(
 ) -> list[_Scored]:
     assert found.refinement is not None
     evidence, scored = found.refinement.evidence, []
-    doubted = set(evidence.doubtful.tolist())
+    doubted = set(found.refinement.doubtful_masks.tolist())
     for frame in range(found.frames):
         mask, true = evidence.masks(frame)[0], truth(frame)
         image = reader.read_view(0, frame, frame + 1)[0]

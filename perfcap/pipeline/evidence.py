@@ -19,6 +19,9 @@ Mask = NDArray[np.bool_]
 _FULL = 255  # a confidence of 1, as it is kept
 AGREES = 0.86  # overlap with a network that is enough
 _UNUSUAL = 0.04  # what is below the usual overlap with a network
+_LEAST = 0.01  # what an overlap or a confidence lacks at least
+_UNLIKE, _UNSURE, _ODD = 0.26, 0.35, 0.19  # see ``Evidence.odd``
+_ENOUGH = 8  # frames that tell what is usual
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,23 @@ class Evidence:
             return np.zeros(0, np.int64)
         return np.flatnonzero(agreement < min(AGREES, self.usual_agreement - _UNUSUAL))
 
+    def odd(self, overlap: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Frames whose mask is less sure, and less like the posed body, than is usual in the clip.
+
+        Args:
+            overlap: of masks and the posed body, (F,).
+
+        The weights of both logarithms are those that ``experiments/mask_doubt.py`` learns from
+        clips of other people in other places, the limit names one good mask in twenty there.
+        """
+        known = np.array([any(r.person and not r.given for r in row) for row in self.reports], bool)
+        if known.sum() < _ENOUGH:
+            return np.zeros(0, np.int64)
+        sure = np.array([[_mean(trust) for trust in row] for row in self.confidence])
+        unsure = _above_usual(1 - sure, known).max(-1)
+        score = _UNLIKE * _above_usual(1 - overlap, known) + _UNSURE * unsure
+        return np.flatnonzero(known & (score > _ODD))
+
     @property
     def usual_agreement(self) -> float:
         """Median overlap of the frames' masks with those of a network; NaN where none was asked."""
@@ -145,6 +165,12 @@ class Evidence:
                 round(float(np.mean([_mean(trust) for trust in row])), 3) for row in self.confidence
             ],
         }
+
+
+def _above_usual(lack: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Logarithm of what is lacking (F, ...) over its median in known frames."""
+    found: NDArray[np.float64] = np.log(np.maximum(lack, _LEAST))
+    return found - np.median(found[known], 0)
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float | None]:

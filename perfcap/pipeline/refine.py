@@ -64,6 +64,14 @@ class Refinement:
     mesh: Mapping[str, int]
     tracking: Tracking | None = None
 
+    @property
+    def doubtful_masks(self) -> NDArray[np.int64]:
+        """Frames whose masks are probably wrong, by a network or by all else that is known."""
+        found: NDArray[np.int64] = np.union1d(
+            self.evidence.doubtful, self.evidence.odd(self.pose.after)
+        ).astype(np.int64)
+        return found
+
     def report(self, first_frame: int = 0) -> dict[str, Any]:
         """Overlap with the masks and frames without a refinement, as plain values."""
         parts: dict[str, PoseRefinement | SurfaceRefinement] = {"pose": self.pose}
@@ -84,7 +92,8 @@ class Refinement:
             report["surface"]["folded_share"] = _plain(self.surface.folded)
         if self.tracking is not None:
             report["tracking"] = self.tracking.report()
-        return {**report, **self.evidence.report(first_frame), "mesh": self.mesh}
+        doubtful = {"doubtful_masks": (self.doubtful_masks + first_frame).tolist()}
+        return {**report, **self.evidence.report(first_frame), **doubtful, "mesh": self.mesh}
 
 
 @dataclass(frozen=True)

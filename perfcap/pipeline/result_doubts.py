@@ -98,6 +98,9 @@ def _jumps(motion: Motion, rate: float) -> Iterator[str]:
 # --- What images did not show of a capture, in words ----------------------------------------------
 
 
+_MANY = 0.1  # share of frames with odd masks that is worth a warning
+
+
 def doubts(looked: Looked) -> Iterator[str]:
     """What the images did not show, or showed against the model."""
     refinement = looked.refinement
@@ -110,7 +113,10 @@ def doubts(looked: Looked) -> Iterator[str]:
     if refinement is None:
         return
     yield from _of_frames(refinement.evidence)
-    yield from mask_doubts(refinement.evidence)
+    # a good mask in twenty is named, too: no reason to warn
+    doubtful, frames = len(refinement.doubtful_masks), len(refinement.pose.after)
+    contradicted = len(refinement.evidence.doubtful) or doubtful > _MANY * frames
+    yield from mask_doubts(refinement.evidence, doubtful if contradicted else 0)
     yield from overlap_doubts(refinement.pose.after)
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:
@@ -159,9 +165,9 @@ def _of_frames(evidence: Evidence) -> Iterator[str]:
         )
 
 
-def mask_doubts(evidence: Evidence) -> Iterator[str]:
-    """What a network says against the masks."""
-    usual, doubtful = evidence.usual_agreement, evidence.doubtful
+def mask_doubts(evidence: Evidence, doubtful: int) -> Iterator[str]:
+    """What a network says against the masks, and how many frames of them are doubtful."""
+    usual = evidence.usual_agreement
     if usual < _ELSEWHERE:
         yield (
             f"the network of the segmenter overlaps the masks by {usual:.0%} only, and counts for "
@@ -173,8 +179,9 @@ def mask_doubts(evidence: Evidence) -> Iterator[str]:
             f"a network and the masks overlap by {usual:.0%} in most frames, they may be wrong "
             "throughout: people, a mirror or colors like the person's behind? Look at masks"
         )
-    if len(doubtful):
+    if doubtful:
         yield (
-            f"in {len(doubtful)} frames masks may be wrong: a network contradicts "
-            "them; run.json names them (doubtful_masks)"
+            f"in {doubtful} frames masks may be wrong: a network contradicts them, or they are "
+            "less sure and less like the posed body than is usual here; run.json names them "
+            "(doubtful_masks)"
         )

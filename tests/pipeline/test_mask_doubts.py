@@ -55,13 +55,13 @@ def test_what_is_usual_leaves_out_frames_without_an_answer() -> None:
     [(0.1, "output.person"), (0.49, "output.person"), (0.6, "a mirror"), (0.85, "a mirror")],
 )
 def test_masks_that_a_network_contradicts_throughout_are_told(agreement: float, told: str) -> None:
-    (line,) = told_of(evidence([agreement] * 5))
+    (line,) = told_of(evidence([agreement] * 5), 0)
     assert told in line and f"{agreement:.0%}" in line
 
 
 def test_of_sound_masks_and_without_a_network_nothing_is_told() -> None:
-    assert not list(told_of(evidence([0.9, 0.95, 0.93])))
-    assert not list(told_of(evidence([NAN, NAN])))
+    assert not list(told_of(evidence([0.9, 0.95, 0.93]), 0))
+    assert not list(told_of(evidence([NAN, NAN]), 0))
 
 
 def test_without_a_network_nothing_is_said() -> None:
@@ -69,6 +69,35 @@ def test_without_a_network_nothing_is_said() -> None:
     assert not len(found.doubtful)
     assert "mask_agreement" not in found.report()
     assert found.report()["doubtful_masks"] == []
+
+
+def surely(*views: list[int], given: int | None = None) -> Evidence:
+    """Of frames whose contours have these confidences, in bytes."""
+    records = [
+        [
+            MaskRecord(MASK, np.full(3, sure, np.uint8), FrameReport(True, given=frame == given))
+            for frame, sure in enumerate(view)
+        ]
+        for view in views
+    ]
+    return Evidence.collect(records, torch.ones(len(views)))
+
+
+def test_masks_that_are_less_sure_and_less_like_the_body_are_named() -> None:
+    sure, overlap = [200] * 12, np.full(12, 0.95)
+    assert not len(surely(sure).odd(overlap))
+    overlap[4] = 0.85
+    assert surely(sure).odd(overlap).tolist() == [4]
+    sure[7] = 120
+    assert surely(sure).odd(overlap).tolist() == [4, 7]
+    # of several views the least sure one counts, and what is usual is usual in its own
+    assert surely([60] * 12, sure).odd(overlap).tolist() == [4, 7]
+    assert surely(sure, given=7).odd(overlap).tolist() == [4]
+    assert len(list(told_of(surely(sure), 2))) == 1
+
+
+def test_a_few_frames_do_not_say_what_is_usual() -> None:
+    assert not len(surely([200, 200, 200, 10]).odd(np.array([0.95, 0.95, 0.95, 0.1])))
 
 
 def test_agreement_survives_a_checkpoint() -> None:
