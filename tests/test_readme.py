@@ -1,5 +1,6 @@
 """What the README and the conventions page say is so."""
 
+import configparser
 import math
 import re
 import shlex
@@ -109,3 +110,12 @@ def test_conventions_list_the_landmarks_in_order() -> None:
 def test_the_default_actor_stands_for_anybody() -> None:
     """Its bones are solved where views show them, which the README promises."""
     assert find_actor("sam").generic
+
+
+def test_every_shipped_model_is_installed() -> None:
+    """An install without a checkout has what stands in the list of data files alone."""
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    listed = {name.removeprefix("share/perfcap/") for name in setup["options.data_files"]}
+    folders = {path.parent for path in (ROOT / "models").rglob("*") if path.is_file()}
+    assert {folder.relative_to(ROOT).as_posix() for folder in folders} <= listed
