@@ -1,9 +1,11 @@
 """What the README and the conventions page say is so."""
 
+import ast
 import configparser
 import math
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -119,3 +121,20 @@ def test_every_shipped_model_is_installed() -> None:
     listed = {name.removeprefix("share/perfcap/") for name in setup["options.data_files"]}
     folders = {path.parent for path in (ROOT / "models").rglob("*") if path.is_file()}
     assert {folder.relative_to(ROOT).as_posix() for folder in folders} <= listed
+
+
+def test_what_is_imported_at_once_is_installed() -> None:
+    """README's install has no extras: what modules import on their own is required."""
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    required = setup["options"]["install_requires"].split()
+    names = {re.split(r"[<>=]", each)[0].replace("-", "_") for each in required}
+    known = names | {"cv2", "skimage", "yaml"} | set(sys.stdlib_module_names) | {"perfcap"}
+    found = set()
+    for path in (ROOT / "perfcap").rglob("*.py"):
+        for line in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(line, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in line.names}
+            elif isinstance(line, ast.ImportFrom):
+                found.add((line.module or "").split(".")[0])
+    assert found <= known

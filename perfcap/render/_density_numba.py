@@ -84,7 +84,7 @@ def draw(
     values = np.empty(width)
     for q in range(len(thickness)):
         a = thickness[q]
-        if a <= least:
+        if reach(a, least) == 0:  # or not a number
             continue
         far = reach(a, least)
         first, last = touched_rows(centre[q], form[q], far, height)
@@ -131,7 +131,7 @@ def pull_back(
     values = np.empty(width)
     for q in range(len(thickness)):
         a = thickness[q]
-        if a <= least:
+        if reach(a, least) == 0:  # or not a number
             of_centre[q], of_form[q], of_thickness[q] = 0.0, 0.0, 0.0
             continue
         far, rest = reach(a, least), least / a

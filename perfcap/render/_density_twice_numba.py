@@ -32,7 +32,7 @@ def tangents(
     values = np.empty(width)
     for q in range(len(thickness)):
         move, a = moves[q], thickness[q]
-        if a <= least:
+        if reach(a, least) == 0:  # or not a number
             continue
         far = reach(a, least)
         first, last = touched_rows(centre[q], form[q], far, height)
@@ -75,7 +75,7 @@ def bend(
     for q in range(len(thickness)):
         block, a = bent[q], thickness[q]
         block[:] = 0.0
-        if a <= least:
+        if reach(a, least) == 0:  # or not a number
             continue
         far = reach(a, least)
         first, last = touched_rows(centre[q], form[q], far, height)

@@ -29,6 +29,8 @@ from perfcap.solve import (
     Solution,
     solve,
 )
+from perfcap.solve.layout import Layout
+from perfcap.solve.stationarity import gradient
 
 F64 = torch.float64
 
@@ -162,3 +164,16 @@ def test_gradients_reach_images_and_detections_through_a_solve() -> None:
             values.append(float((points(again) * way).sum()))
         change = (values[0] - values[1]) / 2
         assert float((slopes[which] * move).sum()) == pytest.approx(change, rel=1e-4)
+
+
+def test_newton_ends_where_bounds_on_the_curvature_have_not() -> None:
+    energy, _ = seen(truth(), 90)
+    energy.weight = torch.tensor(0.2, dtype=F64)
+    prior = PosePrior(truth().angles.mean(0) + 0.02, 20.0, 1.0)
+    objective, rough = Objective(contour=energy, prior=prior), LevenbergMarquardt(max_steps=20)
+    slopes = []
+    for method in (rough, Newton(rough, 8)):
+        state = solve(objective, near(truth(), 0.005), method).state
+        with torch.no_grad():
+            slopes.append(float(gradient(objective, state, Layout.of(state)).abs().max()))
+    assert slopes[0] > 0.1 and slopes[1] < 1e-9

@@ -168,6 +168,7 @@ def test_a_thickness_that_is_no_number_does_not_end_in_a_traceback() -> None:
     thickness = torch.full((1, 1), torch.nan, dtype=F64, requires_grad=True)
     depth, _ = optical_depth(centre, form, thickness, SIZE)
     depth.sum().backward()
+    assert not depth.detach().any() and thickness.grad is not None
 
 
 def test_optical_depth_refuses_shapes_that_do_not_fit() -> None:
