@@ -8,6 +8,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from perfcap.errors import InputError
@@ -41,11 +43,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; the old one stays until the new one is whole.
 
     Raises:
-        InputError: the place cannot be written, or safetensors is not installed.
+        InputError: the place cannot be written.
     """
-    _require()
-    from safetensors.torch import save
-
     tensors = {
         name: value.detach().cpu().contiguous() for name, value in checkpoint.tensors.items()
     }
@@ -59,9 +58,6 @@ def load_checkpoint(path: Path) -> Checkpoint:
     Raises:
         InputError: it is missing, too large, or no checkpoint.
     """
-    _require()
-    from safetensors import SafetensorError, safe_open
-
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected a checkpoint, .safetensors")
     if path.stat().st_size > _LIMIT:
@@ -133,12 +129,3 @@ def require_unseen(path: Path, people: Collection[str], motion: str) -> None:
         "where they were in it",
         *(path, ", ".join(apart), ", ".join(seen)),
     )
-
-
-def _require() -> None:
-    try:
-        import safetensors  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "safetensors is not installed; training needs it: pip install 'perfcap[train]'"
-        ) from None
