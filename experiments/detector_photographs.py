@@ -27,6 +27,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.person import Start, follow_person
+from perfcap.errors import InputError
 from perfcap.train.photographs import Annotation, read_annotations
 
 _PCK = 0.2
@@ -92,7 +93,11 @@ def _score(
 
 
 def _look(networks: Sequence[OnnxDetector], image: np.ndarray, start: Start) -> Detections:
-    return follow_person(networks[0], iter([image]), start, None, networks[1:])
+    try:
+        return follow_person(networks[0], iter([image]), start, None, networks[1:])
+    except InputError:  # the first network sees no person in the box
+        missed = torch.zeros(1, 1, len(LANDMARKS))
+        return Detections.from_joints(missed[..., None].expand(-1, -1, -1, 2), missed)
 
 
 def _by_confidence(hits: Tensor, confidence: Tensor) -> list[float]:

@@ -32,6 +32,7 @@ NETWORKS = {
     "thunder": ("movenet", "package/models/movenet-thunder.json"),
     "lightning": ("movenet", "package/models/movenet-lightning.json"),
     "blazepose": ("blazepose", "package/pose_landmark_full.tflite"),
+    "blazepose_heavy": ("blazepose", "package/pose_landmark_heavy.tflite"),
 }
 
 

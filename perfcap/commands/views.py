@@ -8,7 +8,7 @@ from typing import Literal
 
 import tyro
 
-DEFAULT_DETECTORS = ("thunder", "blazepose", "rendered")  # the first one follows the person
+DEFAULT_DETECTORS = ("thunder", "blazepose_heavy", "rendered")  # the first one follows the person
 DEFAULT_LIFTER = "cmu"
 
 

@@ -26,7 +26,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 def test_shipped_models_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "models")
     assert code == 0
-    for name in ("sam", "ada", "thunder", "blazepose", "rendered", "cmu"):
+    for name in ("sam", "ada", "thunder", "blazepose", "blazepose_heavy", "rendered", "cmu"):
         assert name in out
     assert run(capsys, "models", "list", DETECTORS)[1].count("COCO-17") == 4
 

@@ -48,7 +48,8 @@ def test_a_graph_computes_keeps_half_floats_and_drops_what_nobody_needs(tmp_path
 
 def test_shipped_networks_answer_any_number_of_crops_alike() -> None:
     rng = np.random.default_rng(1)
-    for name, size in (("thunder", 256), ("lightning", 192), ("blazepose", 256)):
+    sizes = {"thunder": 256, "lightning": 192, "blazepose": 256, "blazepose_heavy": 256}
+    for name, size in sizes.items():
         model = ROOT / "models" / "detectors" / name / "model.onnx"
         session = onnxruntime.InferenceSession(str(model))
         images = rng.random((2, size, size, 3)).astype(np.float32)
