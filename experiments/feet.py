@@ -30,7 +30,7 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.stage import Stage
 
-_FEET = [LANDMARKS.index(f"{side}_{joint}") for side in "rl" for joint in ("ankle", "toe")]
+FEET = [LANDMARKS.index(f"{side}_{joint}") for side in "rl" for joint in ("ankle", "toe")]
 _DEEP = 0.01  # m
 _COLUMNS = (
     "clip", "contact", "PA-MPJPE", "absolute", "slide", "true slide", "under true floor %",
@@ -97,10 +97,10 @@ def _capture(clip: Recording, contact: bool) -> Performance:
 def _scores(clip: Recording, found: Performance, up: Tensor) -> tuple[float, ...]:
     joints, truth = found.joints(), clip.truth
     errors = joint_errors(joints, truth, clip.rate, partial=True)
-    standing = truth[:, _FEET]
+    standing = truth[:, FEET]
     known = standing.isfinite().all(-1).any(0)
     contact = floor_contact(standing[:, known], standing[:, known] @ up, clip.rate)
-    feet = joints[:, _FEET][:, known]
+    feet = joints[:, FEET][:, known]
     soles = sole_skeleton(found.actor)(found.motion).landmarks[:, -8:]
     own = found.floor.above(soles) if found.floor is not None else soles @ up * torch.nan
     true = soles @ up if clip.name != "balancing" else torch.full_like(own, torch.nan)

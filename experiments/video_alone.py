@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import report
 import torch
+from feet import FEET
 from recordings import balancing, rendered
 from report import Report, Table, data_folder
 from torch import Tensor
@@ -21,7 +22,7 @@ from torch import Tensor
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
 from perfcap.io.calibration.assumed import ASSUMED_FOV
-from perfcap.metrics import joint_errors
+from perfcap.metrics import floor_contact, foot_skate, joint_errors
 
 _REAL = "pose2sim_balancing"
 
@@ -48,12 +49,13 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Video:
-    """A video, and the truth about its joints: (F, 16, 3) m, NaN where unknown."""
+    """A video, and the truth about its joints: (F, 16, 3) m, NaN where unknown; its axis up."""
 
     name: str
     path: Path
     truth: Tensor
     rate: float
+    up: int = 1
 
 
 def run(config: Experiment) -> Report:
@@ -65,7 +67,15 @@ def run(config: Experiment) -> Report:
         rows += found
         if len(real) > 1:
             rows.append((f"{_REAL}, mean", *np.mean([r[1:] for r in real], 0).tolist()))
-    columns = ("video", "field of view", "PA-MPJPE mm", "acceleration error", "s a frame")
+    columns = (
+        "video",
+        "field of view",
+        "PA-MPJPE mm",
+        "acceleration error",
+        "slide",
+        "true slide",
+        "s a frame",
+    )
     return Report((Table("a video alone", columns, tuple(rows)),), ())
 
 
@@ -81,7 +91,7 @@ def videos(config: Experiment) -> list[Video]:
         for view in config.views:
             name = real.rig.names[view]
             path = sorted(folder.glob("*.mp4"))[view]  # in the order of the calibration
-            found.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate))
+            found.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate, 2))
     return found
 
 
@@ -92,7 +102,19 @@ def _row(config: Experiment, video: Video, fov: float | None) -> tuple[str | flo
     frames = min(len(joints), len(video.truth))
     errors = joint_errors(joints[:frames], video.truth[:frames].double(), video.rate)
     scores = float(errors.mpjpe_similarity), float(errors.acceleration_error)
-    return (video.name, fov or ASSUMED_FOV, *scores, wall / frames)
+    slides = _slides(joints[:frames], video.truth[:frames].double(), video)
+    return (video.name, fov or ASSUMED_FOV, *scores, *slides, wall / frames)
+
+
+def _slides(joints: Tensor, truth: Tensor, video: Video) -> tuple[float, float]:
+    """Millimetres a frame that feet slide while the true ones stand, and the true ones' own."""
+    standing = truth[:, FEET]
+    known = standing.isfinite().all(-1).any(0)
+    standing, feet = standing[:, known], joints[:, FEET][:, known]
+    ups = torch.eye(3, dtype=torch.float64)
+    contact = floor_contact(standing, standing @ ups[video.up], video.rate)
+    own = foot_skate(feet, contact, ups[1])  # worlds of captures have y up
+    return float(own), float(foot_skate(standing, contact, ups[video.up]))
 
 
 def captured(
