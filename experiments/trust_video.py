@@ -27,7 +27,7 @@ from video_alone import videos
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
 from perfcap.geometry.alignment import procrustes
-from perfcap.pipeline import jobs
+from perfcap.pipeline import move
 from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
 from perfcap.train.motion_library import MotionLibrary
 
@@ -115,7 +115,7 @@ def _judged(name: str, video: Path, truth: Tensor) -> Judged:
         seen.append(frame_evidence(*arguments))  # type: ignore[arg-type]
         return seen[-1]
 
-    with tempfile.TemporaryDirectory() as folder, mock.patch.object(jobs, "frame_evidence", kept):
+    with tempfile.TemporaryDirectory() as folder, mock.patch.object(move, "frame_evidence", kept):
         out = Path(folder) / "out"
         request = Capture(
             videos=(video,), out=out, lifter="cmu", until="track_motion", overlay=False

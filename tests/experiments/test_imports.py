@@ -34,6 +34,25 @@ def test_names_of_perfcap_are_there(script: Path) -> None:
     assert [found for found in imported(script) if not is_there(*found)] == []
 
 
+def patched(script: Path) -> list[tuple[str, str]]:
+    """Modules of perfcap and names that a script replaces in them."""
+    sources = {name: f"{module}.{name}" for module, name in imported(script)}
+    return [
+        (sources[node.args[0].id], node.args[1].value)
+        for node in ast.walk(ast.parse(script.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+        if ast.unparse(node.func) == "mock.patch.object"
+        if isinstance(node.args[0], ast.Name) and node.args[0].id in sources
+        if isinstance(node.args[1], ast.Constant) and isinstance(node.args[1].value, str)
+    ]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_what_scripts_replace_is_there(script: Path) -> None:
+    """A name that had moved ended a script after the first of its captures."""
+    assert [found for found in patched(script) if not is_there(*found)] == []
+
+
 def test_a_name_that_is_not_there_is_found() -> None:
     assert is_there("perfcap.io", "actor")
     assert not is_there("perfcap.io", "nothing") and not is_there("perfcap.io.actor", "nothing")
