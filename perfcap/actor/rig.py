@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
@@ -116,8 +117,8 @@ class Rig:
         if any(parent >= joint for joint, parent in enumerate(self.parents)):
             raise InputError("skeleton joints must follow their parents; sort them from the root")
         self._check_counts()
-        if not (self.positions.isfinite().all() and self.landmark_positions.isfinite().all()):
-            raise InputError("skeleton has joint or landmark positions that are not finite numbers")
+        if not torch.isfinite(self.positions).all():
+            raise InputError("skeleton has joint positions that are not finite numbers")
         unknown = {hinge.joint for hinge in self.hinges} - set(self.joints)
         if unknown:
             raise InputError(
