@@ -12,10 +12,12 @@ from torch import Tensor, nn
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.skin_weights import SkinWeights
 from perfcap.actor.skinning import linear_blend
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 
 NODES = 1000  # Xu 2018, Sec. 5.3
+_ROUNDING = 1e-3  # of shares that sum to one
 INFLUENCES = 6  # nodes that move a vertex; measured, see ``DeformationGraph.build``
 
 
@@ -33,6 +35,9 @@ class DeformationGraph(nn.Module):
             with share 0 where there are fewer.
         influence_weights: their shares, rows summing to one, (V, K).
         radius: largest distance of a node to its neighbours along the surface, (M,) metres.
+
+    Raises:
+        InputError: shapes or numbers of nodes and vertices that do not fit each other.
     """
 
     node_vertex: Tensor
@@ -50,6 +55,20 @@ class DeformationGraph(nn.Module):
         radius: Tensor,
     ) -> None:
         super().__init__()
+        nodes, vertices = len(node_vertex), len(influences)
+        require_shape(node_vertex, "node_vertex", (nodes,), "(M,), the vertex of each node")
+        require_shape(influences, "influences", (vertices, None), "(V, K), of each vertex")
+        require_shape(edges, "edges", (None, 2), "(E, 2), pairs of nodes")
+        require_shape(radius, "radius", (nodes,), "(M,), of each node")
+        require_indices(node_vertex, "node_vertex", vertices, "vertices")
+        require_indices(influences, "influences", nodes, "nodes")
+        require_indices(edges, "edges", nodes, "nodes")
+        off = (influence_weights.sum(-1) - 1).abs()
+        if not bool((off < _ROUNDING).all()):
+            raise InputError(
+                f"influence_weights have rows that sum to one but for {float(off.max()):.3g}; "
+                "divide each by its sum"
+            )
         # a function of the template, which is what is stored
         self.register_buffer("node_vertex", node_vertex, persistent=False)
         self.register_buffer("edges", edges, persistent=False)

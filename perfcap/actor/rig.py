@@ -38,6 +38,11 @@ class Hinge:
                 f"hinge {self.name!r} has lower {self.lower}, upper {self.upper} and rest "
                 f"{self.rest}; expected radians, the lower limit first"
             )
+        if not (any(self.axis) and all(map(math.isfinite, self.axis))):
+            raise InputError(
+                f"hinge {self.name!r} has the axis {self.axis}, about which nothing turns; "
+                "expected a vector of length one"
+            )
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,7 @@ class Rig:
             raise InputError("skeleton needs one root, its first joint; attach the others to it")
         if any(parent >= joint for joint, parent in enumerate(self.parents)):
             raise InputError("skeleton joints must follow their parents; sort them from the root")
+        self._check_counts()
         if not torch.isfinite(self.positions).all():
             raise InputError("skeleton has joint positions that are not finite numbers")
         unknown = {hinge.joint for hinge in self.hinges} - set(self.joints)
@@ -119,6 +125,33 @@ class Rig:
                 f"skeleton has hinges on {', '.join(sorted(unknown))}, which are no joints of it"
             )
         self._check_clavicles()
+
+    def _check_counts(self) -> None:
+        """Loops over the tree believe them, and did not end at a landmark of no joint."""
+        joints, marks = len(self.joints), len(self.landmarks)
+        if len(self.parents) != joints or tuple(self.positions.shape) != (joints, 3):
+            raise InputError(
+                f"skeleton has {joints} joints, {len(self.parents)} parents and positions "
+                f"{tuple(self.positions.shape)}; expected one of each joint, (J, 3)"
+            )
+        places = tuple(self.landmark_positions.shape)
+        if len(self.landmark_joints) != marks or places != (marks, 3):
+            raise InputError(
+                f"skeleton has {marks} landmarks, on {len(self.landmark_joints)} joints and at "
+                f"positions {places}; expected one of each landmark, (L, 3)"
+            )
+        if any(not 0 <= joint < joints for joint in (*self.landmark_joints, *self.roles)):
+            raise InputError(
+                f"skeleton has landmarks on joints {self.landmark_joints} and roles {self.roles}; "
+                f"expected numbers from 0 to {joints - 1}"
+            )
+        if len(set(self.joints)) < joints:
+            raise InputError("skeleton has joints of the same name; expected one for each")
+        if self.bone_groups and len(self.bone_groups) != joints + marks:
+            raise InputError(
+                f"skeleton has {len(self.bone_groups)} bone groups; expected one for each of its "
+                f"{joints} joints and {marks} landmarks, or none"
+            )
 
     def _check_clavicles(self) -> None:
         names = tuple(clavicle.joint for clavicle in self.clavicles)

@@ -88,6 +88,11 @@ class Skeleton(nn.Module):
 
     def _require_angles(self, motion: Motion) -> None:
         """Compiled loops believe the shapes they are given."""
+        own, given = self.tree.bone_vectors.device, motion.angles.device
+        if own != given:
+            raise InputError(
+                f"motion is on {given}, the skeleton on {own}; take it there with motion.to(tensor)"
+            )
         if motion.angles.shape[-1] != len(self.angle_names):
             raise InputError(
                 f"motion has angles {tuple(motion.angles.shape)}, expected (*b, F, "

@@ -136,7 +136,7 @@ class DensityContour(Majorized[Any]):
     def lower_bound(self, points: Tensor) -> float:
         """What no frame's energy is below about points (F, Q, 3), unless contours grow by half."""
         best = self._most(lambda each: strength(each) - numbers(each.flat))
-        return -1.5 * best * float(self.lengths(points).amax())
+        return -1.5 * best * float(self.lengths(points).nan_to_num(0).amax())
 
     def _strongest(self) -> float:
         return self._most(strength)
@@ -159,12 +159,12 @@ class DensityContour(Majorized[Any]):
             return torch.stack([self.values(each) for each in points])
         splats = self._splats(points)
         if self._compiled_for(points):
-            return Pulls(splats.detach(), self.fields, self.scale).value
+            return Pulls(splats.detach(), self.fields, self.scale).value + self._unknown(points)
         rows = [
             torch.stack([self._energy(splats, f, c) for c in range(self.cameras.views)])
             for f in range(len(self.fields))
         ]
-        return torch.stack(rows) @ self.scale.to(points)
+        return torch.stack(rows) @ self.scale.to(points) + self._unknown(points)
 
     def expand(self, points: Tensor) -> Expansion:
         """Value, slope in the centres, and curvature across the contour."""
@@ -181,7 +181,7 @@ class DensityContour(Majorized[Any]):
             splats = self._splats(free)
         if self._compiled_for(points.detach()):
             pulls = Pulls(splats.detach(), self.fields, self.scale, self.bend)
-            value, curved = pulls.value, pulls.curved
+            value, curved = pulls.value + self._unknown(points), pulls.curved
             with torch.enable_grad():
                 total = pulls.on(splats)
         else:
@@ -260,6 +260,23 @@ class DensityContour(Majorized[Any]):
         if self.shift is None:
             return splats
         return replace(splats, centre=splats.centre + self.shift.to(points))
+
+    def _unknown(self, points: Tensor) -> Tensor:
+        """0 of each frame, (F,), and NaN where a Gaussian or a camera is not a finite number.
+
+        Images leave out what is none, so that nothing would be as good as the best contour.
+        """
+        cameras, shift = self.cameras, self.shift
+        views = [cameras.intrinsics, cameras.rotation, cameras.translation]
+        of_frames = [
+            points,
+            *([] if shift is None else [shift]),
+            *(views if cameras.moving else []),
+        ]
+        of_all = [self.deviations, self.densities, *([] if cameras.moving else views)]
+        total = torch.stack([each.sum().to(points) for each in of_all]).sum()
+        total = total + torch.stack([e.flatten(1).sum(1).to(points) for e in of_frames]).sum(0)
+        return (0 * total).detach()
 
     def _compiled_for(self, points: Tensor) -> bool:
         wanted = torch.is_grad_enabled() and any(recorded(e) for row in self.fields for e in row)

@@ -38,6 +38,7 @@ _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
 _CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
+_OTHER = 0.05  # of bone lengths, by which people who have one actor differ
 _NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
 _NO_POSE = (
@@ -228,14 +229,18 @@ def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | 
 
 
 def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
-    """Sentences about each person whose actor fits another one's bones, and theirs this one's."""
+    """Sentences about each person whose actor fits another one's bones, and theirs this one's.
+
+    And about people of different sizes who are given one actor.
+    """
     told: list[tuple[str, ...]] = [()] * len(scene.people)
     if len(told) < 2 or scene.cameras.views < 2:
         return told
     rest = [each.actor.skeleton.rest_landmarks.detach().double().cpu() for each in scene.people]
     own = torch.stack([bone_lengths(each) for each in rest])
     seen = (_triangulated(scene.cameras, each.detections.finite()) for each in scene.people)
-    off = bone_difference(own[:, None], torch.stack([tracked_bones(each) for each in seen]))
+    shown = torch.stack([tracked_bones(each) for each in seen])
+    off = bone_difference(own[:, None], shown)
     for i, j in combinations(range(len(told)), 2):
         given, other = (((a.square() + b.square()) / 2).sqrt() for a, b in _pairs(off, i, j))
         if float(other) + _CLEARLY < float(given) and not _solved(scene.people[i], scene.people[j]):
@@ -244,7 +249,27 @@ def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
                     f"the actors of people {i + 1} and {j + 1} look exchanged: bones differ by "
                     f"{float(given):.1%}, the other way by {float(other):.1%}",
                 )
+        if torch.equal(own[i], own[j]) and not _solved(scene.people[i], scene.people[j]):
+            longer = _longer(shown[i], shown[j])
+            if abs(longer) > _OTHER:
+                for k in (i, j):
+                    told[k] += (
+                        f"people {i + 1} and {j + 1} have one actor, but the bones of person "
+                        f"{i + 1 if longer > 0 else j + 1} are {abs(longer):.1%} longer; give each "
+                        "one of their own, or solve the bone lengths (--bones solve, "
+                        "solve_bones=True)",
+                    )
     return told
+
+
+def _longer(one: Tensor, other: Tensor) -> float:
+    """How much longer bones (7,) are than others; 0 where less than half are in common.
+
+    Mistakes of a detector and of the calibration's scale are in both.
+    """
+    common = (one / other).log()
+    known = common[common.isfinite()]
+    return math.expm1(float(known.mean())) if 2 * len(known) >= len(common) else 0.0
 
 
 def _pairs(off: Tensor, i: int, j: int) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:

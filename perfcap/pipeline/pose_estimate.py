@@ -12,6 +12,7 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections, unit_of
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
+from perfcap.detect.retarget import mid_hip
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.errors import InputError
@@ -32,6 +33,9 @@ from perfcap.solve import LevenbergMarquardt, Objective, solve
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
+
+_WITHIN = 0.2  # m, of the hips from a camera that would be inside of the person
+_TOUCHING = 0.01  # m, likewise of any joint
 
 
 @dataclass(frozen=True)
@@ -215,10 +219,29 @@ def _with_places(
     _require_metres(local[..., visible, :][whole])
     detections = replace(clip.detections, joints3d=local, trusted3d=whole)
     targets = None
+    if placed and "joints2d" in given:  # joints alone may be in a world of their own
+        _require_places(local[whole])
     if placed:
         cameras = clip.cameras
         targets = (local - cameras.translation.unsqueeze(-2)) @ cameras.rotation
     return replace(clip, detections=detections, targets=targets, certain=certain)
+
+
+def _require_places(poses: Tensor) -> None:
+    """Refuse poses (N, 16, 3) that the camera would be inside of: they are relative to a root.
+
+    Raises:
+        InputError: their hips, or any one joint, are where the camera is in most frames.
+    """
+    hips, joints = mid_hip(poses.detach()).norm(dim=-1), poses.detach().norm(dim=-1)
+    if not len(poses):
+        return
+    if float(hips.median()) < _WITHIN or float(joints.median(0).values.min()) < _TOUCHING:
+        raise InputError(
+            f"joints3d are placed, but the camera is inside of the person (their hips are "
+            f"{100 * float(hips.median()):.2g} cm from it): they look relative to a root; give "
+            "them in the axes of the camera, from its centre, or leave placed=False"
+        )
 
 
 def _require_metres(poses: Tensor) -> None:

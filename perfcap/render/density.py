@@ -32,7 +32,7 @@ from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.record import Record
 from perfcap.render import _density_torch
-from perfcap.render.label_map import LARGEST
+from perfcap.render.label_map import require_image_size
 
 LEAST = 1e-4  # optical depth below which a Gaussian is left out of a pixel
 
@@ -158,8 +158,7 @@ def _check(centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int
             f"splats have centre {tuple(centre.shape)}, form {tuple(form.shape)} and "
             f"thickness {tuple(lead)}; expected (*b, Q, 2), (*b, Q, 3) and (*b, Q)"
         )
-    if len(size) != 2 or not all(1 <= side <= LARGEST for side in size):
-        raise InputError(f"size is {size}; expected height and width from 1 to {LARGEST} pixels")
+    require_image_size(size)
 
 
 # --- How much of each Gaussian does a pixel see? Visibility in an absorbing medium ----------------

@@ -13,7 +13,10 @@ vertex that is not finite, and those without area.
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 import torch
@@ -242,8 +245,26 @@ def _check(pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int]) 
             f"faces refers to vertices {int(faces.min())} to {int(faces.max())} but there are "
             f"{depth.shape[-1]}; expected indices into pixels"
         )
-    if len(size) != 2 or not all(1 <= side <= LARGEST for side in size):
-        raise InputError(f"size is {size}; expected height and width from 1 to {LARGEST} pixels")
+    require_image_size(size)
+    if pixels.is_meta or depth.is_meta or faces.is_meta:
+        raise InputError(
+            "pixels, depth or faces are on the meta device, which holds no numbers; expected cpu "
+            "or cuda"
+        )
+
+
+def require_image_size(size: Sequence[Any]) -> None:
+    """Refuse what is no size of an image in whole pixels.
+
+    Raises:
+        InputError: it is something else.
+    """
+    whole = len(size) == 2 and all(isinstance(side, Integral) for side in size)
+    if not whole or not all(1 <= side <= LARGEST for side in size):
+        raise InputError(
+            f"size is {size!r:.80}; expected height and width from 1 to {LARGEST} pixels, whole "
+            "numbers"
+        )
 
 
 # --- How far a part of the surface goes inward from its contour until another part takes over -----

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render._coverage import Borders, Coverage, cover
-from perfcap.render.label_map import LARGEST
+from perfcap.render.label_map import require_image_size
 
 LARGEST_BAND = 64.0  # px
 
@@ -212,8 +212,7 @@ def _check(faces: Tensor, size: tuple[int, int], band: float, weld: Tensor | Non
         )
     if len(faces) and int(faces.min()) < 0:
         raise InputError(f"faces names vertex {int(faces.min())}; expected indices from 0 on")
-    if len(size) != 2 or not all(1 <= side <= LARGEST for side in size):
-        raise InputError(f"size is {size}; expected height and width from 1 to {LARGEST} pixels")
+    require_image_size(size)
     if not 0 < band <= LARGEST_BAND:
         raise InputError(f"band is {band}; expected up to {LARGEST_BAND:g} pixels, above zero")
     if weld is not None:

@@ -63,6 +63,7 @@ class LabelField:
     def __post_init__(self) -> None:
         shape = self.open.shape
         require_shape(self.price, "price", (None, *shape), "(L, h, w) of the open pixels")
+        _require_labels(self.price)
         require_shape(self.links, "links", (*shape, 4), "(h, w, 4) of the open pixels")
 
     @classmethod
@@ -86,6 +87,7 @@ class LabelField:
                 f"label field: nats {nats.shape}, image {image.shape} and open pixels "
                 f"{open_.shape}; expected (L, h, w), (h, w, 3) and (h, w)"
             )
+        _require_labels(nats)
         if np.isnan(nats).any():
             raise InputError("label field: nats are not numbers; expected finite or infinite ones")
         colors = np.ascontiguousarray(image, np.float32)
@@ -149,3 +151,9 @@ class LabelField:
         found = labels.copy()
         found[free] = np.where(changes, np.uint8(label), labels[free])
         return found
+
+
+def _require_labels(given: NDArray[np.generic]) -> None:
+    """Refuse a field without labels, of which no pixel has one."""
+    if not len(given):
+        raise InputError("label field: there are no labels; expected (L, h, w) of one or more")

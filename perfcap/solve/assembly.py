@@ -23,7 +23,10 @@ from perfcap.solve.energy import (
 from perfcap.solve.energy_checks import (
     require_features,
     require_lead,
+    require_linearization,
     require_slopes,
+    require_types,
+    require_value,
     require_weight,
 )
 from perfcap.solve.layout import Layout
@@ -97,6 +100,8 @@ def _require_frames_only(name: str, energy: WindowEnergy[Any]) -> None:
 def _window_term(energy: WindowEnergy[Any], state: State, layout: Layout) -> WindowTerm:
     features, jacobian = energy.linearize_features(state)
     require_features(energy, features, jacobian, layout.batch, (layout.frames, layout.frame_dim))
+    like = state.coordinates().frame
+    require_types(energy, "linearize_features", like, features, jacobian)
     weight = _weight(energy, layout, features).sqrt()
     complement = (1 - energy.keep).square()
     return WindowTerm(
@@ -156,15 +161,23 @@ class _Blocks:
         if isinstance(energy, OffersBlocks):
             added = energy.add_to_blocks(state, self.curvature, self.gradient)
             if added is not None:
+                if not isinstance(added, Tensor):
+                    raise InputError(
+                        f"{type(energy).__name__}.add_to_blocks returned a "
+                        f"{type(added).__name__}; expected the energy of each batch element, (B,)"
+                    )
                 what = "(B,), the energy of each batch element"
                 require_shape(
                     added, f"{type(energy).__name__}.add_to_blocks", (len(self.gradient),), what
                 )
                 return added
         linear = energy.linearize(state)
+        require_linearization(energy, linear)
         require_lead(energy, linear.residual.value, layout.batch, layout.frames)
         require_slopes(energy, linear.frame, linear.residual.value, layout.frame_dim)
+        require_types(energy, "linearize", self.gradient, linear.residual.value, linear.frame)
         value = energy.cost(linear.residual) if linear.value is None else linear.value
+        require_value(energy, value, layout.batch)
         self.add(energy, linear, layout)
         return layout.per_element(value)
 

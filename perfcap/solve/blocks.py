@@ -51,6 +51,8 @@ def _linearized(energy: Energy[Any], state: Any) -> BlockLinearization:
     assert isinstance(energy, OffersBlocks)
     linear: Any = energy.linearize_blocks(state)
     found: BlockLinearization = linear.as_blocks() if hasattr(linear, "as_blocks") else linear
+    lead, q = state.coordinates().frame.shape[:-1], state.block_dim
+    found.require_fitting(type(energy).__name__, lead, state.frame_dim // q, q)
     return found
 
 

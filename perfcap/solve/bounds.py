@@ -28,7 +28,16 @@ class Bounds:
 
     @classmethod
     def on_frames(cls, lower: Tensor, upper: Tensor) -> Bounds:
-        """Bounds on the frame part alone; the shared part is free."""
+        """Bounds on the frame part alone; the shared part is free.
+
+        Raises:
+            InputError: they are integers, which have no infinity.
+        """
+        if not (lower.is_floating_point() and upper.is_floating_point()):
+            raise InputError(
+                f"bounds are {lower.dtype} and {upper.dtype}, expected floating-point numbers; "
+                "take them there with .double()"
+            )
         free = lower.new_tensor(torch.inf)
         return cls(Step(lower, -free), Step(upper, free))
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.errors import InputError
-from perfcap.solve.energy_checks import require_fitting, require_settings
+from perfcap.solve.energy_checks import require_filtered, require_fitting, require_settings
 from perfcap.solve.kernels import Kernel, Quadratic
 
 
@@ -201,11 +201,7 @@ class WindowEnergy(Energy[StateType]):
 
     def filter(self, features: Tensor) -> Tensor:
         """Apply the temporal filter to features (*b, F, E)."""
-        if features.shape[-2] != self.basis.shape[-1]:
-            raise InputError(
-                f"{type(self).__name__} filters {self.basis.shape[-1]} frames but the state has "
-                f"{features.shape[-2]}; make one for as many"
-            )
+        require_filtered(self, features, self.basis)
         components = self.basis @ features  # *b K E
         return features - self.basis.mT @ (self.keep[:, None] * components)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -44,6 +45,23 @@ def require_fitting(energy: object, value: Tensor, confidence: Tensor | None) ->
         )
 
 
+def require_linearization(energy: object, linear: Any) -> None:
+    """Refuse what is no residual with its derivative.
+
+    Raises:
+        InputError: it is something else.
+    """
+    parts = (
+        getattr(getattr(linear, "residual", None), "value", None),
+        getattr(linear, "frame", None),
+    )
+    if not all(isinstance(part, Tensor) for part in parts):
+        raise InputError(
+            f"{type(energy).__name__}.linearize returned a {type(linear).__name__}; expected a "
+            "Linearization of a Residual and its derivative (*b, F, G, d, D)"
+        )
+
+
 def require_lead(energy: object, value: Tensor, batch: Sequence[int], frames: int) -> None:
     """Refuse values (*b, F, G, d) of other frames, or of another batch, than a state's.
 
@@ -71,6 +89,51 @@ def require_slopes(energy: object, frame: Tensor, value: Tensor, unknowns: int) 
         raise InputError(
             f"{type(energy).__name__}.linearize returned a derivative {tuple(frame.shape)} of "
             f"values {tuple(value.shape)}; expected (*b, F, G, d, D), which ends in {wanted}"
+        )
+
+
+def require_filtered(energy: object, features: Tensor, basis: Tensor) -> None:
+    """Refuse features (*b, F, E) of other frames, or of another float type, than a basis (K, F).
+
+    Raises:
+        InputError: they are.
+    """
+    if features.shape[-2] != basis.shape[-1]:
+        raise InputError(
+            f"{type(energy).__name__} filters {basis.shape[-1]} frames but the state has "
+            f"{features.shape[-2]}; make one for as many"
+        )
+    if features.dtype is not basis.dtype:
+        raise InputError(
+            f"{type(energy).__name__} filters features of {features.dtype} along a basis of "
+            f"{basis.dtype}; take the energy there with .to({features.dtype})"
+        )
+
+
+def require_value(energy: object, value: Tensor, batch: Sequence[int]) -> None:
+    """Refuse an energy that is not one number of each batch element.
+
+    Raises:
+        InputError: it is not (*b,), or a number for all.
+    """
+    if not fits(value.shape, batch) or value.ndim not in (0, len(batch)):
+        raise InputError(
+            f"{type(energy).__name__} has energies {tuple(value.shape)} for a state of batch "
+            f"{tuple(batch)}; expected one of each batch element, summed over frames and groups"
+        )
+
+
+def require_types(energy: object, method: str, like: Tensor, *found: Tensor) -> None:
+    """Refuse rows and derivatives of another float type than the unknowns'.
+
+    Raises:
+        InputError: one is.
+    """
+    if any(each.dtype is not like.dtype for each in found):
+        kinds = ", ".join(str(each.dtype) for each in found)
+        raise InputError(
+            f"{type(energy).__name__}.{method} returned {kinds} for unknowns of {like.dtype}; make "
+            "its constants buffers, or the type of the unknowns"
         )
 
 

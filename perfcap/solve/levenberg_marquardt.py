@@ -13,6 +13,7 @@ from torch import Tensor
 from perfcap.setting_checks import require_count, require_number, require_size
 from perfcap.solve.assembly import assemble
 from perfcap.solve.bounds import Bounds, StepBox, step_box
+from perfcap.solve.closed_forms import warn_of_contradictions
 from perfcap.solve.damped_loop import Run, minimize
 from perfcap.solve.damped_model import DampedModel, DampedStep, damping_scale
 from perfcap.solve.energy import Objective, StateType
@@ -129,7 +130,10 @@ class LevenbergMarquardt:
     ) -> Solution[StateType]:
         """Minimise from an initial state within the bounds; see ``solve``."""
         with torch.no_grad():
-            return minimize(begin(self, objective, initial, bounds), self.max_steps)
+            run = begin(self, objective, initial, bounds)
+            found = minimize(run, self.max_steps)
+            warn_of_contradictions(objective, found, run.first)
+            return found
 
 
 def begin(

@@ -15,7 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual, StateType
+from perfcap.solve.energy_checks import fits, require_types
 from perfcap.solve.products import apply_transposed
 from perfcap.solve.second_order import SecondOrder, points_second_order
 
@@ -101,13 +103,13 @@ class Majorized(Energy[StateType]):
 
     def residual(self, state: StateType) -> Residual:
         """The pulls, (*b, F, N, d): zero where the model of the energy is least."""
-        expansion = self.expand(self.points(state))
-        return Residual(_rows(expansion)[1])
+        points = self.points(state)
+        return Residual(_rows(self._expanded(points))[1])
 
     def linearize(self, state: StateType) -> Linearization:
         """The pulls, their derivatives, and the true energy."""
         points, frame, shared = self.points.linearize(state)
-        expansion = self.expand(points)
+        expansion = self._expanded(points)
         root, pull = _rows(expansion)
         return Linearization(
             Residual(pull),
@@ -135,7 +137,7 @@ class Majorized(Energy[StateType]):
         found = points_second_order(self.points, state, linearized, slope)
         moves = frame if shared is None else torch.cat((frame, shared), -1)
         bent = self._weighed_frames(0.5 * self.second_derivative(points, moves))
-        root = _rows(self.expand(points))[0]
+        root = _rows(self._expanded(points))[0]
         rows = (root @ moves).flatten(-3, -2)
         bent = bent - self._weighed_frames(rows.mT @ rows)
         own = state.frame_dim
@@ -145,6 +147,23 @@ class Majorized(Energy[StateType]):
         assert found.border is not None and found.shared is not None
         border = found.border + bent[..., :own, own:]
         return SecondOrder(of_frame, border, found.shared + bent[..., own:, own:].sum(-3))
+
+    def _expanded(self, points: Tensor) -> Expansion:
+        """``expand``, held to the shapes that it is asked for.
+
+        Raises:
+            InputError: they are others, which would be another energy where they broadcast.
+        """
+        found = self.expand(points)
+        shapes = [tuple(x.shape) for x in (found.value, found.gradient, found.curvature)]
+        frames, all_ = tuple(points.shape[:-2]), tuple(points.shape)
+        if shapes[:2] != [frames, all_] or not fits(shapes[2], (*all_, all_[-1])):
+            raise InputError(
+                f"{type(self).__name__}.expand returned value, gradient and curvature {shapes} of "
+                f"points {all_}; expected (*b, F), (*b, F, N, d) and (*b, F, N, d, d)"
+            )
+        require_types(self, "expand", points, found.gradient, found.curvature)
+        return found
 
     def _weighed_frames(self, values: Tensor) -> Tensor:
         """The weight times values (*b, F, ., .)."""
@@ -165,6 +184,8 @@ def _rows(expansion: Expansion) -> tuple[Tensor, Tensor]:
     trace = half.diagonal(dim1=-2, dim2=-1).sum(-1)
     largest = trace.amax(-1, keepdim=True).clamp(min=torch.finfo(half.dtype).tiny)
     ridge = (1e-3 * trace + _RIDGE * largest)[..., None, None] * torch.eye(half.shape[-1]).to(half)
-    lower = torch.linalg.cholesky(half + ridge)
+    lower, failed = torch.linalg.cholesky_ex(half + ridge)
+    # what is no number, or is negative, ends the element that holds it and no other
+    lower = torch.where((failed == 0)[..., None, None], lower, torch.nan)
     pull = torch.linalg.solve_triangular(lower, 0.5 * expansion.gradient[..., None], upper=False)
     return lower.mT, pull.squeeze(-1)

@@ -42,7 +42,8 @@ _SENTENCES = {
     Status.MAX_STEPS: "stopped at the largest number of steps while still improving; "
     "raise max_steps if the energy matters to the last digit",
     Status.STALLED: "stalled: no step lowers the energy although its derivative promises so; "
-    "check the Jacobians with check_energy, or loosen the tolerance in float32",
+    "compare closed forms with perfcap.solve.forward_mode(energy, state), or loosen the tolerance "
+    "in float32",
     Status.NOT_FINITE: "met a value that is not finite; the state is the last finite one, "
     "look for NaN or infinity in the detections, the cameras or the initial state",
 }

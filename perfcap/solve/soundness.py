@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.solve.compound import OfPart
+from perfcap.solve.compound import OfPart, WindowOfPart
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, Step, WindowEnergy
 from perfcap.solve.energy_checks import fits
 
@@ -28,25 +28,35 @@ def require_sound(objective: Objective, state: Any) -> None:
     """Refuse what forward-mode differentiation would take for a residual of separate frames.
 
     Two derivatives along one direction each, of energies that have no closed form, once a solve.
+    Derivatives would be wrong as well where a residual changes its state in place.
 
     Raises:
         InputError: a filter along other frames, a learned weight or a confidence below zero, a
             residual of another shape or type than (*b, F, G, d), rows that depend on other frames
             or batch elements than their own, or on shared unknowns that the energy does not see.
     """
-    frames = state.coordinates().frame.shape[-2]
+    like = state.coordinates().frame
+    frames = like.shape[-2]
     for name, energy in objective.items():
         if isinstance(energy, WindowEnergy) and energy.basis.shape[-1] != frames:
             raise InputError(
                 f"energy {name!r} filters {energy.basis.shape[-1]} frames but the state has "
                 f"{frames}; make one for as many"
             )
+        if isinstance(energy, WindowEnergy) and energy.basis.dtype is not like.dtype:
+            raise InputError(
+                f"energy {name!r} filters along a basis of {energy.basis.dtype} but the unknowns "
+                f"are {like.dtype}; take the energy there with .to({like.dtype})"
+            )
         if energy.weight.requires_grad:
             _require_weight(name, energy.weight.detach())
         whole = state
-        while isinstance(energy, OfPart) and energy.name in whole.parts:
+        while isinstance(energy, OfPart | WindowOfPart) and energy.name in whole.parts:
             energy, whole = energy.energy, whole.parts[energy.name]
-        if type(energy).linearize is Energy.linearize and energy.coupling is Coupling.FRAME:
+        if isinstance(energy, WindowEnergy):
+            if type(energy).linearize_features is WindowEnergy.linearize_features:
+                _require_own_features(name, energy, whole)
+        elif type(energy).linearize is Energy.linearize and energy.coupling is Coupling.FRAME:
             _require_own_rows(name, energy, whole)
 
 
@@ -130,6 +140,42 @@ def _require_own_rows(name: str, energy: Energy[Any], state: State) -> None:
         raise InputError(f"energy {name!r} {_NEGATIVE}")
 
 
+def _require_own_features(name: str, energy: WindowEnergy[Any], state: Any) -> None:
+    """Features (*b, F, E) that see other frames, as differences along time do, lose derivatives."""
+    here = state.coordinates()
+    late = _late(here.frame.shape[:-1], here.frame.device)
+    for part in (late, ~late):
+        frame = part.unsqueeze(-1).to(here.frame).expand_as(here.frame)
+        slope = _features_along(name, energy, state, Step(frame, torch.zeros_like(here.shared)))
+        leaks = torch.where(part.unsqueeze(-1), 0, slope).abs()
+        if slope.numel() and _any(leaks > _LEAK * slope.abs().amax()):
+            raise InputError(
+                f"energy {name!r} has features that see other frames or batch elements than their "
+                "own, so that their derivatives would be wrong; let them see one frame each and "
+                "its basis couple them, or solve with Adam()"
+            )
+
+
+def _features_along(name: str, energy: WindowEnergy[Any], state: Any, step: Step) -> Tensor:
+    """Derivative of features along a step, (*b, F, E)."""
+
+    def features(size: Tensor) -> Tensor:
+        found = energy.features(state.retract(Step(size * step.frame, size * step.shared)))
+        lead = tuple(step.frame.shape[:-1])
+        if not isinstance(found, Tensor) or tuple(found.shape[:-1]) != lead:
+            kind = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            raise InputError(
+                f"energy {name!r} returned features {kind}; expected a tensor (*b, F, E) of "
+                f"(*b, F) = {lead}"
+            )
+        return found
+
+    one = step.frame.new_tensor(1.0)
+    moved: Any = torch.func.jvp(features, (torch.zeros_like(one),), (one,))
+    slope: Tensor = moved[1]
+    return slope
+
+
 def _warn_of_constant(name: str, energy: Energy[Any], state: State) -> None:
     """Warn of a residual that is not zero and has no derivative, in a direction like no other."""
     here = state.coordinates()
@@ -176,7 +222,14 @@ def _along(
     """Confidence of a residual, and the derivative of its values along a step, (*b, F, G, d)."""
 
     def rows(size: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
-        residual = energy.residual(state.retract(Step(size * step.frame, size * step.shared)))
+        moved = state.retract(Step(size * step.frame, size * step.shared))
+        before = _changes(moved)
+        residual = energy.residual(moved)
+        if _changes(moved) != before:
+            raise InputError(
+                f"energy {name!r} changes its state in place, on which other energies depend; "
+                "make new tensors, as x + 1 instead of x += 1"
+            )
         _require_residual(name, residual, step.frame)
         own = residual.confidence
         return residual.value, () if own is None else (own,)
@@ -187,11 +240,22 @@ def _along(
     return own[0] if own else None, slope
 
 
+def _changes(state: Any) -> list[int]:
+    """How often each tensor that a state holds was written to."""
+    held = getattr(state, "__dict__", {}).values()
+    return [each._version for each in held if isinstance(each, Tensor) and not each.is_inference()]
+
+
 def _require_kind(name: str, residual: object) -> Residual:
     if not isinstance(residual, Residual):
         raise InputError(
             f"energy {name!r} returned a {type(residual).__name__}, expected a Residual of values "
             "(*b, F, G, d)"
+        )
+    if not isinstance(residual.value, Tensor):
+        raise InputError(
+            f"energy {name!r} returned a Residual of a {type(residual.value).__name__}, expected "
+            "a tensor (*b, F, G, d); use torch operations, so that it can be differentiated"
         )
     return residual
 

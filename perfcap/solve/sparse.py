@@ -6,9 +6,11 @@ the frames of all batch elements. Vectors over the unknowns are (P, M, q).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+import torch
 from torch import Tensor
 
 from perfcap.array_checks import require_indices
@@ -85,11 +87,12 @@ class BlockLinearization:
     blocks: Tensor
     jacobian: Tensor
 
-    def require_fitting(self, name: str, blocks: int, unknowns: int) -> None:
-        """Refuse what is not of a frame's blocks of unknowns: compiled loops believe it.
+    def require_fitting(self, name: str, frames: Sequence[int], blocks: int, unknowns: int) -> None:
+        """Refuse what is not of a state's blocks of unknowns: compiled loops believe it.
 
         Args:
             name: of the energy.
+            frames: (*b, F); fewer would leave the rest unmoved.
             blocks: M.
             unknowns: q.
 
@@ -100,11 +103,13 @@ class BlockLinearization:
         slots = self.blocks.shape[-1]
         own, wanted = tuple(self.jacobian.shape), (*groups, slots, entries, unknowns)
         named = fits(self.blocks.shape, (*groups, slots))
-        if own != wanted or not named or self.blocks.is_floating_point():
+        whole = self.blocks.dtype in (torch.int64, torch.int32)
+        if own != wanted or not named or not whole or tuple(groups[:-1]) != tuple(frames):
             raise InputError(
                 f"energy {name!r} has a derivative {own} of values "
                 f"{tuple(self.residual.value.shape)} in blocks {tuple(self.blocks.shape)}; "
-                f"expected (*b, F, G, k, d, q) with q = {unknowns}, (*b, F, G, d) and (*b, F, G, k)"
+                f"expected (*b, F, G, k, d, q) with (*b, F) = {tuple(frames)} and q = {unknowns}, "
+                "(*b, F, G, d), and integers (*b, F, G, k)"
             )
         if is_plain(self.jacobian):
             require_indices(self.blocks, f"energy {name!r}", blocks, "blocks", least=-1)

@@ -13,6 +13,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.solve.coarse_space import CoarseSpace
 from perfcap.solve.energy import Coupling, Energy, Objective, Residual, State, total
+from perfcap.solve.energy_checks import fits, require_weight
 from perfcap.solve.sparse import BlockLinearization, Curvature, OffersBlocks, OffersCoarseSpace
 
 
@@ -96,6 +97,7 @@ class SparseProblem:
                     f"energy '{name}' ({type(energy).__name__}) offers no linearize_blocks for "
                     "single frames; give it one, or use LevenbergMarquardt"
                 )
+            require_weight(name, energy.weight, state.coordinates().frame.shape[:-2])
         frame, unknowns = state.coordinates().frame, state.block_dim
         blocks = state.frame_dim // unknowns
         return cls(frame.shape[:-1], blocks, unknowns, frame.new_empty(0), dict(objective.items()))
@@ -107,7 +109,7 @@ class SparseProblem:
     def evaluate(self, state: State) -> dict[str, Tensor]:
         """Energies of each problem by name, (P,)."""
         return {
-            name: self._costs(energy, energy.residual(state).squared_norm())
+            name: self._costs(name, energy.residual(state).squared_norm())
             for name, energy in self.energies.items()
         }
 
@@ -118,9 +120,9 @@ class SparseProblem:
         for name, energy in self.energies.items():
             linear = energy.linearize_blocks(state)  # type: ignore[operator]  # checked in ``of``
             if isinstance(linear, BlockLinearization):
-                linear.require_fitting(name, self.blocks, self.unknowns)
+                linear.require_fitting(name, self.frames, self.blocks, self.unknowns)
             squared = linear.residual.squared_norm()
-            terms[name] = self._costs(energy, squared)
+            terms[name] = self._costs(name, squared)
             curvature = linear.curvature(_group_weight(energy, linear.residual, squared))
             curvature.add_equations(gradient, diagonal)
             curvatures.append(curvature)
@@ -131,17 +133,40 @@ class SparseProblem:
         for energy in self.energies.values():
             if isinstance(energy, OffersCoarseSpace):
                 space = energy.coarse_space(state)
-                sizes = (*space.modes.shape[:-3], self.blocks, self.unknowns, space.modes.shape[-1])
-                require_shape(space.modes, "modes", sizes, "(*b, F, M, q, r) of the state's blocks")
-                require_shape(space.group, "group", (self.blocks,), "(M,), of each block")
-                if is_plain(space.modes):
-                    require_indices(space.group, "group", space.groups, "groups", least=-1)
+                self._require_space(space)
                 modes = space.modes.expand(*self.frames, *space.modes.shape[-3:])
                 return CoarseSpace(space.group, space.groups, modes.flatten(0, -4).contiguous())
         return None
 
-    def _costs(self, energy: Energy[Any], squared: Tensor) -> Tensor:
-        """``Energy.cost`` of every frame by itself, (P,); squared norms are (*b, F, G)."""
+    def _require_space(self, space: CoarseSpace) -> None:
+        lead = space.modes.shape[:-3] if fits(space.modes.shape[:-3], self.frames) else self.frames
+        sizes = (*lead, self.blocks, self.unknowns, space.modes.shape[-1])
+        require_shape(space.modes, "modes", sizes, "(*b, F, M, q, r) of the state's blocks")
+        require_shape(space.group, "group", (self.blocks,), "(M,), of each block")
+        if 0 in (space.groups, space.modes.shape[-1]) or space.group.is_floating_point():
+            raise InputError(
+                f"coarse space has {space.groups} groups, {space.modes.shape[-1]} modes and a "
+                f"group of {space.group.dtype}; expected one or more, and integers"
+            )
+        if not is_plain(space.modes):
+            return
+        require_indices(space.group, "group", space.groups, "groups", least=-1)
+        if not bool(space.modes.isfinite().all()):  # the search would end where it starts
+            raise InputError("modes of a coarse space are not all finite; expected numbers")
+
+    def _costs(self, name: str, squared: Tensor) -> Tensor:
+        """``Energy.cost`` of every frame by itself, (P,); squared norms are (*b, F, G).
+
+        Raises:
+            InputError: they are of other frames, of which fewer would leave the rest unmoved.
+        """
+        if squared.shape[:-1] != self.frames:
+            raise InputError(
+                f"energy {name!r} has groups {tuple(squared.shape)} for a state of frames "
+                f"{tuple(self.frames)}; expected values (*b, F, G, d) of each of them, and no "
+                "confidences of more"
+            )
+        energy = self.energies[name]
         cost = energy.kernel.value(squared).sum(-1)
         return (energy.weight.to(cost)[..., None] * cost).expand(self.frames).reshape(-1)
 

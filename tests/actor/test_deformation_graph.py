@@ -326,3 +326,24 @@ def test_bad_input_is_refused():
         graph(posed[:, :-1], graph.identity(posed))
     with pytest.raises(InputError, match="posed has shape"):
         graph(posed, Deformation.identity((2,), 10, posed))
+
+
+def test_graphs_whose_numbers_do_not_fit_each_other() -> None:
+    """Compiled loops read beyond the nodes and the vertices."""
+    vertices, faces = tube([0.1] * 9, np.linspace(0, 1, 9), 12)
+    whole = DeformationGraph.build(vertices, faces, nodes=12)
+    names = "node_vertex", "edges", "influences", "influence_weights", "radius"
+    parts = {name: getattr(whole, name) for name in names}
+    for name, change, message in (
+        ("influences", lambda x: x + 12, "influences names nodes"),
+        ("influences", lambda x: x - 12, "influences names nodes"),
+        ("node_vertex", lambda x: x + len(vertices), "node_vertex names vertices"),
+        ("node_vertex", lambda x: x - len(vertices), "node_vertex names vertices"),
+        ("node_vertex", lambda x: x[:3], r"radius has shape \(12,\), expected \(3\)"),
+        ("edges", lambda x: x + 12, "edges names nodes"),
+        ("radius", lambda x: x[:3], "radius has shape"),
+        ("influence_weights", lambda x: 2 * x, "sum to one but for 1"),
+        ("influence_weights", lambda x: torch.nan * x, "sum to one but for nan"),
+    ):
+        with pytest.raises(InputError, match=message):
+            DeformationGraph(**parts | {name: change(parts[name])})

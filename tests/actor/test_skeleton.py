@@ -307,3 +307,37 @@ def test_bones_of_other_groups_are_refused() -> None:
         wrong = replace(rest, shared={"bones": torch.zeros(shape, dtype=torch.float64)})
         with pytest.raises(InputError, match=rf"expected \(\*b, {count}\)"):
             sam.joints(wrong)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"landmark_joints": (1, 9)}, r"landmarks on joints \(1, 9\)"),
+        ({"landmark_joints": (1, -1)}, r"landmarks on joints \(1, -1\)"),
+        ({"landmark_joints": (1,)}, "2 landmarks, on 1 joints"),
+        ({"landmark_positions": torch.zeros(3, 3)}, r"at positions \(3, 3\)"),
+        ({"positions": torch.zeros(2, 3)}, r"3 joints, 3 parents and positions \(2, 3\)"),
+        ({"parents": (-1, 0)}, "3 joints, 2 parents"),
+        ({"joints": ("base", "elbow", "elbow"), "hinges": ()}, "joints of the same name"),
+        ({"bone_groups": ("all",)}, "1 bone groups"),
+        ({"roles": (7,)}, r"roles \(7,\)"),
+    ],
+)
+def test_rigs_whose_numbers_do_not_fit_each_other(change, message) -> None:
+    """A landmark of no joint was looked for without an end."""
+    with pytest.raises(InputError, match=message):
+        replace(chain_rig(), **change)
+
+
+def test_a_hinge_about_nothing() -> None:
+    for axis in ((0.0, 0.0, 0.0), (torch.nan, 0.0, 1.0)):
+        with pytest.raises(InputError, match="about which nothing turns"):
+            Hinge("bend", "elbow", axis, -1, 1)
+
+
+def test_a_motion_on_another_device(skeleton: Skeleton) -> None:
+    """It ended in a traceback."""
+    nowhere = random_motion(skeleton, 2).map(lambda part: part.to("meta"))
+    for method in (skeleton.forward, skeleton.linearize):
+        with pytest.raises(InputError, match="motion is on meta, the skeleton on cpu"):
+            method(nowhere)

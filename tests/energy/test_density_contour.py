@@ -1,5 +1,6 @@
 """The contour energy: its slope, its curvature, its twins, and that it finds a person."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -278,3 +279,32 @@ def test_fields_of_any_type(kind: torch.dtype) -> None:
         for field in ((edges, flat), (edges.to(kind), flat.to(kind)))
     ]
     torch.testing.assert_close(*values)
+
+
+@pytest.mark.parametrize("twin", [False, True])
+def test_what_is_no_number_is_not_a_good_contour(twin) -> None:
+    """A body without widths, or a frame without places, cost nothing at all."""
+    energy, points = seen(truth())
+    at = points(truth())
+    usual = energy.values(at)
+    lost = at.clone()
+    lost[1, 3] = torch.nan
+    with torch_only() if twin else nullcontext():
+        for given in (energy.values(lost), energy.expand(lost).value):
+            assert given.isnan().tolist() == [False, True]
+            assert torch.allclose(given[0], usual[0])
+        energy.deviations[2] = torch.nan
+        assert bool(energy.values(at).isnan().all())
+        assert bool(energy.expand(at).value.isnan().all())
+    energy, _ = seen(truth())
+    energy.cameras.rotation[1, 0, 0] = torch.inf
+    assert bool(energy.values(at).isnan().all())
+
+
+def test_an_unknown_frame_leaves_the_offset_of_the_others() -> None:
+    energy, points = seen(truth())
+    at = points(truth())
+    lost = at.clone()
+    lost[1] = torch.nan
+    alone = float(energy.lengths(at)[0] / energy.lengths(at).amax())
+    assert energy.lower_bound(lost) == pytest.approx(alone * energy.lower_bound(at))

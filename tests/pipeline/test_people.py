@@ -135,3 +135,18 @@ def test_exchanged_actors_and_seconds_of_a_frame_are_told() -> None:
     assert not any(exchanged_actors(whole))
     notes = associate(CROWD.cameras, CROWD.candidates, 1 / RATE).notes
     assert any("frames a second" in note for note in notes)
+
+
+def test_one_actor_for_people_of_other_sizes_is_told() -> None:
+    """They were captured up to a tenth too large or too small, without a word."""
+    whole = scene()
+    one, other = whole.people
+    bones = [each.actor.skeleton.rest_landmarks for each in (one, other)]
+    assert not torch.equal(*bones)
+    shared = (one, replace(other, actor=one.actor))
+    told = exchanged_actors(replace(whole, people=shared))
+    assert len(told) == 2
+    for lines in told:
+        assert "people 1 and 2 have one actor, but the bones of person" in "".join(lines)
+    solved = tuple(replace(each, solve_bones=True) for each in shared)
+    assert not any(exchanged_actors(replace(whole, people=solved)))

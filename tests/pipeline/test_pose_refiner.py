@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import COCO17, LANDMARKS, JointSet
+from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.metrics import acceleration_error
 from perfcap.pipeline import pose_refiner
@@ -119,6 +120,9 @@ def test_pixels_and_poses_of_one_view() -> None:
     placed = VIEWS.to_camera(JOINTS)[:, :1] + 0.04 * normal(FRAMES, 1, 16, 3)
     known = refiner().eval()(front, PIXELS[:, :1], joints3d=placed, placed=True)
     assert error(known.joints) < error(both.joints) < 0.3
+    for root in (placed[..., :1, :], mid_hip(placed).unsqueeze(-2) + 0.05):
+        with pytest.raises(InputError, match="they look relative to a root"):
+            refiner().eval()(front, PIXELS[:, :1], joints3d=placed - root, placed=True)
 
 
 def test_mistakes_of_another_clip_of_the_batch_name_it() -> None:

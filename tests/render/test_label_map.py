@@ -313,3 +313,17 @@ def test_a_part_beyond_the_image_is_refused() -> None:
     for rows in (slice(0, SIZE[0] + 1), slice(5, 5), slice(-1, 4)):
         with pytest.raises(InputError, match="expected rows and columns within an image"):
             rasterize(*soup(0), SIZE, part=(rows, slice(0, 4)))
+
+
+@pytest.mark.parametrize("size", [(48.0, 64.0), (48, 64.5), (48,), ("48", "64")])
+def test_sizes_that_are_no_whole_pixels(size) -> None:
+    """They ended in tracebacks."""
+    pixels, depth, faces = torch.zeros(3, 2), torch.ones(3), torch.tensor([[0, 1, 2]])
+    with pytest.raises(InputError, match=r"size is .*, whole numbers"):
+        rasterize(pixels, depth, faces, size)
+
+
+def test_meshes_without_numbers() -> None:
+    pixels, depth, faces = torch.zeros(3, 2), torch.ones(3), torch.tensor([[0, 1, 2]])
+    with pytest.raises(InputError, match="meta device"):
+        rasterize(pixels.to("meta"), depth.to("meta"), faces, SIZE)

@@ -92,3 +92,12 @@ def test_arrays_must_fit() -> None:
     nats[0, 0, 0] = np.nan
     with pytest.raises(InputError, match="not numbers"):
         LabelField.of(image, nats, np.ones((4, 4), bool))
+
+
+def test_a_field_without_labels() -> None:
+    """It ended in a traceback."""
+    with pytest.raises(InputError, match="there are no labels"):
+        field(np.random.default_rng(0), labels=0)
+    open_, links = np.ones((3, 3), bool), np.zeros((3, 3, 4), np.int32)
+    with pytest.raises(InputError, match="there are no labels"):
+        LabelField(open_, np.zeros((0, 3, 3), np.int32), links)

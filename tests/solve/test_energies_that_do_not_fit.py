@@ -111,6 +111,7 @@ def solved(change, space=None):
         (lambda blocks, slope: (blocks, slope[..., :1]), "energy 'chain' has a derivative"),
         (lambda blocks, slope: (blocks, slope[..., :1, :]), "energy 'chain' has a derivative"),
         (lambda blocks, slope: (blocks[:1], slope[:1]), "energy 'chain' has a derivative"),
+        (lambda blocks, slope: (blocks > 0, slope), "energy 'chain' has a derivative"),
     ],
 )
 def test_blocks_that_there_are_none_of(change, message) -> None:
@@ -125,6 +126,10 @@ def test_motions_of_other_groups_or_blocks() -> None:
         (CoarseSpace(group[:2], 3, modes), "group has shape"),
         (CoarseSpace(group, 3, modes[:, :2]), "modes has shape"),
         (CoarseSpace(group, 3, modes[..., :1, :]), "modes has shape"),
+        (CoarseSpace(group, 3, modes[:1].expand(5, 6, 2, 2)), "modes has shape"),
+        (CoarseSpace(group, 3, modes[..., :0]), "coarse space has 3 groups, 0 modes"),
+        (CoarseSpace(group.double(), 3, modes), "a group of torch.float64"),
+        (CoarseSpace(group, 3, modes * torch.nan), "not all finite"),
     ):
         with pytest.raises(InputError, match=message):
             solved(lambda *parts: parts, space)

@@ -203,7 +203,7 @@ def test_a_wrong_jacobian_stalls():
     data = toy(windows=0)[0].energies["data"]
     solution = solve(Objective(data=Reversed(data.matrix, data.target)), toy(windows=0)[1])
     assert solution.status == Status.STALLED
-    assert "check_energy" in solution.describe()[0]
+    assert "forward_mode" in solution.describe()[0]
 
 
 def test_result_is_detached_even_without_a_step():
