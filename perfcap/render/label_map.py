@@ -141,6 +141,26 @@ def rasterize(
     return LabelMap(*drawn, corner)
 
 
+def cover(
+    pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int], part: Box | None = None
+) -> Tensor:
+    """Where a mesh in one frame is seen at all, (H, W) bool: the mask of its label map, no more.
+
+    Args are those of ``rasterize``, of pixels (V, 2) and depth (V,). On the CPU it takes less than
+    half the time, and an eighth of the memory.
+    """
+    _check(pixels, depth, faces, size)
+    rows, columns = _within(part, size)
+    if depth.device.type != "cpu":
+        return rasterize(pixels, depth, faces, size, part=part).mask
+    grid, _, usable = snap(pixels.detach(), depth.detach())
+    grid -= torch.tensor((columns.start, rows.start)) << BITS
+    covered = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
+    corners = faces.detach().to(torch.int64).contiguous().numpy()
+    _zbuffer_numba.cover(grid.numpy(), usable.numpy(), corners, BITS, covered)
+    return torch.from_numpy(covered.view(np.bool_))
+
+
 def surrounding(pixels: Tensor, depth: Tensor, size: tuple[int, int], margin: int) -> Box:
     """Rows and columns of an image that vertices lie in, with a margin; one pixel at the least.
 

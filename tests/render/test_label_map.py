@@ -16,6 +16,7 @@ from perfcap.render.label_map import (
     Cull,
     LabelMap,
     barycentric_at,
+    cover,
     rasterize,
     snap,
     surrounding,
@@ -313,3 +314,11 @@ def test_a_part_beyond_the_image_is_refused() -> None:
     for rows in (slice(0, SIZE[0] + 1), slice(5, 5), slice(-1, 4)):
         with pytest.raises(InputError, match="expected rows and columns within an image"):
             rasterize(*soup(0), SIZE, part=(rows, slice(0, 4)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_covered_is_what_is_drawn(seed: int) -> None:
+    pixels, depth, faces = soup(seed)
+    for part in (None, (slice(5, 31), slice(20, 60))):
+        drawn = rasterize(pixels, depth, faces, SIZE, part=part)
+        assert torch.equal(cover(pixels, depth, faces, SIZE, part), drawn.mask)
