@@ -140,3 +140,51 @@ def _edges(corners, x, y, bits):  # type: ignore[no-untyped-def]
     across = ((by - cy) << bits, (cy - ay) << bits, (ay - by) << bits)
     down = ((cx - bx) << bits, (ax - cx) << bits, (bx - ax) << bits)
     return least, at, across, down
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def snap(
+    pixels: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    limits: tuple[float, float],
+    unit: float,
+    grid: NDArray[np.int64],
+    inverse_depth: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+) -> None:
+    """Put vertices onto the grid, as ``fill`` takes them; those that are not usable lie at zero.
+
+    Args:
+        pixels: (V, 2).
+        depth: (V,) m.
+        limits: px from the origin up to which, and depth from which on, a vertex is usable.
+        unit: of the grid, in a pixel.
+        grid: (V, 2), written.
+        inverse_depth: (V,), written.
+        usable: (V,), written.
+    """
+    for i in range(len(depth)):
+        x, y, z = pixels[i, 0], pixels[i, 1], depth[i]
+        # comparisons with what is no number are false
+        known = abs(x) <= limits[0] and abs(y) <= limits[0] and limits[1] <= z < np.inf
+        usable[i] = known
+        grid[i, 0] = np.int64(np.rint(x * unit)) if known else 0
+        grid[i, 1] = np.int64(np.rint(y * unit)) if known else 0
+        inverse_depth[i] = 1.0 / z if known else 1.0
+
+
+@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def extent(
+    pixels: NDArray[np.float64], depth: NDArray[np.float64], limits: tuple[float, float]
+) -> tuple[float, float, float, float]:
+    """Least and greatest x, least and greatest y of usable vertices; infinite without any.
+
+    Arguments are those of ``snap``.
+    """
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(depth)):
+        x, y, z = pixels[i, 0], pixels[i, 1], depth[i]
+        if abs(x) <= limits[0] and abs(y) <= limits[0] and limits[1] <= z < np.inf:
+            left, right = min(left, x), max(right, x)
+            top, bottom = min(top, y), max(bottom, y)
+    return left, right, top, bottom

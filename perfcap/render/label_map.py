@@ -170,15 +170,14 @@ def surrounding(pixels: Tensor, depth: Tensor, size: tuple[int, int], margin: in
         size: image height and width, px.
         margin: px that are added on every side, as far as the image goes.
     """
-    pixels = pixels.detach()[usable_vertices(pixels.detach(), depth.detach())]
-    if not len(pixels):
+    pixels, depth = pixels.detach().double().cpu(), depth.detach().double().cpu()
+    sides = _zbuffer_numba.extent(pixels.numpy(), depth.numpy(), (REACH, NEAR))
+    if not np.isfinite(sides).all():
         return slice(0, 1), slice(0, 1)
-    low, high = (
-        (pixels.amin(0).floor() - margin).tolist(),
-        (pixels.amax(0).ceil() + margin).tolist(),
-    )
-    first = [min(max(int(low[axis]), 0), size[1 - axis] - 1) for axis in range(2)]
-    last = [min(max(int(high[axis]), first[axis]), size[1 - axis] - 1) for axis in range(2)]
+    low = [int(np.floor(side)) - margin for side in sides[::2]]
+    high = [int(np.ceil(side)) + margin for side in sides[1::2]]
+    first = [min(max(low[axis], 0), size[1 - axis] - 1) for axis in range(2)]
+    last = [min(max(high[axis], first[axis]), size[1 - axis] - 1) for axis in range(2)]
     return slice(first[1], last[1] + 1), slice(first[0], last[0] + 1)
 
 
@@ -203,9 +202,19 @@ def draw(
 def snap(pixels: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Vertices on the integer grid (*b, V, 2), inverse depth (*b, V) 1/m, and usable (*b, V)."""
     pixels, depth = pixels.double(), depth.double()
+    if depth.device.type == "cpu":
+        grid = torch.empty(pixels.shape, dtype=torch.int64)
+        inverse, usable = torch.empty_like(depth), torch.empty(depth.shape, dtype=torch.bool)
+        rows = [each.flatten(0, depth.dim() - 1).contiguous() for each in (pixels, depth)]
+        out = grid.view(-1, 2), inverse.view(-1), usable.view(-1)
+        _zbuffer_numba.snap(
+            *(row.numpy() for row in rows),
+            *((REACH, NEAR), float(1 << BITS)),
+            *(each.numpy() for each in out),
+        )
+        return grid, inverse, usable
     usable = usable_vertices(pixels, depth)
-    grid = torch.where(usable[..., None], pixels, 0.0).mul(1 << BITS).round().long()
-    return grid, torch.where(usable, depth, 1.0).reciprocal(), usable
+    return *_zbuffer_reference.snap(pixels, depth, usable, BITS), usable
 
 
 def usable_vertices(pixels: Tensor, depth: Tensor) -> Tensor:
