@@ -57,7 +57,7 @@ def log_density(
             for k in range(count):
                 below = terms[k, i] - best[i]
                 if below == zero:  # the exponential is one, and the logarithm of one nothing
-                    several = several or total > zero
+                    several |= bool(total > zero)
                     total += one
                 elif terms[k, i] > best[i] - _NEGLIGIBLE:
                     several = True
