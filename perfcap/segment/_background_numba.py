@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+_NEGLIGIBLE = -40.0  # nats below the other case: nothing in the last bit
 _CHUNK = 1024  # pixels sorted side by side: their images stay in the cache
 
 
@@ -295,7 +296,9 @@ def log_density(
         lit = weights[0] - 0.5 * plain / variance - 1.5 * np.log(variance)
         shaded = weights[1] - 0.5 * relit / spread - strain[at] - 1.5 * np.log(spread)
         high, low = max(lit, shaded), min(lit, shaded)
-        out[i] = constant + high + np.log1p(np.exp(low - high))
+        out[i] = constant + high
+        if low - high > _NEGLIGIBLE:
+            out[i] = constant + high + np.log1p(np.exp(low - high))
 
 
 @numba.njit(nogil=True, cache=True)
