@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -101,7 +100,7 @@ class Sight:
         parts: NDArray[np.int64] | None = None,
     ) -> None:
         self.cameras = cameras
-        self.parts = None if parts is None else torch.from_numpy(parts)
+        self.parts = parts
         self.faces = faces.cpu()
         self.edges = MeshEdges.build(self.faces.numpy(), welded)
 
@@ -176,8 +175,9 @@ class Sight:
         model = occluding_contour(*mesh, config.spacing)
         room = None
         if self.parts is not None:
-            parts = view.labels.label(self.parts, -1).numpy()
-            room = part_depth(model.points, model.normals, parts, 0.2 * height, view.labels.corner)
+            triangle, corner = view.labels.triangle.numpy(), view.labels.corner
+            line = (model.points, model.normals, triangle)
+            room = part_depth(*line, 0.2 * height, corner, self.parts)
         return match(model, _beyond(contour, config.chance), config.matching, height, room)
 
 

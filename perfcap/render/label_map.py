@@ -289,6 +289,7 @@ def part_depth(
     parts: Integers,
     reach: float,
     corner: tuple[int, int] = (0, 0),
+    of_triangle: Integers | None = None,
 ) -> Floats:
     """Width of the part that a contour point is on, where its far side lies before another part.
 
@@ -301,6 +302,8 @@ def part_depth(
         parts: which part each pixel sees, (H, W), negative where it sees none.
         reach: px to look inward.
         corner: row and column of the image at which ``parts`` begin.
+        of_triangle: which part each triangle belongs to, (T,), where ``parts`` are triangles; only
+            those of pixels that are looked at are looked up.
 
     Returns:
         (P,) px; infinite where background ends the part, or nothing does within reach.
@@ -314,6 +317,12 @@ def part_depth(
     require_number(reach, "reach")
     steps = np.arange(_START, max(reach, _START) + 1.0)
     found = np.empty(len(points))
-    seen = np.ascontiguousarray(parts, np.int64)
-    _part_depth_numba.look_inward(points, normals, seen, steps, corner, found)
+    seen = np.ascontiguousarray(parts, np.int32 if parts.dtype == np.int32 else np.int64)
+    if of_triangle is not None and seen.max(initial=-1) >= len(of_triangle):
+        raise InputError(
+            f"parts name triangle {seen.max()} but of_triangle has {len(of_triangle)}; give the "
+            "part of every one"
+        )
+    table = np.ascontiguousarray(() if of_triangle is None else of_triangle, np.int64)
+    _part_depth_numba.look_inward(points, normals, seen, table, steps, corner, found)
     return found
