@@ -22,7 +22,7 @@ Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
 _THUMBNAIL = (32, 32)
-_ROWS = 256  # of an image, that are looked at for a thumbnail
+_ROWS = 256  # of an image, that are looked at for cuts
 _BINS = 8  # a channel
 _LEAST_RING = 100  # pixels
 
@@ -111,7 +111,8 @@ def find_cuts(images: Sequence[Image], settings: CutSettings | None = None) -> s
     keeps neither.
     """
     settings = settings or CutSettings()
-    small = [_thumbnail(frame) for frame in images]
+    # some of the rows say as much, and looking at every pixel takes long
+    small = [_thumbnail(frame[:: max(1, len(frame) // _ROWS)]) for frame in images]
     return {i for i in range(1, len(small)) if _is_cut(small[i - 1], small[i], settings)}
 
 
@@ -125,9 +126,7 @@ def _is_cut(one: Plane, following: Plane, settings: CutSettings) -> bool:
 
 
 def _thumbnail(image: Image) -> Plane:
-    # some of the rows say as much, and looking at every pixel takes long
-    rows = image[:: max(1, len(image) // _ROWS)]
-    small: Plane = cv2.resize(rows, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float32)
+    small: Plane = cv2.resize(image, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float32)
     return small
 
 
