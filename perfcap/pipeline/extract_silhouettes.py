@@ -253,7 +253,8 @@ class SilhouetteSource:
         span = slice(frame, frame + 1)
         with torch.no_grad():
             vertices = self.actor.surface(self.motion[span])
-            return self.sight.look(vertices, span, (view,))[0][0].mask
+            (row,) = self.sight.outlines(vertices, span, (view,))
+            return row[0].mask
 
     def _bones(self, view: int, frames: range) -> NDArray[np.float64]:
         """Lines of the skeleton, (f, B, 2, 2) px; NaN behind the camera."""

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from perfcap.pipeline.checkpoint import ARRAY, NOTHING, Kept
 from perfcap.pipeline.evidence import Evidence
-from perfcap.pipeline.sight import Sight, View
+from perfcap.pipeline.sight import Outline, Sight
 from perfcap.pipeline.surface import SurfaceFrames
 
 # --- Whether masks lie where a captured person is -------------------------------------------------
@@ -91,9 +91,9 @@ def blocks(start: int, stop: int) -> list[range]:
 
 
 def frame_overlaps(
-    drawn: Iterable[Sequence[View]], evidence: Evidence, frames: range
+    drawn: Iterable[Sequence[Outline]], evidence: Evidence, frames: range
 ) -> NDArray[np.float64]:
-    """Intersection over union of drawn surfaces ``[f][C]`` with masks, the mean over views, (f,).
+    """Intersection over union of surfaces ``[f][C]`` with masks, the mean over views, (f,).
 
     A view in which there is neither counts as 1. What somebody else hides counts for nothing.
     """
@@ -101,15 +101,15 @@ def frame_overlaps(
     return np.array([frame_overlap(views, evidence, f) for views, f in pairs])
 
 
-def frame_overlap(drawn: Sequence[View], evidence: Evidence, frame: int) -> float:
-    """The same of one frame, drawn in C views."""
+def frame_overlap(drawn: Sequence[Outline], evidence: Evidence, frame: int) -> float:
+    """The same of one frame, in C views."""
     return float(np.mean(list(_overlaps(drawn, evidence, frame))))
 
 
-def _overlaps(drawn: Sequence[View], evidence: Evidence, frame: int) -> Iterator[float]:
+def _overlaps(drawn: Sequence[Outline], evidence: Evidence, frame: int) -> Iterator[float]:
     unknown = evidence.unknown(frame)
-    for number, (view, mask) in enumerate(zip(drawn, evidence.masks(frame), strict=True)):
-        seen, part = view.seen, view.part
+    for number, (outline, mask) in enumerate(zip(drawn, evidence.masks(frame), strict=True)):
+        seen, part = outline.seen, outline.part
         if unknown is not None:
             seen = seen & ~unknown[number][part]
         both = np.count_nonzero(seen & mask[part])
@@ -128,7 +128,7 @@ def clip_overlaps(
 
     def overlaps(frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)
-        return frame_overlaps(sight.stream(surface[span], span), evidence, frames)
+        return frame_overlaps(sight.outlines(surface[span], span), evidence, frames)
 
     parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))

@@ -239,7 +239,8 @@ class _Solver:
             drawn = sight.stream(deformed, span)
         folds = find_folds(canonical, deformed, sight.faces).share.numpy(force=True)
         seen = np.array([any(len(line) for line in row) for row in contours])
-        better = frame_overlaps(drawn, self.evidence, frames) >= before
+        outlines = sight.outlines(deformed, span)
+        better = frame_overlaps(outlines, self.evidence, frames) >= before
         kept = seen & better & (folds <= self.config.folds)
         return deformation, _Outcome(before, kept, folds)
 
@@ -248,7 +249,8 @@ class _Solver:
     ) -> Iterator[list[View]]:
         """The same views, and on their way their overlap with masks, written to (f,)."""
         for place, (frame, row) in enumerate(zip(frames, drawn, strict=True)):
-            overlaps[place] = frame_overlap(row, self.evidence, frame)
+            outlines = [view.outline for view in row]
+            overlaps[place] = frame_overlap(outlines, self.evidence, frame)
             yield row
 
     def _pairs(

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 def look_inward(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    parts: NDArray[np.int64],
+    parts: NDArray[np.integer],
+    of_triangle: NDArray[np.int64],
     steps: NDArray[np.float64],
     corner: tuple[int, int],
     found: NDArray[np.float64],
@@ -21,21 +22,24 @@ def look_inward(
     Args:
         points: (P, 2) px.
         normals: outward, (P, 2).
-        parts: which part each pixel sees, (H, W), negative where none.
+        parts: which part each pixel sees, (H, W), negative where none; or which triangle.
+        of_triangle: which part a triangle belongs to, (T,); of no length where parts are known.
         steps: px inward, increasing, (S,).
         corner: row and column in the image of the first pixel of ``parts``.
         found: written.
     """
     for point in range(len(points)):
-        own = -1
+        own = np.int64(-1)
         found[point] = np.inf
         for number in range(len(steps)):
             step = steps[number]
             column = np.int64(np.rint(points[point, 0] - step * normals[point, 0])) - corner[1]
             row = np.int64(np.rint(points[point, 1] - step * normals[point, 1])) - corner[0]
-            seen = -1
+            seen = np.int64(-1)
             if 0 <= row < parts.shape[0] and 0 <= column < parts.shape[1]:
-                seen = parts[row, column]
+                seen = np.int64(parts[row, column])
+                if seen >= 0 and len(of_triangle) > 0:
+                    seen = of_triangle[seen]
             if number == 0:
                 own = seen
                 if own < 0:

@@ -34,6 +34,12 @@ def fill(
         _resolve(flat, here[inside], index[chunk][owner[inside]], depth.view(-1), triangle.view(-1))
 
 
+def snap(pixels: Tensor, depth: Tensor, usable: Tensor, bits: int) -> tuple[Tensor, Tensor]:
+    """Usable vertices on the grid (*b, V, 2), and their inverse depth (*b, V)."""
+    grid = torch.where(usable[..., None], pixels, 0.0).mul(1 << bits).round().long()
+    return grid, torch.where(usable, depth, 1.0).reciprocal()
+
+
 def _boxes(
     grid: Tensor, usable: Tensor, faces: Tensor, culled_sign: int, bits: int, size: tuple[int, int]
 ) -> tuple[Tensor, Tensor, Tensor]:

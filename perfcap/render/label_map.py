@@ -144,6 +144,26 @@ def rasterize(
     return LabelMap(*drawn, corner)
 
 
+def cover(
+    pixels: Tensor, depth: Tensor, faces: Tensor, size: tuple[int, int], part: Box | None = None
+) -> Tensor:
+    """Where a mesh in one frame is seen at all, (H, W) bool: the mask of its label map, no more.
+
+    Args are those of ``rasterize``, of pixels (V, 2) and depth (V,). On the CPU it takes less than
+    half the time, and an eighth of the memory.
+    """
+    _check(pixels, depth, faces, size)
+    rows, columns = _within(part, size)
+    if depth.device.type != "cpu":
+        return rasterize(pixels, depth, faces, size, part=part).mask
+    grid, _, usable = snap(pixels.detach(), depth.detach())
+    grid -= torch.tensor((columns.start, rows.start)) << BITS
+    covered = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.uint8)
+    corners = faces.detach().to(torch.int64).contiguous().numpy()
+    _zbuffer_numba.cover(grid.numpy(), usable.numpy(), corners, BITS, covered)
+    return torch.from_numpy(covered.view(np.bool_))
+
+
 def surrounding(pixels: Tensor, depth: Tensor, size: tuple[int, int], margin: int) -> Box:
     """Rows and columns of an image that vertices lie in, with a margin; one pixel at the least.
 
@@ -153,15 +173,14 @@ def surrounding(pixels: Tensor, depth: Tensor, size: tuple[int, int], margin: in
         size: image height and width, px.
         margin: px that are added on every side, as far as the image goes.
     """
-    pixels = pixels.detach()[usable_vertices(pixels.detach(), depth.detach())]
-    if not len(pixels):
+    pixels, depth = pixels.detach().double().cpu(), depth.detach().double().cpu()
+    sides = _zbuffer_numba.extent(pixels.numpy(), depth.numpy(), (REACH, NEAR))
+    if not np.isfinite(sides).all():
         return slice(0, 1), slice(0, 1)
-    low, high = (
-        (pixels.amin(0).floor() - margin).tolist(),
-        (pixels.amax(0).ceil() + margin).tolist(),
-    )
-    first = [min(max(int(low[axis]), 0), size[1 - axis] - 1) for axis in range(2)]
-    last = [min(max(int(high[axis]), first[axis]), size[1 - axis] - 1) for axis in range(2)]
+    low = [int(np.floor(side)) - margin for side in sides[::2]]
+    high = [int(np.ceil(side)) + margin for side in sides[1::2]]
+    first = [min(max(low[axis], 0), size[1 - axis] - 1) for axis in range(2)]
+    last = [min(max(high[axis], first[axis]), size[1 - axis] - 1) for axis in range(2)]
     return slice(first[1], last[1] + 1), slice(first[0], last[0] + 1)
 
 
@@ -186,9 +205,19 @@ def draw(
 def snap(pixels: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Vertices on the integer grid (*b, V, 2), inverse depth (*b, V) 1/m, and usable (*b, V)."""
     pixels, depth = pixels.double(), depth.double()
+    if depth.device.type == "cpu":
+        grid = torch.empty(pixels.shape, dtype=torch.int64)
+        inverse, usable = torch.empty_like(depth), torch.empty(depth.shape, dtype=torch.bool)
+        rows = [each.flatten(0, depth.dim() - 1).contiguous() for each in (pixels, depth)]
+        out = grid.view(-1, 2), inverse.view(-1), usable.view(-1)
+        _zbuffer_numba.snap(
+            *(row.numpy() for row in rows),
+            *((REACH, NEAR), float(1 << BITS)),
+            *(each.numpy() for each in out),
+        )
+        return grid, inverse, usable
     usable = usable_vertices(pixels, depth)
-    grid = torch.where(usable[..., None], pixels, 0.0).mul(1 << BITS).round().long()
-    return grid, torch.where(usable, depth, 1.0).reciprocal(), usable
+    return *_zbuffer_reference.snap(pixels, depth, usable, BITS), usable
 
 
 def usable_vertices(pixels: Tensor, depth: Tensor) -> Tensor:
@@ -281,6 +310,7 @@ def part_depth(
     parts: Integers,
     reach: float,
     corner: tuple[int, int] = (0, 0),
+    of_triangle: Integers | None = None,
 ) -> Floats:
     """Width of the part that a contour point is on, where its far side lies before another part.
 
@@ -293,6 +323,8 @@ def part_depth(
         parts: which part each pixel sees, (H, W), negative where it sees none.
         reach: px to look inward.
         corner: row and column of the image at which ``parts`` begin.
+        of_triangle: which part each triangle belongs to, (T,), where ``parts`` are triangles; only
+            those of pixels that are looked at are looked up.
 
     Returns:
         (P,) px; infinite where background ends the part, or nothing does within reach.
@@ -306,6 +338,12 @@ def part_depth(
     require_number(reach, "reach")
     steps = np.arange(_START, max(reach, _START) + 1.0)
     found = np.empty(len(points))
-    seen = np.ascontiguousarray(parts, np.int64)
-    _part_depth_numba.look_inward(points, normals, seen, steps, corner, found)
+    seen = np.ascontiguousarray(parts, np.int32 if parts.dtype == np.int32 else np.int64)
+    if of_triangle is not None and seen.max(initial=-1) >= len(of_triangle):
+        raise InputError(
+            f"parts name triangle {seen.max()} but of_triangle has {len(of_triangle)}; give the "
+            "part of every one"
+        )
+    table = np.ascontiguousarray(() if of_triangle is None else of_triangle, np.int64)
+    _part_depth_numba.look_inward(points, normals, seen, table, steps, corner, found)
     return found

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.render import _facing_numba
 from perfcap.render.label_map import NEAR, REACH, LabelMap
 
 # --- Which triangles meet at the edges of a mesh: found once, used in every frame -----------------
@@ -184,19 +185,11 @@ def occluding_contour(
 
 def _contour_edges(pixels: Floats, depth: Floats, mesh: MeshEdges) -> tuple[Integers, Floats]:
     """Edges between front and back or beside nothing, and their outward normals (E', 2)."""
-    with np.errstate(invalid="ignore"):
-        # column by column: a reduction over two or three numbers a row is slow
-        x, y = (np.abs(axis) <= REACH for axis in pixels.T)
-        usable: Flags = x & y & (depth >= NEAR) & np.isfinite(depth)
-    a, b, c = (pixels.take(mesh.faces[:, k], 0) for k in range(3))
-    with np.errstate(invalid="ignore", over="ignore"):
-        front = _cross(b - a, c - a) < 0  # y points down
-    one, two, three = (usable.take(mesh.faces[:, k]) for k in range(3))
-    drawn: Flags = one & two & three
-    first, second = mesh.sides[:, 0], mesh.sides[:, 1]
-    is_open = second < 0
-    differ = (front[first] ^ front[second]) != mesh.turned
-    kept = drawn[first] & (is_open | (drawn[second] & differ))
+    front, drawn = np.empty((2, len(mesh.faces)), np.bool_)
+    points = np.ascontiguousarray(pixels, np.float64), np.ascontiguousarray(depth, np.float64)
+    _facing_numba.facing(*points, mesh.faces, (REACH, NEAR), front, drawn)
+    kept = np.empty(len(mesh.sides), np.bool_)
+    _facing_numba.folded(front, drawn, mesh.sides, mesh.turned, kept)
     edges = np.flatnonzero(kept)
     return edges, _outward(pixels, mesh, edges)
 

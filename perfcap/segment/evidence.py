@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.segment import _color_numba
 from perfcap.segment.background import Lighting, Plate, background_density
 from perfcap.segment.color_model import ColorModel, ColorSettings, fit_color_model, thinned
 from perfcap.segment.settings import GrabCutSettings
@@ -100,26 +101,29 @@ class Pixels:
 
 def log_ratio(pixels: Pixels, models: ColorModels, settings: GrabCutSettings) -> Plane:
     """Nats in favour of the person at some pixels, (n,), limited."""
-    colors, known = pixels.colors, pixels.known
-    surprise = choose(known, settings.backed.surprise, settings.alone.surprise)
+    colors, known, backed = pixels.colors, pixels.known, pixels.backed
+    alone, clear = _odds(settings.alone.surprise), _odds(settings.backed.surprise)
+    # the person may always have hidden it
+    unseen = _odds(settings.unseen)
     if settings.use_colors:
-        person = _mixed(models.foreground.log_density(colors), surprise)
-        # the person may always have hidden it
-        scene = _mixed(models.background.log_density(colors), np.float32(settings.unseen))
+        person, scene = models.foreground.log_density(colors), models.background.log_density(colors)
     else:
         person = scene = np.full(len(colors), _ANY_COLOR, np.float32)
-    if pixels.backed is not None and known is not None:
-        clutter = scene + np.float32(np.log(settings.plate.clutter))
-        scene = np.where(known, np.logaddexp(pixels.backed, clutter), scene)
-    ratio: Plane = np.clip(person - scene, -settings.limit, settings.limit)
+        alone = clear = unseen = _odds(0.0)
+    if known is None or backed is None:
+        known, backed = np.zeros(0, np.bool_), np.zeros(0, np.float32)
+    last = np.log([settings.plate.clutter]).astype(np.float32), np.array([settings.limit], "f4")
+    ratio = np.empty(len(colors), np.float32)
+    _color_numba.weigh(person, scene, known, backed, alone, clear, unseen, *last, ratio)
     return ratio
 
 
-def _mixed(density: Plane, unknown: Plane | np.float32) -> Plane:
-    """Log density of colours that are as expected, or with some probability just any colour."""
+def _odds(unknown: float) -> Plane:
+    """Logs of the probability of colours as expected, and of that of just any colour, (2,)."""
     with np.errstate(divide="ignore"):  # none is unknown: log 0
-        mixed: Plane = np.logaddexp(density + np.log(1 - unknown), _ANY_COLOR + np.log(unknown))
-    return mixed
+        share = np.array([1 - np.float32(unknown), unknown], np.float32)
+        odds: Plane = np.log(share) + np.array([0, _ANY_COLOR], np.float32)
+    return odds
 
 
 def choose(known: Mask | None, backed: float, alone: float) -> Plane:

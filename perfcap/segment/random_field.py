@@ -109,7 +109,12 @@ class BandField:
     def solve(self, evidence: Plane) -> Mask:
         """Foreground (h, w) of least energy under nats in its favour (h, w)."""
         require_shape(evidence, "evidence", self.decided.shape, "(h, w) of the trimap's box")
-        nats = np.clip(evidence[self.part][self.band], -_MOST, _MOST).astype(np.float64)
+        return self.settle(evidence[self.part][self.band])
+
+    def settle(self, evidence: Plane) -> Mask:
+        """The same under nats in favour of open pixels alone, (n,) in reading order."""
+        require_shape(evidence, "evidence", self.pull.shape, "(n,), of each open pixel")
+        nats = np.clip(evidence, -_MOST, _MOST).astype(np.float64)
         if np.isnan(nats).any():
             raise InputError("evidence holds what is no number; expected nats, finite or infinite")
         foreground = self.decided.copy()

@@ -123,7 +123,12 @@ def survey(
 
     samples = list(ordered_map(glimpse, zip(images, models, strict=True), workers))
     middle = samples[len(samples) // 2]
-    shifts = np.array(list(ordered_map(middle.shift_to, samples, workers))) / scale
+    edges = _Edges.of(middle.small)
+
+    def shift(sample: _Glimpse) -> float:
+        return edges.shift_to(sample.small, middle.closed | sample.closed)
+
+    shifts = np.array(list(ordered_map(shift, samples, workers))) / scale
     same = np.nonzero(shifts < settings.still)[0]
     typical = float(np.median(np.delete(shifts, len(samples) // 2)))
     if len(same) < max(settings.share * len(images), plate.least):
@@ -151,10 +156,6 @@ class _Glimpse:
         closed = cv2.resize(hidden.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         return cls(hidden, small, closed)
 
-    def shift_to(self, other: _Glimpse) -> float:
-        """Pixels of the small picture by which the background moved."""
-        return shift_of(self.small, other.small, self.closed | other.closed)
-
 
 def shift_of(one: Image, other: Image, hidden: Mask) -> float:
     """Pixels by which edges of the background moved between two grey images (H, W), roughly.
@@ -163,17 +164,41 @@ def shift_of(one: Image, other: Image, hidden: Mask) -> float:
     shifts are underrated, but never as small. Without any edge to go by, zero if the images are
     alike, infinite otherwise.
     """
-    smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0) for image in (one, other)]
-    slope = np.hypot(*(cv2.Sobel(smooth[0], cv2.CV_32F, *a, ksize=3) / 8 for a in ((1, 0), (0, 1))))
-    visible = slope[~hidden]
-    if not len(visible):
-        return float("inf")
-    change = (smooth[1] - smooth[0])[~hidden]
-    change = np.abs(change - np.median(change))  # the light may differ
-    edges = visible > max(_SLOPE, float(np.quantile(visible, _EDGES)))
-    if int(edges.sum()) < _LEAST_EDGES:
-        return 0.0 if float(np.median(change)) < _ALIKE else float("inf")
-    return float(np.median(change[edges] / visible[edges]))
+    return _Edges.of(one).shift_to(other, hidden)
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """A grey image (H, W), smoothed, and its slopes: many others are compared with it."""
+
+    smooth: NDArray[np.float32]
+    slope: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, image: Image) -> _Edges:
+        smooth = _smooth(image)
+        ways = ((1, 0), (0, 1))
+        return cls(
+            smooth, np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, *way, ksize=3) / 8 for way in ways))
+        )
+
+    def shift_to(self, other: Image, hidden: Mask) -> float:
+        """See ``shift_of``."""
+        shown = np.flatnonzero(~hidden)
+        visible = self.slope.reshape(-1)[shown]
+        if not len(visible):
+            return float("inf")
+        change = (_smooth(other) - self.smooth).reshape(-1)[shown]
+        change = np.abs(change - np.median(change))  # the light may differ
+        edges = visible > max(_SLOPE, float(np.quantile(visible, _EDGES)))
+        if int(edges.sum()) < _LEAST_EDGES:
+            return 0.0 if float(np.median(change)) < _ALIKE else float("inf")
+        return float(np.median(change[edges] / visible[edges]))
+
+
+def _smooth(image: Image) -> NDArray[np.float32]:
+    smooth: NDArray[np.float32] = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0)
+    return smooth
 
 
 def key_frame(

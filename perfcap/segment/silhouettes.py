@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.segment.recent_labels import RecentLabels
 from perfcap.segment.trimap import Mask
 
 Labels = NDArray[np.uint8]
@@ -26,7 +27,8 @@ if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in OpenCV 4.10; labels are runs wi
 class Silhouettes:
     """Labels of every pixel of F frames in C views: 0 background, k the k-th person.
 
-    A few kilobytes a frame and view are kept, as PNG; labels are decoded when asked for.
+    A few kilobytes a frame and view are kept, as PNG; labels are decoded when asked for, and those
+    of some frames are remembered.
 
     Attributes:
         encoded: PNG of each frame and view, ``[frame][view]``.
@@ -35,6 +37,7 @@ class Silhouettes:
 
     encoded: tuple[tuple[bytes, ...], ...]
     person: int | None = None
+    _recent: RecentLabels = field(default_factory=RecentLabels, repr=False, compare=False)
 
     @classmethod
     def collect(cls, frames: Iterable[Sequence[Labels | Mask]]) -> Silhouettes:
@@ -73,7 +76,7 @@ class Silhouettes:
 
     def labels(self, frame: int, view: int = 0) -> Labels:
         """(H, W) uint8."""
-        labels = decode_labels(self.encoded[frame][view])
+        labels = self._all(frame, view)
         return labels if self.person is None else (labels == self.person).astype(np.uint8)
 
     def mask(self, frame: int, view: int = 0, person: int = 1) -> Mask:
@@ -83,9 +86,12 @@ class Silhouettes:
 
     def others(self, frame: int, view: int = 0) -> Mask:
         """Where anybody but the person shown is, (H, W); nowhere if everybody is shown."""
-        labels = decode_labels(self.encoded[frame][view])
+        labels = self._all(frame, view)
         elsewhere: Mask = (labels > 0) & (labels != self.person) & (self.person is not None)
         return elsewhere
+
+    def _all(self, frame: int, view: int) -> Labels:
+        return self._recent.labels(self.encoded[frame][view], decode_labels)
 
     def png(self, view: int = 0) -> Iterator[bytes]:
         """Files of a view's frames in order, as they are to be written."""

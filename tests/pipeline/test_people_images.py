@@ -202,12 +202,16 @@ def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> No
     assert unknown is not None
     through = [drawn_as(d.mask | u) for d, u in zip(known, unknown, strict=True)]
     for drawn in (known, through):
-        assert frame_overlaps([drawn], evidence, range(frame, frame + 1)) == [1.0]
+        assert frame_overlaps([[d.outline for d in drawn]], evidence, range(frame, frame + 1)) == [
+            1.0
+        ]
     masks = evidence.masks(frame)
     half = [drawn_as(m & (np.arange(m.shape[1]) < np.nonzero(m)[1].mean())) for m in masks]
     expected = np.mean([mask_overlap(h.mask, m).iou for h, m in zip(half, masks, strict=True)])
     assert 0.2 < expected < 0.8
-    assert frame_overlaps([half], evidence, range(frame, frame + 1)) == [expected]
+    assert frame_overlaps([[h.outline for h in half]], evidence, range(frame, frame + 1)) == [
+        expected
+    ]
 
 
 def test_what_was_done_is_not_done_again(folder: Path, found: tuple[Performance, ...]) -> None:

@@ -16,9 +16,11 @@ from perfcap.render.label_map import (
     Cull,
     LabelMap,
     barycentric_at,
+    cover,
     rasterize,
     snap,
     surrounding,
+    usable_vertices,
 )
 
 SIZE = (48, 64)
@@ -327,3 +329,22 @@ def test_meshes_without_numbers() -> None:
     pixels, depth, faces = torch.zeros(3, 2), torch.ones(3), torch.tensor([[0, 1, 2]])
     with pytest.raises(InputError, match="meta device"):
         rasterize(pixels.to("meta"), depth.to("meta"), faces, SIZE)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_covered_is_what_is_drawn(seed: int) -> None:
+    pixels, depth, faces = soup(seed)
+    for part in (None, (slice(5, 31), slice(20, 60))):
+        drawn = rasterize(pixels, depth, faces, SIZE, part=part)
+        assert torch.equal(cover(pixels, depth, faces, SIZE, part), drawn.mask)
+
+
+def test_twins_put_vertices_onto_the_same_grid() -> None:
+    pixels, depth, _ = soup(3)
+    pixels[5, 0], pixels[6, 1], depth[7], depth[8] = torch.nan, torch.inf, -1.0, torch.nan
+    grid, inverse, usable = snap(pixels[None], depth[None])
+    assert torch.equal(usable[0], usable_vertices(pixels, depth))
+    assert 0 < int(usable.sum()) < len(depth) - 3
+    expected = reference.snap(pixels, depth, usable[0], BITS)
+    assert torch.equal(grid[0], expected[0])
+    assert torch.equal(inverse[0], expected[1])

@@ -46,6 +46,16 @@ def test_parts_of_a_piece_of_the_image() -> None:
     np.testing.assert_array_equal(piece, whole)
 
 
+def test_parts_may_be_those_of_triangles() -> None:
+    points, normals = np.array([[9.5, 20.0], [49.5, 20.0]]), np.concatenate([LEFT, RIGHT])
+    of_triangle = np.array([1, 0, 1])
+    triangle = np.select([PARTS == 1, PARTS == 0], [2, 1], -1).astype(np.int32)
+    found = part_depth(points, normals, triangle, 45, of_triangle=of_triangle)
+    np.testing.assert_array_equal(found, part_depth(points, normals, PARTS, 45))
+    with pytest.raises(InputError, match="triangle 2 but of_triangle has 2"):
+        part_depth(points, normals, triangle, 45, of_triangle=of_triangle[:2])
+
+
 def test_the_compiled_loop_equals_numpy() -> None:
     rng = np.random.default_rng(0)
     parts = np.kron(rng.integers(-1, 3, (9, 11)), np.ones((7, 6), np.int64))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import multivariate_normal
 
+from perfcap.segment import _color_numba
 from perfcap.segment.color_model import ColorModel, ColorSettings, fit_color_model
 
 RED, BLUE = np.array([200.0, 30.0, 40.0]), np.array([20.0, 60.0, 180.0])
@@ -64,3 +65,19 @@ def test_degenerate_regions():
         assert len(model.weights) == 1
         assert np.isfinite(model.log_density(pixels)).all()
         assert np.isfinite(model.log_density(np.zeros((1, 3), np.float32))).all()
+
+
+def test_sides_are_weighed_as_sums_of_probabilities():
+    rng = np.random.default_rng(5)
+    person, scene, backed = rng.uniform(-60, 0, (3, 400)).astype(np.float32)
+    person[:3], scene[:3] = -16.0, (-16.0, -np.inf, -200.0)
+    known = rng.random(400) < 0.5
+    alone, clear, unseen = np.log(np.array([[0.98, 0.02], [0.5, 0.5], [0.9, 0.1]], np.float32))
+    clutter, limit = np.log(np.array([1e-3], np.float32)), np.array([20], np.float32)
+    odds = np.where(known[:, None], clear, alone)
+    own = np.logaddexp(person + odds[:, 0], odds[:, 1])
+    other = np.logaddexp(scene + unseen[0], unseen[1])
+    other = np.where(known, np.logaddexp(backed, other + clutter), other)
+    found = np.empty(400, np.float32)
+    _color_numba.weigh(person, scene, known, backed, alone, clear, unseen, clutter, limit, found)
+    np.testing.assert_allclose(found, np.clip(own - other, -20, 20), rtol=1e-5, atol=1e-5)
