@@ -79,10 +79,15 @@ def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Input
     """
     _check_detections(request)
     lifter = next((OnnxLifter(find_model(name, LIFTERS)) for name in request.lifters), None)
+    chosen = request.lifter is not None  # else it is for who has no 3D poses at all
     if not request.detectors:
-        return _lifted(_read(request), lifter)
+        inputs = _read(request)
+        posed = bool(inputs.detections.trusted3d.any())
+        return _lifted(inputs, None if posed and not chosen else lifter)
     _check_detector(request)
     detectors = tuple(OnnxDetector(find_model(name, DETECTORS)) for name in request.detectors)
+    if detectors[0].sees_poses and not chosen:
+        lifter = None
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
         detecting = Detecting(

@@ -10,6 +10,7 @@ import tyro
 
 DEFAULT_DETECTORS = ("thunder", "blazepose_heavy", "rendered")  # the first one follows the person
 DEFAULT_LIFTER = "cmu"
+NO_LIFTER = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +37,8 @@ class Views:
     person: int | None = None
     """Which person of the first frame, where several are seen: 1 is the surest, 2 the next."""
     lifter: str | None = None
-    """Give 3D poses to views without: a folder with manifest.toml, or a shipped network's name;
-    cmu for one or two videos, if neither --detections nor --detector is given."""
+    """Give 3D poses to views without: a folder with manifest.toml, a shipped network's name, or
+    none; cmu for one or two videos, unless files or the first network have 3D poses already."""
     frames: str | None = None
     """Part of the clip, A:B (B exclusive)."""
     video_map: Path | None = None
@@ -62,9 +63,8 @@ class Views:
 
     @property
     def lifters(self) -> tuple[str, ...]:
-        """The network that lifts them, or none."""
+        """The network that lifts them, or none; the default where 3D poses are lacking."""
         if self.lifter is not None:
-            return (self.lifter,)
-        found = not self.detections and not self.detector and len(self.videos) <= 2
-        found = found and not self.everybody
+            return () if self.lifter == NO_LIFTER else (self.lifter,)
+        found = len(self.videos) <= 2 and not self.everybody
         return (DEFAULT_LIFTER,) if found else ()

@@ -77,6 +77,12 @@ class OnnxDetector:
         return (*self.session.warnings, *((note,) if missing else ()))
 
     @property
+    def sees_poses(self) -> bool:
+        """Whether it answers with 3D joints."""
+        spec = self.manifest.output
+        return bool(spec.joints3d) or spec.kind in ("location_maps", "joints3d")
+
+    @property
     def crop_size(self) -> tuple[int, int]:
         """(height, width) of what the network looks at, pixels."""
         return self.manifest.input.size
@@ -165,9 +171,8 @@ class OnnxDetector:
         return Estimate(joints2d, found.confidence[:, order], joints3d, candidates)
 
     def _nothing(self) -> Estimate:
-        joints, spec = len(self.joint_set), self.manifest.output
-        has3d = bool(spec.joints3d) or spec.kind == "location_maps"
-        none3d = torch.zeros(0, joints, 3) if has3d else None
+        joints = len(self.joint_set)
+        none3d = torch.zeros(0, joints, 3) if self.sees_poses else None
         return Estimate(torch.zeros(0, joints, 2), torch.zeros(0, joints), none3d)
 
 

@@ -57,7 +57,8 @@ def located(found: Detections, truth: Detections) -> float:
 def call(dots: TakeFiles, network: Path | str, out: Path, *more: str) -> list[str]:
     parts = {"actor": dots.actor, "cameras": dots.camera, "detector": network, "out": out}
     options = [str(text) for key, value in parts.items() for text in (f"--{key}", value)]
-    return ["capture", str(dots.folder / "images"), *options, *UNTIL, *more]
+    alone = () if "--lifter" in more else ("--lifter", "none")
+    return ["capture", str(dots.folder / "images"), *options, *UNTIL, *alone, *more]
 
 
 def test_images_and_a_network_are_enough(
@@ -217,6 +218,30 @@ def test_what_was_detected_before_a_kill_is_not_detected_again(
     assert again == asked[0] - 100 - (before - 2)
     kept, whole = motion(out), motion(tmp_path / "whole")
     assert all(np.array_equal(kept[name], whole[name]) for name in whole)
+
+
+def test_joints_without_poses_are_lifted_unless_told(
+    dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    """Of a network of one's own and of a file: one view says nothing of depth, and nobody asked."""
+    line = call(dots, network, tmp_path / "alone", "--frames", "0:9", "--lifter", "none")
+    assert perfcap(line).code in (0, 3)
+    place = line.index("--lifter")
+    own, line = line[place : place + 2], [*line[:place], *line[place + 2 :]]
+    line[line.index("--out") + 1] = str(tmp_path / "lifted")
+    assert perfcap(line).code in (0, 3)
+    place = line.index("--detector")
+    line[place : place + 2] = ["--detections", str(tmp_path / "alone" / "detections.npz")]
+    for name, more in (("file", []), ("file_alone", own)):
+        line[line.index("--out") + 1] = str(tmp_path / name)
+        assert perfcap([*line, *more]).code in (0, 3)
+    names = ("alone", "lifted", "file", "file_alone")
+    alone, lifted, file, file_alone = (
+        np.load(tmp_path / n / "motion.npz")["joints3d"] for n in names
+    )
+    assert np.abs(lifted - file).max() < 2e-3  # the file holds single precision
+    assert np.abs(alone - file_alone).max() < 2e-3
+    assert np.abs(alone - lifted).max() > 0.02
 
 
 def test_a_lifter_gives_3d_poses_to_one_view(
