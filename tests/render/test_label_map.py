@@ -327,3 +327,13 @@ def test_meshes_without_numbers() -> None:
     pixels, depth, faces = torch.zeros(3, 2), torch.ones(3), torch.tensor([[0, 1, 2]])
     with pytest.raises(InputError, match="meta device"):
         rasterize(pixels.to("meta"), depth.to("meta"), faces, SIZE)
+
+
+def test_backgrounds_that_a_type_does_not_have() -> None:
+    """-1 was 255 in bytes, and any number true in flags."""
+    corners = torch.tensor([[0.0, 0], [8, 0], [0, 8]], dtype=torch.float64)
+    seen = rasterize(corners, torch.ones(3).double(), torch.tensor([[0, 1, 2]]), (8, 8))
+    for labels, background in ((torch.ones(1, dtype=torch.uint8), -1), (torch.tensor([True]), 5)):
+        with pytest.raises(InputError, match=f"^background is {background}, which torch"):
+            seen.label(labels, background)
+    assert seen.label(torch.ones(1, dtype=torch.int8), -1).unique().tolist() == [-1, 1]
