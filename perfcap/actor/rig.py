@@ -150,8 +150,8 @@ class Rig:
             raise InputError("skeleton has joints of the same name; expected one for each")
         angles = [hinge.name for hinge in self.hinges]
         for what, names in (("hinges", angles), ("landmarks", list(self.landmarks))):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            if twice:
+            if len(set(names)) < len(names):
+                twice = sorted({name for name in names if names.count(name) > 1})
                 raise InputError(
                     f"skeleton has several {what} called {', '.join(twice)}; expected a name for "
                     "each, by which results and limits are found"
