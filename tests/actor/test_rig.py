@@ -25,3 +25,11 @@ def test_landmarks_are_somewhere() -> None:
     rig = load_actor("sam").skeleton.rig
     with pytest.raises(InputError, match="joints or landmarks that are not finite"):
         replace(rig, landmark_positions=rig.landmark_positions * torch.nan)
+
+
+def test_vertices_of_another_size_are_no_actor() -> None:
+    """Only larger ones were refused, and NaN is not larger."""
+    actor = load_actor("sam")
+    for factor in (0.001, torch.nan):
+        with pytest.raises(InputError, match="times as large as the actor"):
+            actor.with_vertices(factor * actor.vertices)
