@@ -77,16 +77,20 @@ class Actor(nn.Module):
         return dual_quaternion_blend(vertices, self.skin, rotation, translation)
 
     def with_vertices(self, rest: Tensor) -> Self:
-        """The actor with other vertices at rest, (V, 3) m; the template stays the same."""
+        """The actor with other vertices at rest, (V, 3) m; the template stays the same.
+
+        Raises:
+            InputError: they are of another number or unit, or no numbers.
+        """
         if rest.shape != self.vertices.shape:
             raise InputError(
                 f"rest has shape {tuple(rest.shape)}; expected {tuple(self.vertices.shape)}"
             )
         larger = float((_extent(rest) / _extent(self.vertices)).detach())
-        if larger > _LARGER:
+        if not 1 / _LARGER <= larger <= _LARGER:  # nor is it NaN
             raise InputError(
                 f"rest is {larger:.3g} times as large as the actor, expected metres; divide "
-                "millimetres by 1000"
+                "millimetres by 1000, and leave no vertex NaN"
             )
         other = copy.copy(self)
         other._buffers = {**self._buffers, "vertices": rest.to(self.vertices)}

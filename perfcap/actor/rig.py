@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
@@ -117,8 +116,10 @@ class Rig:
         if any(parent >= joint for joint, parent in enumerate(self.parents)):
             raise InputError("skeleton joints must follow their parents; sort them from the root")
         self._check_counts()
-        if not torch.isfinite(self.positions).all():
-            raise InputError("skeleton has joint positions that are not finite numbers")
+        if not (self.positions.isfinite().all() and self.landmark_positions.isfinite().all()):
+            raise InputError(
+                "skeleton has positions of joints or landmarks that are not finite numbers"
+            )
         unknown = {hinge.joint for hinge in self.hinges} - set(self.joints)
         if unknown:
             raise InputError(
@@ -147,6 +148,14 @@ class Rig:
             )
         if len(set(self.joints)) < joints:
             raise InputError("skeleton has joints of the same name; expected one for each")
+        angles = [hinge.name for hinge in self.hinges]
+        for what, names in (("hinges", angles), ("landmarks", list(self.landmarks))):
+            if len(set(names)) < len(names):
+                twice = sorted({name for name in names if names.count(name) > 1})
+                raise InputError(
+                    f"skeleton has several {what} called {', '.join(twice)}; expected a name for "
+                    "each, by which results and limits are found"
+                )
         if self.bone_groups and len(self.bone_groups) != joints + marks:
             raise InputError(
                 f"skeleton has {len(self.bone_groups)} bone groups; expected one for each of its "

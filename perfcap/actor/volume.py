@@ -13,6 +13,7 @@ from perfcap.actor.points import Landmarks, Linearized
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
 from perfcap.errors import InputError
+from perfcap.geometry.plain import is_plain
 from perfcap.geometry.record import Record
 from perfcap.solve.second_order import SecondOrder
 
@@ -31,6 +32,10 @@ class Volume(Record):
         densities: light absorbed in the middle of each, (Q,) 1/m.
         joints: index of the joint of the skeleton that each is rigid with, (Q,).
         colors: linear RGB in [0, 1], (Q, 3), or None; NaN where nothing was seen.
+
+    Raises:
+        InputError: shapes that do not belong together, places that are no numbers, deviations that
+            are not above zero, or densities below it.
     """
 
     centres: Tensor
@@ -52,6 +57,22 @@ class Volume(Record):
             raise InputError(
                 f"volume has colors {tuple(self.colors.shape)} for {count} Gaussians; expected "
                 f"({count}, 3)"
+            )
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        """Widths are squared, so that negative ones would draw the same and move otherwise."""
+        centres, width, density = (
+            each.detach() for each in (self.centres, self.deviations, self.densities)
+        )
+        if not is_plain(centres, width, density) or not self.count:
+            return
+        sound = bool(centres.isfinite().all() & (width.isfinite() & density.isfinite()).all())
+        if not sound or not (float(width.min()) > 0 and float(density.min()) >= 0):
+            raise InputError(
+                f"volume has deviations from {float(width.min()):.3g} m and densities from "
+                f"{float(density.min()):.3g} 1/m; expected finite numbers, above zero and not "
+                "below zero, and finite centres in metres"
             )
 
     @property

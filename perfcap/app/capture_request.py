@@ -20,6 +20,7 @@ from perfcap.app.networks import (
     DETECTORS,
     LIFTERS,
     NO_SEGMENTER,
+    PLAIN_EDGES,
     find_edge_network,
     find_model,
     find_segmenter,
@@ -92,10 +93,15 @@ def edges_of(request: Capture) -> Path | None:
     """Weights of the network of edges; None where edges count as they are or no contour asks.
 
     Raises:
-        InputError: there are none.
+        InputError: there are none, or ones of a user's own have no effect.
     """
     found = find_edge_network(request.edges)
     wanted = PRESETS[request.preset].contours.enabled
+    if not wanted and request.edges not in (Capture.edges, PLAIN_EDGES):
+        raise InputError(
+            f"--edges {request.edges}: --preset {request.preset} has no contours that meet edges; "
+            "leave it out, or take --preset rhodin2016"
+        )
     return found if wanted and Stage[request.until.upper()].needs_images else None
 
 

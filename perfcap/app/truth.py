@@ -205,6 +205,14 @@ def _load(path: Path) -> dict[str, NDArray[Any]]:
     unit = unit_of(float(np.median(np.ptp(joints, axis=1).max(-1))))
     if unit != "metres":
         raise InputError(f"{path}: joints3d look like {unit}, expected metres; convert them")
+    at_zero = (joints == 0).all(-1)  # one joint may be the origin of all frames
+    empty = np.flatnonzero((at_zero.sum(1) > 1) | at_zero[:, ~at_zero.all(0)].any(1))
+    if len(empty):  # a frame of one place fits whatever it is compared with
+        raise InputError(
+            f"{path}: joints3d has joints at 0, 0, 0 in {len(empty)} of {len(joints)} frames "
+            f"(first {frames[empty[0]]}), as if not measured; expected places in all: fill "
+            "gaps from the frames beside, or capture a part without (--frames)"
+        )
     return values
 
 

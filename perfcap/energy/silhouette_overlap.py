@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -94,9 +95,13 @@ class SilhouetteOverlap(Energy[Any]):
 
     def residual(self, state: Any) -> Residual:
         """(*b, F, C, H * W)."""
-        coverage = self.silhouette.seen_by(self.cameras, self.surface(state))
+        surface = self.surface(state)
+        coverage = self.silhouette.seen_by(self.cameras, surface)
         require_frames(self, self.masks.shape[-4], coverage.shape[-4])
         error = self.scale.to(coverage) * (coverage - self.masks.to(coverage))
+        lost = _lost(surface)
+        if lost is not None:
+            error = torch.where(lost[..., None, None, None], torch.nan, error)
         return Residual(error.flatten(-2))
 
     def linearize(self, state: Any) -> Linearization:
@@ -194,8 +199,10 @@ class SilhouetteOverlap(Energy[Any]):
 
     def _outline_rows(self, state: Any) -> list[OutlineRows]:
         """Rows of every frame, *b and F in one; one frame's images at a time."""
-        local = self.cameras.to_camera(self.surface(state).detach())
+        surface = self.surface(state).detach()
+        local = self.cameras.to_camera(surface)
         require_frames(self, self.masks.shape[-4], local.shape[-4])
+        lost = _lost(surface)
         pixels = self.cameras.project_camera(local).flatten(0, -4)  # B C V 2
         depth = local[..., 2].flatten(0, -3)
         shape = (*local.shape[:-2], *self.silhouette.size)
@@ -206,7 +213,10 @@ class SilhouetteOverlap(Energy[Any]):
             coverage, derivative = self.silhouette.linearize(pixels[frame], depth[frame])
             here = scale[frame].to(coverage)
             error = here * (coverage - masks[frame].to(coverage))
-            rows.append(OutlineRows.of(derivative, error, here))
+            found = OutlineRows.of(derivative, error, here)
+            if lost is not None and lost.flatten()[frame]:
+                found = replace(found, rest=torch.full_like(found.rest, torch.nan))
+            rows.append(found)
         return rows
 
     @staticmethod
@@ -239,6 +249,17 @@ class SilhouetteOverlap(Energy[Any]):
         if of_shared is None or not of_shared[..., seen].shape[-1]:
             return points, of_frame
         return points, torch.cat((of_frame, of_shared[..., seen]), -1)
+
+
+def _lost(surface: Tensor) -> Tensor | None:
+    """Frames (*b, F) with vertices that are no numbers; None where there are none.
+
+    They are not drawn, so that nothing of a surface seemed to be a surface that is out of sight.
+    """
+    if torch._C._functorch.is_functorch_wrapped_tensor(surface):
+        return None
+    finite = surface.detach().isfinite()
+    return None if bool(finite.all()) else ~finite.flatten(-2).all(-1)
 
 
 def _split(derivative: Tensor, state: State) -> tuple[Tensor, Tensor | None]:

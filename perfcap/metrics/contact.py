@@ -53,8 +53,11 @@ def floor_contact(
         speed: and no faster than this, m/s.
 
     Raises:
-        InputError: shapes that do not belong together, or no positive frame rate.
+        InputError: shapes that do not belong together, no positive frame rate, or limits that are
+            none.
     """
+    require_number(rise, "rise", least=0)
+    require_number(speed, "speed", least=0)
     if height.shape != feet.shape[:-1] or feet.shape[-1:] != (3,) or feet.dim() < 3:
         raise InputError(
             f"feet have shape {tuple(feet.shape)} and height {tuple(height.shape)}; give "
@@ -62,7 +65,8 @@ def floor_contact(
         )
     fps = frame_rate(fps, "fps")
     known = torch.where(height.isfinite(), height, torch.inf)
-    low = known <= known.amin(-2, keepdim=True) + rise
+    # where no height of a joint is known its lowest is infinite too, and nothing of it stands
+    low = (known <= known.amin(-2, keepdim=True) + rise) & height.isfinite()
     slow = feet.diff(dim=-3).norm(dim=-1) * fps <= speed
     stands: Tensor = low[..., 1:, :] & low[..., :-1, :] & slow
     return stands
@@ -106,9 +110,11 @@ def penetration(height: Tensor, tolerance: float = 0.005) -> Penetration:
         tolerance: a depth up to this is no fault, metres.
 
     Raises:
-        InputError: a tolerance that is none.
+        InputError: a tolerance that is none, or heights of no points or no frames.
     """
     require_number(tolerance, "tolerance", least=0)
+    if height.dim() < 2 or 0 in height.shape[-1:]:
+        raise InputError(f"height has shape {tuple(height.shape)}, expected (*b, F, N)")
     valid = height.isfinite().all(-1)
     depth = torch.where(valid, -height.amin(-1), 0).clamp(min=0)
     frames = valid.sum(-1)

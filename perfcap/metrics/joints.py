@@ -18,6 +18,7 @@ from perfcap.metrics.alignment import HIPS, TRUNK, Alignment, align
 from perfcap.metrics.missing import (
     check_mask,
     check_metres,
+    check_places,
     check_same_joints,
     complete,
     counted_joints,
@@ -133,6 +134,8 @@ def _length(points: Tensor, ends: tuple[int, int]) -> Tensor:
 
 MILLIMETRES = 1000.0  # in a metre
 _LANDMARKS = 16
+# joints that always coincide after it
+_FITTED: dict[str, int] = {Alignment.TRANSLATION: 1, Alignment.SIMILARITY: 2}
 
 
 @dataclass(frozen=True)
@@ -192,8 +195,8 @@ def joint_errors(
         partial: whether frames with missing joints count with those they have.
 
     Raises:
-        InputError: shapes that do not belong together, another unit than metres, or other joints
-            than the 16 landmarks without their hips and trunk.
+        InputError: shapes that do not belong together, another unit than metres, other joints than
+            the 16 landmarks without their hips and trunk, or true joints at 0, 0, 0 that count.
     """
     check_same_joints(estimate, truth)
     check_metres(estimate=estimate, truth=truth)
@@ -202,6 +205,7 @@ def joint_errors(
     kind = torch.promote_types(torch.promote_types(estimate.dtype, truth.dtype), torch.float32)
     estimate, truth = estimate.to(kind), truth.to(kind)
     valid = counted_joints(estimate, truth, confidence, partial)
+    check_places(truth, valid)
     counts = valid.any(-1)
     apart = {
         kind: aligned_distances(estimate, truth, valid, kind, hips, trunk) for kind in Alignment
@@ -260,6 +264,9 @@ def aligned_distances(
 ) -> Tensor:
     """Distance of each joint after an alignment, (*b, F, J), mm; NaN where joints do not count.
 
+    Nor do frames of so few joints that any estimate would fit: one after a translation, two after
+    a similarity.
+
     Args:
         estimate: (*b, F, J, 3), metres.
         truth: (*b, F, J, 3), metres.
@@ -274,7 +281,8 @@ def aligned_distances(
     if alignment in (Alignment.ROOT, Alignment.FIRST_FRAME):
         kept = [masked(points, valid) for points in (estimate, truth)]
     apart = distances(align(kept[0], kept[1], valid, alignment, hips, trunk), kept[1])
-    return torch.where(valid, apart, torch.nan)
+    told = valid & (valid.sum(-1, keepdim=True) > _FITTED.get(alignment, 0))
+    return torch.where(told, apart, torch.nan)
 
 
 def joint_table(errors: Tensor, names: Sequence[str]) -> dict[str, Tensor]:

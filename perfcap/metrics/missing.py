@@ -14,6 +14,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 
 _PERSON = 100.0  # m from end to end: of wild estimates, too; a person in centimetres has more
+_POINT = 0.1  # m: joints that never lie farther apart are one point, not a person
 _TURNS, _SHARE = 4 * math.pi, 0.1
 
 
@@ -50,6 +51,27 @@ def check_metres(**joints: Tensor) -> None:
             raise InputError(
                 f"{name} spans {span:.4g} from end to end in a frame, expected metres; convert them"
             )
+
+
+def check_places(truth: Tensor, valid: Tensor | None = None) -> None:
+    """Refuse true joints (*b, F, J, 3) of which two or more of a frame are at 0, 0, 0.
+
+    So files mark what was not measured; the similarity of such a frame has no error at all.
+
+    Raises:
+        InputError: some are, and count.
+    """
+    empty = (truth.detach() == 0).all(-1)
+    lost = ((empty if valid is None else empty & valid).sum(-1) > 1).flatten()
+    if not bool(lost.any()):
+        return
+    known = truth.detach().nan_to_num()
+    if float((known.amax(-2) - known.amin(-2)).amax()) > _POINT:
+        raise InputError(
+            f"truth has several joints at 0, 0, 0 in {int(lost.sum())} of {len(lost)} frames "
+            f"(first in row {int(lost.nonzero()[0])}), expected places in metres; where nothing "
+            "was measured give NaN, or leave the frames out"
+        )
 
 
 def check_radians(**angles: Tensor) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from perfcap.array_checks import require_indices, require_shape
 from perfcap.errors import InputError
 from perfcap.setting_checks import require_count
 
@@ -59,15 +61,20 @@ def surface_error(
         translated: whether the means of all vertices are aligned first.
 
     Raises:
-        InputError: the vertices are not those of one template, or nothing is drawn.
+        InputError: the vertices are not those of one template or no numbers, ``part`` is no mask of
+            them, the faces are not of them or span no area, or nothing is drawn.
     """
     require_count(samples, "samples")
     require_count(queries, "queries")
+    _require_part(part, len(truth))
     if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.ndim != 2:
         raise InputError(
             f"surface has vertices {vertices.shape} and the truth {truth.shape}; give vertices of "
             "one template, (V, 3), or use surface_distance"
         )
+    require_indices(faces, "faces", len(truth), "vertices")
+    _require_finite(vertices, "vertices")
+    _require_finite(truth, "vertices of the truth")
     moved = vertices - vertices.mean(0) + truth.mean(0) if translated else vertices
     chosen = np.flatnonzero(part) if part is not None else np.arange(len(truth))
     vertex = np.linalg.norm(moved - truth, axis=1)[chosen].mean()
@@ -95,14 +102,18 @@ def surface_distance(
         truth_faces: (T', 3).
         rng: draws samples and queries.
         samples: points drawn on each surface, by area.
-        queries: vertices of each whose distance is measured, at most.
+        queries: vertices of each whose distance is measured, at most; those of faces.
 
     Raises:
-        InputError: nothing is drawn.
+        InputError: nothing is drawn, faces index no vertex or span no area, or their vertices are
+            no numbers.
     """
     require_count(samples, "samples")
     require_count(queries, "queries")
-    asked, answered = (rng.permutation(len(v))[:queries] for v in (vertices, truth))
+    asked, answered = (
+        used[rng.permutation(len(used))[:queries]]
+        for used in (_used(vertices, faces, "faces"), _used(truth, truth_faces, "truth_faces"))
+    )
     there = _distance(vertices[asked], truth, truth_faces, rng, samples)
     back = _distance(truth[answered], vertices, faces, rng, samples)
     return 1e3 * float(there.mean() + back.mean()) / 2
@@ -120,18 +131,44 @@ def vertex_error(
         translated: whether the means of all vertices are aligned first.
 
     Raises:
-        InputError: the vertices are not those of one template.
+        InputError: the vertices are not those of one template, or ``part`` is no mask of them.
     """
     if vertices.shape != truth.shape or vertices.shape[-1:] != (3,) or vertices.dim() < 3:
         raise InputError(
             f"vertices have shape {tuple(vertices.shape)} and the truth {tuple(truth.shape)}; give "
             "vertices of one template, (*b, F, V, 3)"
         )
+    _require_part(part, vertices.shape[-2])
     offset = vertices - truth
     if translated:
         offset = offset - offset.mean(-2, keepdim=True)
     apart: Tensor = torch.linalg.vector_norm(offset, dim=-1)
     return 1e3 * (apart if part is None else apart[..., part]).mean(-1)
+
+
+def _require_part(part: Any, count: int) -> None:
+    """Refuse what is no mask of vertices: numbers would name others than were meant."""
+    if part is None:
+        return
+    if tuple(part.shape) != (count,) or part.dtype not in (torch.bool, np.bool_):
+        raise InputError(
+            f"part has shape {tuple(part.shape)} and {part.dtype}, expected bool ({count},), true "
+            "for each vertex that counts; make one of indices, as mask[indices] = True"
+        )
+
+
+def _used(vertices: Floats, faces: Integers, name: str) -> Integers:
+    """Vertices of faces, in order: others, as of a scan, are no part of its surface."""
+    require_shape(faces, name, (None, 3), "(T, 3)")
+    require_indices(faces, name, len(vertices), "vertices")
+    used: Integers = np.unique(faces)
+    _require_finite(vertices[used], f"vertices of {name}")
+    return used
+
+
+def _require_finite(vertices: Floats, name: str) -> None:
+    if not np.isfinite(vertices).all():
+        raise InputError(f"{name} are not all finite; expected metres, leave such frames out")
 
 
 def _distance(
@@ -141,6 +178,8 @@ def _distance(
     corners = vertices[faces]  # T 3 3
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.cumsum(np.linalg.norm(normals, axis=1))
+    if not len(area) or not area[-1] > 0:
+        raise InputError(f"surface has {len(faces)} faces without area; expected triangles")
     drawn = np.searchsorted(area / area[-1], rng.random(samples)).clip(max=len(faces) - 1)
     u, v = rng.random((2, samples, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)

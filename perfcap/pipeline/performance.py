@@ -164,6 +164,11 @@ class Performance:
                 "the detections, or replace all of these"
             )
         check_radians(angles=self.motion.angles)
+        if any(not 0 <= start < stop <= self.frames for start, stop in self.gaps) or self.lost < 0:
+            raise InputError(
+                f"performance: has gaps {self.gaps!r:.80} in {self.frames} frames, lost {self.lost}"
+                "; expected (start, stop) within them, and 0 or more"
+            )
 
     @property
     def frames(self) -> int:
@@ -183,8 +188,7 @@ class Performance:
     @property
     def not_captured(self) -> tuple[tuple[int, int], ...]:
         """Half-open frame ranges: nobody detected, a solve that failed, or frames not read."""
-        failed = torch.zeros(self.frames + self.lost, dtype=torch.bool)
-        failed[self.frames :] = True
+        failed = torch.arange(self.frames + self.lost) >= self.frames
         unsolved = [w.window for w in self.windows if w.status == Status.NOT_FINITE]
         for start, stop in (*self.gaps, *((w.start, w.stop) for w in unsolved)):
             failed[start:stop] = True
@@ -229,8 +233,7 @@ class Performance:
         except ImportError as error:
             raise InputError("to_pandas needs pandas; run: pip install pandas") from error
         rows = pandas.RangeIndex(first_frame, first_frame + self.frames, name="frame")
-        table = pandas.DataFrame(frame_table(self), index=rows)
-        return table.rename_axis(columns=LEVELS)
+        return pandas.DataFrame(frame_table(self), index=rows).rename_axis(columns=LEVELS)
 
     def state(self) -> Mapping[str, Tensor]:
         """Motion, joints, trust and the rate as tensors under plain names, to be saved."""
@@ -269,8 +272,7 @@ class Performance:
         """
         _require_number(first_frame)
         frame_rate(self.rate)
-        folder = make_folder(folder)
-        with locked(folder):
+        with locked(folder := make_folder(folder)):
             finish(folder)
             with replacing(folder) as scratch:
                 write_result(self, scratch, first_frame, run, view_names)

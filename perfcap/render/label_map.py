@@ -68,8 +68,17 @@ class LabelMap:
 
         Labels are parts, people or anything else; a scene of several meshes is one mesh whose
         face indices were offset.
+
+        Raises:
+            InputError: ``face_labels`` are of a type that has no such number as the background.
         """
         empty = face_labels.new_full((1,), background)
+        held = torch.tensor(background).to(face_labels.dtype).item()
+        if held != background:
+            raise InputError(
+                f"background is {background}, which {face_labels.dtype} does not have: it would be "
+                f"{held}; give face_labels of another type, as face_labels.int()"
+            )
         return torch.cat([face_labels, empty])[self.triangle.long()]  # -1 is the last entry
 
     def barycentric(self, pixels: Tensor, depth: Tensor, faces: Tensor) -> Tensor:

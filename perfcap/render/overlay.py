@@ -189,9 +189,14 @@ def draw_overlay(
         style: colours and widths.
 
     Raises:
-        InputError: an array of another shape.
+        InputError: an array of another shape, or a mask of other numbers.
     """
     _check(frame, mask=mask, joints=joints, detections=detections, confidence=confidence)
+    if mask is not None and mask.dtype != np.bool_ and not float(mask.max(initial=0)) <= 1:
+        raise InputError(
+            f"mask is {mask.dtype} up to {float(mask.max()):g}, expected bool, or coverage from 0 "
+            "to 1: compare bytes, as mask > 127"
+        )
     canvas = frame.copy()
     if mask is not None:
         _draw_outline(canvas, mask.astype(np.float32), style)

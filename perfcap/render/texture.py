@@ -19,7 +19,13 @@ COARSEST = 16  # px; smaller levels mix parts of the body that are neighbours in
 
 
 def to_linear(color: Tensor) -> Tensor:
-    """Light intensity in [0, 1], float32, of sRGB values, uint8 (IEC 61966-2-1)."""
+    """Light intensity in [0, 1], float32, of sRGB values, uint8 (IEC 61966-2-1).
+
+    Raises:
+        InputError: values of another type: fractions from 0 to 1 were all black.
+    """
+    if color.dtype != torch.uint8:
+        raise InputError(f"color is {color.dtype}, expected uint8 from 0 to 255")
     value = torch.arange(256, dtype=torch.float32, device=color.device) / 255
     curve = torch.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
     return curve[color.long()]

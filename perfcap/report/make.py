@@ -21,7 +21,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import METRICS, PAGE, own_file
-from perfcap.metrics.missing import check_metres
+from perfcap.metrics.missing import check_metres, check_places
 from perfcap.pipeline.performance import Performance
 from perfcap.report import sections
 from perfcap.report.angles import read_angles
@@ -153,6 +153,7 @@ def _truth(result: Result, rows: slice, wanted: Wanted) -> NDArray[np.float64] |
         )
     found = np.stack(joints)
     check_metres(truth=torch.from_numpy(found))
+    check_places(torch.from_numpy(found))
     return found
 
 

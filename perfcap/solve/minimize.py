@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.solve.adam import Adam
 from perfcap.solve.adjoint import Adjoint, Detached
 from perfcap.solve.bounds import Bounds, project
 from perfcap.solve.dense import Function, Sides, pose
@@ -16,6 +17,7 @@ from perfcap.solve.energy import Energy, Objective, StateType, Step
 from perfcap.solve.layout import Layout
 from perfcap.solve.levenberg_marquardt import LevenbergMarquardt
 from perfcap.solve.solution import Method, Solution
+from perfcap.solve.state_checks import require_box, require_kernels, require_sizes
 
 
 @overload
@@ -96,6 +98,7 @@ def _solve(
             "expected at least one of each; nothing can be solved"
         )
     here = initial.coordinates()
+    require_sizes(initial, here)
     _require_numbers(objective, here, bounds)
     _require_flat(initial, bounds, here.frame)
     if here.frame.dtype not in (torch.float32, torch.float64):
@@ -105,13 +108,16 @@ def _solve(
         )
     if here.frame.device.type == "cpu":
         _keep_freed_memory()
+    require_box(initial, bounds)
     with torch.no_grad():
         start = project(initial, bounds)
         if here.frame.requires_grad or here.shared.requires_grad:
             start = start.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
     with torch.autocast(here.frame.device.type, enabled=False):
-        way = adjoint or Detached()
-        return way.solve(objective, start, method or LevenbergMarquardt(), bounds)
+        way, settings = adjoint or Detached(), method or LevenbergMarquardt()
+        if not isinstance(settings, Adam):  # which asks for no slope
+            require_kernels(objective, start)
+        return way.solve(objective, start, settings, bounds)
 
 
 def _require_settings(method: object, adjoint: object) -> None:

@@ -28,7 +28,13 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.setting_checks import require_count
-from perfcap.temporal.window import Mean, mean_rotations, mean_vectors
+from perfcap.temporal.window import (
+    Mean,
+    mean_rotations,
+    mean_vectors,
+    require_floats,
+    require_vectors,
+)
 
 WIDTH = 5  # frames, Xu 2018
 CHUNK = 8  # frames at once, so that memory does not grow with them
@@ -78,7 +84,11 @@ def smooth_rotations(
     """Smooth rotation vectors (F, ..., 3), radians, over frames by means of rotations.
 
     Arguments are those of ``smooth_vectors``; vectors that differ by full turns are one rotation.
+
+    Raises:
+        InputError: as of ``smooth_vectors``, or rotation matrices.
     """
+    require_vectors(rotations)
     return _smooth(rotations, mean_rotations, taps, confidence)
 
 
@@ -106,6 +116,7 @@ class Smoother:
 
     def push(self, values: Tensor, confidence: Tensor | None = None) -> Tensor:
         """Take the next frames (f, ...) and their confidence (f,); return those now final."""
+        require_floats(values)
         confidence = _confidence(values, confidence)
         if self._held is not None:
             values = torch.cat((self._held[0], values))
@@ -150,8 +161,7 @@ def _filled(values: Tensor, confidence: Tensor) -> Tensor:
     Raises:
         InputError: whole numbers, in which no mean is; or believed frames that are no numbers.
     """
-    if not values.is_floating_point():
-        raise InputError(f"values are {values.dtype}; give floating-point numbers: means are some")
+    require_floats(values)
     measured = values.detach().isfinite()
     if bool(measured.all()):
         return values

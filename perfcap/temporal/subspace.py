@@ -31,8 +31,10 @@ def dct_basis(
         device: of the result.
 
     Raises:
-        InputError: there are no such frames, or no such rank of them.
+        InputError: there are no such frames, no such rank of them, or ``dtype`` has no fractions.
     """
+    if dtype is not None and not dtype.is_floating_point:
+        raise InputError(f"dtype is {dtype}, expected one of floating-point numbers")
     require_count(frames, "frames")
     rank = frames if rank is None else rank
     require_count(rank, "rank")

@@ -25,6 +25,7 @@ from perfcap.setting_checks import require_count
 # Weighted mean over covering windows: values (F, M, ...) and weights (F, M) to (F, ...). The
 # window of largest weight comes first.
 Mean = Callable[[Tensor, Tensor], Tensor]
+_SQUARE = 1e-4  # that products of rows of a rotation matrix may be off
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,11 @@ def blend_rotations(windows: Sequence[Window], rotations: Tensor) -> Tensor:
     """One clip of rotation vectors (F, ..., 3) from those of windows (N, L, ..., 3), radians.
 
     The mean is of rotations, not of their vectors: half and full turns make no difference.
+
+    Raises:
+        InputError: rotation matrices, or windows that do not cover the clip.
     """
+    require_vectors(rotations)
     return _blend(windows, rotations, mean_rotations)
 
 
@@ -127,6 +132,35 @@ def mean_rotations(rotvecs: Tensor, weights: Tensor) -> Tensor:
     last = rotvecs.movedim(1, -2)  # F ... M 3
     weights = weights.reshape(len(weights), *(1,) * (last.dim() - 3), -1)
     return rotation_mean(last, weights)
+
+
+def require_vectors(rotations: Tensor) -> None:
+    """Refuse what is no rotation vector (..., 3), such as the rows of a rotation matrix.
+
+    Raises:
+        InputError: it is something else.
+    """
+    shape = tuple(rotations.shape)
+    if shape[-1:] != (3,):
+        raise InputError(f"rotations have shape {shape}, expected rotation vectors (..., 3)")
+    if shape[-2:] != (3, 3) or 0 in shape:
+        return
+    one = rotations.detach() @ rotations.detach().mT
+    if bool(((one - torch.eye(3).to(one)).abs() < _SQUARE).all()):
+        raise InputError(
+            f"rotations {shape} are rotation matrices, expected rotation vectors (..., 3), "
+            "radians; perfcap.geometry.matrix_to_rotvec makes them"
+        )
+
+
+def require_floats(values: Tensor) -> None:
+    """Refuse whole numbers, in which means are cut off.
+
+    Raises:
+        InputError: values are such.
+    """
+    if not values.is_floating_point():
+        raise InputError(f"values are {values.dtype}; give floating-point numbers: means are some")
 
 
 class Blender:
@@ -158,6 +192,7 @@ class Blender:
                 f"window [{window.start}, {window.stop}) follows one of [{earliest}, {reached}); "
                 "push windows in order and without gaps"
             )
+        require_floats(values)
         if values.shape[0] != len(window):
             raise InputError(
                 f"values have {values.shape[0]} frames but window [{window.start}, {window.stop}) "

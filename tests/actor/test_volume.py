@@ -136,3 +136,16 @@ def test_volume_covers_the_mesh_at_rest() -> None:
 def test_grids_of_no_size_are_refused(spacing: float) -> None:
     with pytest.raises(InputError, match="spacing is"):
         interior(actor(), spacing)
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [("deviations", -0.05), ("deviations", 0.0), ("densities", -1.0), ("centres", math.nan)],
+)
+def test_gaussians_that_are_none(part: str, value: float) -> None:
+    """Negative widths were drawn, and moved like others."""
+    volume = some_volume()
+    numbers = getattr(volume, part).clone()
+    numbers[3] = value
+    with pytest.raises(InputError, match=r"^volume has deviations from"):
+        replace(volume, **{part: numbers})

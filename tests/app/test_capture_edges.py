@@ -52,3 +52,10 @@ def test_the_shipped_file_is_that_of_its_manifest() -> None:
     (file,) = tomllib.loads(SHIPPED.with_name("manifest.toml").read_text(encoding="utf-8"))["file"]
     data = SHIPPED.read_bytes()
     assert (len(data), hashlib.sha256(data).hexdigest()) == (file["size"], file["sha256"])
+
+
+def test_weights_of_ones_own_that_nobody_asks_for(tmp_path: Path) -> None:
+    own = tmp_path / "weights.safetensors"
+    own.write_bytes(SHIPPED.read_bytes())
+    with pytest.raises(InputError, match="--preset default has no contours that meet edges"):
+        edges_of(request(edges=str(own)))

@@ -15,7 +15,9 @@ import torch
 from runs import Command
 from synthetic import cameras as circle
 
+from perfcap.app.truth import read_found
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
 from perfcap.io.surface_file import save_surface
 from perfcap.render import rasterize
 
@@ -276,3 +278,16 @@ def test_one_frame_has_no_acceleration(tmp_path: Path, perfcap: Command) -> None
     assert perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path]).code == 0
     text = (tmp_path / "r" / "metrics.json").read_text()
     assert "NaN" not in text and "accel_err_mm_per_frame2" not in json.loads(text)
+
+
+@pytest.mark.parametrize("joints", [slice(None), [3, 5], [3]])
+def test_a_truth_that_was_not_measured(tmp_path: Path, joints: Any) -> None:
+    """Frames of zeros had no error once they were aligned, and made the others' mean better."""
+    places = np.random.default_rng(0).uniform(0, 1.7, (6, 16, 3))
+    places[:, 8] = 0  # the origin, as of a truth relative to a hip
+    save_motion(tmp_path, places, frames=range(10, 16))
+    assert len(read_found(tmp_path / "motion.npz").frames) == 6
+    places[4, joints] = 0
+    save_motion(tmp_path, places, frames=range(10, 16))
+    with pytest.raises(InputError, match=r"joints3d has joints at 0, 0, 0 in 1 of 6 frames .*14"):
+        read_found(tmp_path / "motion.npz")

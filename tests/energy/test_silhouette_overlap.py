@@ -288,3 +288,14 @@ def test_gradients_of_solutions_reach_cameras() -> None:
     (gradient,) = torch.autograd.grad(found.state.translation[0, 1], position)
     # both cameras up by a metre: the world's y points up, the images' down
     assert float(gradient[:, 1].sum()) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("points", [FAST, None])
+def test_a_surface_of_no_numbers_is_not_out_of_sight(points: object) -> None:
+    """Its energy was 1 a view, less than that of a surface beside its mask."""
+    motion = truth()
+    energy = overlap(drawn(motion), points=points)
+    lost = replace(motion, translation=motion.translation.clone())
+    lost.translation[0] = torch.nan
+    assert energy.per_frame(lost).isnan().tolist() == [True, False]
+    assert energy.linearize(lost).residual.value.isnan().flatten(1).any(1).tolist() == [True, False]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from perfcap.errors import InputError
-from perfcap.metrics import mask_overlap, surface_distance, surface_error
+from perfcap.metrics import mask_overlap, surface_distance, surface_error, vertex_error
 from perfcap.metrics.surface import point_triangle_distance
 
 
@@ -111,3 +112,36 @@ def test_refuses_another_template() -> None:
     vertices, faces = sphere()
     with pytest.raises(InputError, match="one template"):
         surface_error(vertices[:-1], vertices, faces, np.random.default_rng(0))
+
+
+def test_parts_are_masks() -> None:
+    """Indices were taken for a mask: those of the first vertices were measured."""
+    vertices, faces = sphere()
+    moved, rng = 1.1 * vertices, np.random.default_rng(0)
+    for part in (np.arange(5, 9), np.ones(len(vertices), int), np.ones(5, bool)):
+        with pytest.raises(InputError, match=r"^part has shape .* expected bool \(576,\)"):
+            surface_error(moved, vertices, faces, rng, part)
+    both = torch.tensor(np.stack((moved, vertices)))
+    for numbers in (torch.arange(3), torch.ones(576, dtype=torch.uint8)):
+        with pytest.raises(InputError, match=r"^part has shape"):
+            vertex_error(both, both, numbers)
+
+
+def test_vertices_of_no_face_are_no_surface() -> None:
+    vertices, faces = sphere()
+    stray = np.vstack((vertices, np.full((200, 3), 9.0), [[np.nan] * 3]))
+    rng = np.random.default_rng(0)
+    assert surface_distance(stray, faces, vertices, faces, rng) < 1e-6
+
+
+def test_surfaces_that_are_none() -> None:
+    vertices, faces = sphere()
+    rng = np.random.default_rng(0)
+    lost = vertices.copy()
+    lost[40] = np.nan
+    for bad in ((lost, faces), (vertices, faces - 1), (0 * vertices, faces), (vertices, faces[:0])):
+        for pair in ((*bad, vertices, faces), (vertices, faces, *bad)):
+            with pytest.raises(InputError, match=r"not all finite|names vertices|without area"):
+                surface_distance(*pair, rng)
+    with pytest.raises(InputError, match=r"^vertices are not all finite"):
+        surface_error(lost, vertices, faces, rng)

@@ -18,6 +18,8 @@ from perfcap.metrics import (
     bone_length_variation,
     boundary_f,
     correct_share,
+    counted_joints,
+    floor_contact,
     foot_skate,
     image_correct_share,
     jerk,
@@ -175,3 +177,42 @@ def test_joints_in_space_are_no_pixels_and_a_trunk_has_three_ends() -> None:
         image_correct_share(FOUND, TRUTH, torch.ones(6, dtype=F64), 0.2)
     with pytest.raises(InputError, match="expected three joints: right hip, left hip, neck"):
         joint_errors(FOUND, TRUTH, 30, trunk=(8, 8, 1))
+
+
+def test_so_few_joints_that_anything_fits() -> None:
+    """Two joints have no error after a similarity, nor has one after a translation."""
+    found = FOUND.clone()
+    found[0, 2:] = torch.nan
+    found[1, 1:] = torch.nan
+    errors = joint_errors(found, TRUTH, 30, partial=True)
+    rest = joint_errors(FOUND[2:], TRUTH[2:], 30)
+    torch.testing.assert_close(errors.mpjpe_similarity, rest.mpjpe_similarity)
+    valid = counted_joints(found, TRUTH, partial=True)
+    shifted = aligned_distances(found, TRUTH, valid, "translation")
+    assert shifted[0, :2].isfinite().all() and shifted[1].isnan().all()
+
+
+def test_feet_of_unknown_height_do_not_stand() -> None:
+    still = torch.zeros(5, 2, 3, dtype=F64)
+    height = still[..., 1].clone()
+    height[:, 1] = torch.nan
+    assert floor_contact(still, height, 30).sum(0).tolist() == [4, 0]
+    for limits in ({"rise": float("nan")}, {"speed": -1.0}):
+        with pytest.raises(InputError, match="expected a finite number of 0 or more"):
+            floor_contact(still, height, 30, **limits)
+    for heights in (still[:, 0, 1], still[:, :0, 1]):
+        with pytest.raises(InputError, match=r"expected \(\*b, F, N\)"):
+            penetration(heights)
+
+
+def test_truth_that_was_not_measured() -> None:
+    """Any estimate fits a frame of zeros once it is scaled: half of them halved PA-MPJPE."""
+    truth = TRUTH.clone()
+    truth[4:, :12] = 0
+    with pytest.raises(InputError, match=r"several joints at 0, 0, 0 in 2 of 6 frames .*row 4\)"):
+        joint_errors(FOUND, truth, 30)
+    sure = ALL.clone()
+    sure[4:, :12] = False
+    assert joint_errors(FOUND, truth, 30, confidence=sure).frames == 4
+    truth = TRUTH - TRUTH[:, 8:9]  # relative to a joint
+    assert joint_errors(FOUND, truth, 30).frames == 6

@@ -64,3 +64,12 @@ def test_captures_in_python_tell_it() -> None:
     cameras = replace(take.cameras, intrinsics=lens)
     found = capture(take.actor, cameras, take.detections, take.rate)
     assert any("m from the cameras" in line for line in found.warnings)
+
+
+def test_gaps_beyond_a_capture_are_refused() -> None:
+    """Those below zero were frames at the end."""
+    take = make_take(6)
+    found = capture(take.actor, take.cameras, take.detections, take.rate)
+    for change in ({"gaps": ((-5, -2),)}, {"gaps": ((4, 7),)}, {"gaps": ((3, 3),)}, {"lost": -1}):
+        with pytest.raises(InputError, match=r"^performance: has gaps"):
+            replace(found, **change)

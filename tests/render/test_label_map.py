@@ -348,3 +348,13 @@ def test_twins_put_vertices_onto_the_same_grid() -> None:
     expected = reference.snap(pixels, depth, usable[0], BITS)
     assert torch.equal(grid[0], expected[0])
     assert torch.equal(inverse[0], expected[1])
+
+
+def test_backgrounds_that_a_type_does_not_have() -> None:
+    """-1 was 255 in bytes, and any number true in flags."""
+    corners = torch.tensor([[0.0, 0], [8, 0], [0, 8]], dtype=torch.float64)
+    seen = rasterize(corners, torch.ones(3).double(), torch.tensor([[0, 1, 2]]), (8, 8))
+    for labels, background in ((torch.ones(1, dtype=torch.uint8), -1), (torch.tensor([True]), 5)):
+        with pytest.raises(InputError, match=f"^background is {background}, which torch"):
+            seen.label(labels, background)
+    assert seen.label(torch.ones(1, dtype=torch.int8), -1).unique().tolist() == [-1, 1]

@@ -98,3 +98,13 @@ def test_wrong_shapes_are_named(name: str, value: np.ndarray) -> None:
 def test_a_float_frame_is_refused() -> None:
     with pytest.raises(InputError, match="frame"):
         draw_overlay(FRAME.astype(np.float32))
+
+
+def test_masks_of_bytes_are_no_coverage() -> None:
+    """Their outline was drawn elsewhere, a third of it."""
+    frame, mask = np.full((64, 64, 3), 90, np.uint8), np.zeros((64, 64))
+    mask[20:40, 20:40] = 1
+    for wrong in ((255 * mask).astype(np.uint8), np.where(mask > 0, np.nan, 0)):
+        with pytest.raises(InputError, match=r"^mask is .* expected bool, or coverage from 0 to 1"):
+            draw_overlay(frame, mask=wrong)
+    assert np.array_equal(draw_overlay(frame, mask=mask), draw_overlay(frame, mask=mask > 0))

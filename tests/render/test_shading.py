@@ -242,3 +242,9 @@ def test_light_at_other_vertices_is_refused() -> None:
     few, texture = Visibility(torch.ones(1), torch.ones(1)), Texture.plain((9, 9, 9), len(faces))
     with pytest.raises(InputError, match="reached sun has shape"):
         render(mesh, texture, BACKGROUND, reached=few)
+
+
+def test_fractions_are_no_srgb_values() -> None:
+    """They were all black."""
+    with pytest.raises(InputError, match=r"^color is torch.float32, expected uint8"):
+        to_linear(torch.rand(2, 2, 3))

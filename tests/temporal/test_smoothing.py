@@ -183,3 +183,20 @@ def test_what_has_no_mean_is_refused(confidence):
         smooth_vectors(torch.full((4, 3), torch.nan), confidence=confidence)
     with pytest.raises(InputError, match=r"values are torch\.int64"):
         smooth_vectors(torch.arange(4)[:, None], confidence=confidence)
+
+
+def test_streams_refuse_whole_numbers_too():
+    """Their means were cut off."""
+    with pytest.raises(InputError, match=r"values are torch\.int64"):
+        Smoother(mean_vectors).push(torch.arange(9)[:, None])
+
+
+def test_rotation_matrices_are_no_rotation_vectors():
+    """Their rows were taken for three of them."""
+    matrices = rotvec_to_matrix(torch.rand(6, 2, 3, dtype=F64))
+    with pytest.raises(InputError, match="are rotation matrices, expected rotation vectors"):
+        smooth_rotations(matrices)
+    with pytest.raises(InputError, match="expected rotation vectors"):
+        smooth_rotations(torch.rand(6, 4))
+    three = torch.rand(6, 3, 3, dtype=F64)
+    assert smooth_rotations(three).shape == three.shape

@@ -53,3 +53,8 @@ def test_null_space_is_blind_to_the_basis_and_empty_at_full_rank():
 def test_refuses(frames, rank):
     with pytest.raises(InputError, match=r"rank|frames"):
         dct_basis(frames, rank)
+
+
+def test_whole_numbers_hold_no_cosines():
+    with pytest.raises(InputError, match=r"dtype is torch\.int64"):
+        dct_basis(5, 3, torch.int64)

@@ -187,3 +187,11 @@ def test_float32_in_float32_out():
     values = torch.randn(len(windows), 5, 3)
     assert blend_vectors(windows, values).dtype == torch.float32
     assert blend_rotations(windows, values).dtype == torch.float32
+
+
+def test_blends_refuse_what_has_no_mean():
+    windows = partition(9, 5, 3)
+    with pytest.raises(InputError, match=r"values are torch\.int64"):
+        blend_vectors(windows, torch.ones(len(windows), 5, dtype=torch.int64))
+    with pytest.raises(InputError, match="are rotation matrices"):
+        blend_rotations(windows, torch.eye(3).expand(len(windows), 5, 3, 3))
