@@ -13,7 +13,8 @@ from torch import Tensor
 from perfcap.geometry.camera import Camera
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.render import LabelMap, MeshEdges, rasterize
-from perfcap.render.label_map import Box, cover, part_depth, surrounding
+from perfcap.render.label_map import Box, cover, surrounding
+from perfcap.render.part_depth import part_depth
 from perfcap.render.occluding_contour import occluding_contour
 from perfcap.segment import Contour, Matches
 from perfcap.segment.matching import match

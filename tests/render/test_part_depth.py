@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from perfcap.errors import InputError
-from perfcap.render.label_map import part_depth
+from perfcap.render.part_depth import part_depth
 
 # an arm (1) of 12 px in front of a torso (0), which background (-1) ends on the right
 PARTS = np.full((40, 60), -1)
