@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-import logging
-from dataclasses import asdict, dataclass
+import warnings
+from dataclasses import asdict, dataclass, replace
 
 import torch
 from torch import Tensor
@@ -30,16 +30,17 @@ from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
 from perfcap.train.card import write_head_card
-from perfcap.train.config import TrainHeadConfig
+from perfcap.train.checkpoint import load_checkpoint
+from perfcap.train.config import LoopConfig
 from perfcap.train.export_head import export_head
-from perfcap.train.head import Head, fit_directly, score_directly
+from perfcap.train.head import Head, best_decay, fit_directly, score_directly
 from perfcap.train.head_crops import CropAnswers, Tell, Watched, look_at_crops
 from perfcap.train.head_task import HeadTask, Refine, Split
-from perfcap.train.loop import train
+from perfcap.train.loop import BEST, train
 from perfcap.train.onnx_head import FrozenNetwork
 
 _FEWEST = 10  # frames
-_LOG = logging.getLogger(__name__)
+CHOSEN, ALL = "chosen", "all"  # folders of trainings without the last frames and with them
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def run_train_head(request: TrainHead) -> int:
     refuse_wrong(inputs)
     if inputs.rig.cameras.moving:
         raise InputError("--cameras: move; a head is adapted to views of fixed cameras")
-    make_folder(request.out, request.resume)
+    make_folder(request.out / CHOSEN, request.resume)
     performance = _solution(request, inputs)
     watched, step = _watched(performance, inputs, config.crops.frames)
     if len(watched.joints) < _FEWEST:
@@ -146,7 +147,9 @@ def refiner(actor: Actor, rate: float, config: PoseConfig | None = None) -> Refi
     def refine(
         cameras: list[Camera], pixels: list[Tensor], sure: list[Tensor], poses: list[Tensor]
     ) -> Tensor:
-        joints: Tensor = layer(cameras, pixels, sure, poses).joints
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # doubts of the inputs were told before
+            joints: Tensor = layer(cameras, pixels, sure, poses).joints
         return joints
 
     return refine
@@ -160,62 +163,88 @@ def _teach(
     refine: Refine,
     tell: Tell,
 ) -> _Taught:
-    config = request.config
-    frames = len(watched.joints)
+    """A head that has learned from all frames as was best for the last of them, held out at first.
+
+    Scores and the expected error are of the head that had not seen them.
+    """
+    config, frames = request.config, len(watched.joints)
     kept = frames - max(2, round(config.held_out * frames))
     split = Split(slice(0, kept), slice(kept, frames))
     size, joints = network.manifest.input.size[1], network.manifest.joint_set
     lesson = crops.lesson(split.learned, watched.trust, size)
     test = crops.lesson(split.chosen, watched.trust, size, plain=True)
     head = Head.of(lesson.features, size, joints)
-    task = _task(head, crops, watched, split, refine, config)
-    scores = {"shipped, mm": 1e3 * score_directly(head, test)}
-    scores |= {f"shipped, {k}": v for k, v in task.evaluate(head).items()}
-    decay = fit_directly(head, lesson, config.loss.decays, test)
-    _LOG.info("decay %g", decay)
-    scores["fitted, mm"] = 1e3 * score_directly(head, test)
-    direct = copy.deepcopy(head)
-    task = _task(head, crops, watched, split, refine, config)
-    before = task.evaluate(head)
-    scores |= {f"fitted, {k}": v for k, v in before.items()}
-    if request.through_solver:
-        trained = train(
-            task,
-            config.loop,
-            request.out,
-            asdict(config) | _described(request, decay),
-            resume=request.resume,
-            progress=tell,
-            watch=tensorboard(request.out),
-        )
-        after = task.evaluate(trained)
-        scores |= {f"through the solver, {k}": v for k, v in after.items()}
-        head = trained if after["held_out"] < before["held_out"] else direct
-    scores["expected, mm"] = 1e3 * score_directly(head, test)
-    return _Taught(head, scores)
-
-
-def _task(
-    head: Head,
-    crops: CropAnswers,
-    watched: Watched,
-    split: Split,
-    refine: Refine,
-    config: TrainHeadConfig,
-) -> HeadTask:
-    return HeadTask(
-        head, crops, watched, split, refine, config.window, config.loss, config.loop.seed
-    )
-
-
-def _described(request: TrainHead, decay: float) -> dict[str, object]:
-    return {
-        "videos": [str(path) for path in request.videos],
-        "network": request.network,
-        "features": request.features,
-        "frames": request.frames,
-        "decay": decay,
+    study = _Study(request, crops, watched, refine, tell)
+    scores = {
+        "shipped, mm": 1e3 * score_directly(head, test),
+        **study.scores("shipped", head, split),
     }
+    decay = best_decay(head, lesson, config.loss.decays, test)
+    scores |= {"fitted, mm": 1e3 * score_directly(head, test)}
+    before = study.scores("fitted", head, split)
+    scores |= before
+    steps = 0
+    if request.through_solver:
+        trained, steps = study.through_solver(head, split, config.loop, CHOSEN, decay)
+        scores |= {"through the solver, mm": 1e3 * score_directly(trained, test)}
+        after = study.scores("through the solver", trained, split)
+        scores |= after
+        if next(iter(after.values())) < next(iter(before.values())):
+            head = trained
+        else:
+            steps = 0
+    scores["expected, mm"] = 1e3 * score_directly(head, test)
+    everything = Split(slice(0, frames), split.chosen)
+    lesson = crops.lesson(everything.learned, watched.trust, size)
+    final = Head.of(lesson.features, size, joints)
+    fit_directly(final, lesson, decay)
+    if steps:
+        loop = replace(config.loop, steps=steps, evaluate_every=steps)
+        final, _ = study.through_solver(final, everything, loop, ALL, decay)
+    return _Taught(final, scores)
+
+
+@dataclass(frozen=True)
+class _Study:
+    """What heads learn from through the solver."""
+
+    request: TrainHead
+    crops: CropAnswers
+    watched: Watched
+    refine: Refine
+    tell: Tell
+
+    def scores(self, name: str, head: Head, split: Split) -> dict[str, float]:
+        """Of a head whose views are solved alone; the disagreement of views first."""
+        return {f"{name}, {k}": v for k, v in self._task(head, split).evaluate(head).items()}
+
+    def through_solver(
+        self, head: Head, split: Split, loop: LoopConfig, name: str, decay: float
+    ) -> tuple[Head, int]:
+        """The best head of a training from this one, and its number of steps."""
+        request, folder = self.request, self.request.out / name
+        described = {
+            "videos": [str(path) for path in request.videos],
+            "network": request.network,
+            "features": request.features,
+            "frames": request.frames,
+            "decay": decay,
+        }
+        trained = train(
+            self._task(copy.deepcopy(head), split),
+            loop,
+            folder,
+            asdict(request.config) | described,
+            resume=request.resume,
+            progress=self.tell,
+            watch=tensorboard(folder),
+        )
+        return trained, int(load_checkpoint(folder / BEST).values["step"])
+
+    def _task(self, head: Head, split: Split) -> HeadTask:
+        config = self.request.config
+        more = config.window, config.loss, config.loop.seed
+        return HeadTask(head, self.crops, self.watched, split, self.refine, *more)
 
 
 def _finish(

@@ -273,7 +273,7 @@ class HeadCrops:
     """Crops that a frozen network looks at, of every frame and view."""
 
     frames: int = 240  # at most, evenly over the clip
-    moved: int = 4  # crops beside the one that a capture would cut
+    moved: int = 6  # crops beside the one that a capture would cut
     shift: float = 0.04  # of the crop's width, deviation
     zoom: float = 0.1  # deviation of the logarithm of the size
     turn: float = 7.0  # degrees, deviation
@@ -284,7 +284,7 @@ class HeadCrops:
 class HeadLoss:
     """What a head learns by."""
 
-    decays: tuple[float, ...] = (1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the weights, tried
+    decays: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2)  # of the weights, tried
     stay: float = 1.0  # of the weights' squared distance from where the solver took over
     reach: float = 5.0  # percent of the person's height where a wrong joint counts half
 

@@ -13,6 +13,7 @@ from perfcap.geometry.alignment import procrustes
 
 _MARKS = len(LANDMARKS)
 _FAR = 0.15  # m, mean distance of a pose from which it teaches less: one of the two is wrong
+_FLOOR = 0.1  # of the mean variance of features, added to that of each
 _ROUNDS = 3  # of weights that follow these distances
 HIPS = (LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip"))
 
@@ -24,7 +25,7 @@ class Head(nn.Module):
 
     Args:
         mean: of the features, (D,).
-        scale: root mean square of their deviation from it, times the root of D.
+        scale: of each, (D,), which brings them to a length of about one.
         size: width of the crops, pixels: moves in 2D are shares of it.
         joints: of the network. Landmarks that are made of joints move as these can move them.
     """
@@ -34,12 +35,12 @@ class Head(nn.Module):
     lift: Tensor
     effect: Tensor
 
-    def __init__(self, mean: Tensor, scale: float, size: int, joints: JointSet) -> None:
+    def __init__(self, mean: Tensor, scale: Tensor, size: int, joints: JointSet) -> None:
         super().__init__()
         made = landmark_map(joints)
         lift = torch.linalg.pinv(made)  # the least moves of joints that move landmarks so
         self.register_buffer("mean", mean.clone())
-        self.register_buffer("scale", mean.new_tensor([scale]))
+        self.register_buffer("scale", scale.clone())
         self.register_buffer("lift", lift)
         self.register_buffer("effect", made @ lift)
         self.size = size
@@ -50,8 +51,10 @@ class Head(nn.Module):
     def of(cls, features: Tensor, size: int, joints: JointSet) -> Head:
         """A head for features like these, (N, D)."""
         mean = features.mean(0)
-        scale = float((features - mean).square().sum(-1).mean().sqrt())
-        return cls(mean, max(scale, 1e-6), size, joints)
+        variance = (features - mean).square().mean(0)
+        # those that hardly change in these crops may change a lot in others: they count less
+        scale = (variance + _FLOOR * variance.mean()).clamp(min=1e-12).sqrt()
+        return cls(mean, scale * len(mean) ** 0.5, size, joints)
 
     def scaled(self, features: Tensor) -> Tensor:
         """Features (*b, D) of a length of about one."""
@@ -68,7 +71,7 @@ class Head(nn.Module):
     def layer(self) -> tuple[Tensor, Tensor]:
         """From plain features to moves of J joints, pixels and metres: (D, J, 5) and (J, 5)."""
         units = self.weight.new_tensor([self.size, self.size, 1, 1, 1]).double()
-        weight = self.weight.double() / self.scale
+        weight = self.weight.double() / self.scale[:, None]
         offset = self.offset.double() - self.mean.double() @ weight
         lift = self.lift.double()
         return (
@@ -122,44 +125,42 @@ def rooted(landmarks: Tensor) -> Tensor:
 def pose_error(found: Tensor, known: Tensor) -> Tensor:
     """PA-MPJPE of poses (*b, 16, 3), (*b,), in their unit."""
     fit = procrustes(found, known, scale=True)
-    return (fit.apply(found) - known).norm(dim=-1).mean(-1)
+    error: Tensor = (fit.apply(found) - known).norm(dim=-1).mean(-1)
+    return error
 
 
 @torch.no_grad()
-def fit_directly(head: Head, lesson: Lesson, decays: Sequence[float], test: Lesson) -> float:
+def fit_directly(head: Head, lesson: Lesson, decay: float) -> None:
     """Set a head to the ridge regression of what a solution says against what the network says.
 
-    Poses that stay far from the solution count less (iteratively reweighted least squares). The
-    decay is the one of least PA-MPJPE on other frames.
+    Poses that stay far from the solution count less (iteratively reweighted least squares).
 
     Args:
         head: is changed.
         lesson: to learn from.
-        decays: of the weights, against the mean square of what is left, to choose from.
-        test: to choose by.
-
-    Returns:
-        The decay that was chosen.
+        decay: of the weights, against the mean square of what is left.
     """
     rows = head.scaled(lesson.features).double()
     rows = torch.cat((rows, torch.ones_like(rows[:, :1])), -1)
-    target = (lesson.known - lesson.seen).double()
-    best = (torch.inf, decays[0], head.weight.clone(), head.offset.clone())
+    target, weight = (lesson.known - lesson.seen).double(), lesson.weight.double()
+    for _ in range(_ROUNDS):
+        found = _ridge(rows, target.flatten(1), weight, decay)
+        left = (target - _by_landmark(rows @ found))[..., 2:]
+        far = left.norm(dim=-1).mean(-1)
+        weight = lesson.weight.double() / (1 + (far / _FAR).square()).square()
+    head.weight.copy_(found[:-1])
+    head.offset.copy_(found[-1])
+
+
+def best_decay(head: Head, lesson: Lesson, decays: Sequence[float], test: Lesson) -> float:
+    """The decay whose fit has the least PA-MPJPE on other crops; the head is left with it."""
+    errors = []
     for decay in decays:
-        weight = lesson.weight.double()
-        for _ in range(_ROUNDS):
-            found = _ridge(rows, target.flatten(1), weight, decay)
-            left = (target - _by_landmark(rows @ found))[..., 2:]
-            far = left.norm(dim=-1).mean(-1)
-            weight = lesson.weight.double() / (1 + (far / _FAR).square()).square()
-        head.weight.copy_(found[:-1])
-        head.offset.copy_(found[-1])
-        error = score_directly(head, test)
-        if error < best[0]:
-            best = (error, decay, head.weight.clone(), head.offset.clone())
-    head.weight.copy_(best[2])
-    head.offset.copy_(best[3])
-    return best[1]
+        fit_directly(head, lesson, decay)
+        errors.append((score_directly(head, test), decay))
+    best = min(errors)[1]
+    fit_directly(head, lesson, best)
+    return best
 
 
 def _ridge(rows: Tensor, target: Tensor, weight: Tensor, decay: float) -> Tensor:
