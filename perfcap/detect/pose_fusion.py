@@ -127,8 +127,8 @@ def fuse_poses(
     Args:
         lifted: with 3D poses, (F, C, 16).
         seen: the same frames and views, with 3D poses or without; None if there are none.
-        share: of the way, where both mean the same.
-        apart: mean distance of two poses at which half of it is left, metres.
+        share: of the way, where both mean the same and nobody has measured the network.
+        apart: mean distance of two poses at which half of it is left, metres; likewise.
     """
     if lifted.joints3d is None:
         return lifted

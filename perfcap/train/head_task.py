@@ -136,17 +136,3 @@ class HeadTask:
             weight[row, :, view] = 0  # what the pose was made of says nothing about it
         total: Tensor = (weight * value).sum() / weight.sum().clamp(min=1e-9)
         return total
-
-
-def expected_error(crops: CropAnswers, head: Head, frames: slice, trust: Tensor) -> float:
-    """Mean distance of a network's 3D joints from the solution of all views, metres.
-
-    Poses are turned to each other, as a capture turns them before it fuses them, and brought to one
-    size.
-    """
-    lesson = crops.lesson(frames, trust, head.size, plain=True)
-    with torch.no_grad():
-        poses = lesson.seen[..., 2:] + head(lesson.features)[1]
-        return float((lesson.weight * pose_error(poses, lesson.known[..., 2:])).sum()) / max(
-            float(lesson.weight.sum()), 1e-9
-        )
