@@ -51,8 +51,9 @@ SMALL: dict[str, tuple[str, ...]] = {
     "window_sweep": ("--seeds", "1", "--frames", "60"),
 }  # fmt: skip
 LONG = (
-    "actor_import", "actor_sheets", "adapt_head", "bias_through_solver", "body_fit",
-    "boundary_trust", "contour_bodies", "contour_clocks", "contour_cues", "contours", "deformation_speed",
+    "adapt_head",
+    "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
+    "contour_bodies", "contour_clocks", "contour_cues", "contours", "deformation_speed",
     "detector_frames",
     "detector_noise", "detector_photographs", "export_check", "finetune_through_solver",
     "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lifter_motion",

@@ -144,6 +144,8 @@ The network as it was, with a linear map of its last features added to its 2D an
 
 Distances after the best similarity, from the capture of all views: nobody has measured the truth.
 `held_out` is how far views that are solved alone disagree with detections of the others, 0 to 1.
+`view left out` is the mean over views that a head has not learned from, each in turn; `expected` is
+the root mean square of that and of the head's own error, and `output.error3d` of the manifest.
 
 | | |
 |---|---|

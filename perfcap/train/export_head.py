@@ -31,7 +31,8 @@ def export_head(
         head: trained.
         folder: where to; made if need be.
         origin: of the head, a sentence; that of the network follows it.
-        error: expected of its 3D joints, metres, for the manifest.
+        error: expected of its 3D joints, metres, for the manifest: to a centimetre, as it is an
+            expectation of other footage.
 
     Raises:
         InputError: onnxruntime answers otherwise than torch.
@@ -42,7 +43,7 @@ def export_head(
     named = ("input", "output", "joints", "calibration")
     tables = {name: values[name] for name in named if name in values}
     if error is not None:
-        tables["output"] = {**tables["output"], "error3d": round(error, 4)}
+        tables["output"] = {**tables["output"], "error3d": max(0.01, round(error, 2))}
     text = "\n".join(_table(name, table) for name, table in tables.items())
     said = f"{origin}; on {manifest.file.origin}"
     save_network(

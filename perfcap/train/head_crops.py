@@ -7,7 +7,7 @@ that are moved, turned and mirrored a little, since a few frames hold few of eit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,7 +95,20 @@ class CropAnswers:
     to_image: Tensor
     to_camera: Tensor
 
-    def lesson(self, frames: slice, trust: Tensor, size: int, *, plain: bool = False) -> Lesson:
+    @property
+    def views(self) -> int:
+        """C."""
+        return self.features.shape[0]
+
+    def lesson(
+        self,
+        frames: slice,
+        trust: Tensor,
+        size: int,
+        *,
+        plain: bool = False,
+        views: Sequence[int] | None = None,
+    ) -> Lesson:
         """Crops of some frames to learn from, or those alone that a capture would cut.
 
         Args:
@@ -103,11 +116,13 @@ class CropAnswers:
             trust: of the solution, (F,).
             size: width of the crops, pixels.
             plain: leave out crops that are moved or mirrored.
+            views: some of them; all if not given.
         """
         count = 1 if plain else len(self.mirrored)
+        chosen = list(range(self.views) if views is None else views)
 
         def part(values: Tensor) -> Tensor:
-            return values[:, frames, :count].flatten(0, 2)
+            return values[chosen, frames, :count].flatten(0, 2)
 
         # the head moves what the network calls left, whatever that is
         known = torch.cat((part(self.known2d) / size, part(self.known3d)), -1)

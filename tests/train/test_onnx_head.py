@@ -67,9 +67,9 @@ def test_what_is_written_moves_landmarks_as_torch_does(
     blazepose: FrozenNetwork, tmp_path: Path
 ) -> None:
     head = head_of(blazepose, 0.1)
-    export_head(blazepose, head, tmp_path / "moved", 'a "test"', 0.0421)  # compares with torch
+    export_head(blazepose, head, tmp_path / "moved", 'a "test"', 0.0421)  # it compares with torch
     written, seen = OnnxDetector(tmp_path / "moved"), crops(blazepose)
-    assert written.manifest.output.error3d == 0.0421
+    assert written.manifest.output.error3d == 0.04
     answers = blazepose(seen)
     with torch.no_grad():
         moves = head(answers.features)
