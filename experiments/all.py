@@ -51,6 +51,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "window_sweep": ("--seeds", "1", "--frames", "60"),
 }  # fmt: skip
 LONG = (
+    "adapt_head",
     "actor_import", "actor_sheets", "bias_through_solver", "body_fit", "boundary_trust",
     "contour_bodies", "contour_clocks", "contour_cues", "contours", "deformation_speed",
     "detector_frames",

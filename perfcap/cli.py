@@ -23,7 +23,7 @@ from perfcap.commands.actor import (
 from perfcap.commands.capture import Batch, Capture, Demo, Doctor
 from perfcap.commands.models import ListModels, Models, ModelsCommand, WriteManifest
 from perfcap.commands.results import Evaluate, Export, Render, Report, Retarget, View
-from perfcap.commands.train import Train, TrainCommand, TrainDetector, TrainLifter
+from perfcap.commands.train import Train, TrainCommand, TrainDetector, TrainHead, TrainLifter
 from perfcap.errors import InputError, one_line, sentence
 
 Command = (
@@ -192,6 +192,10 @@ def _carry_out_part(command: ActorCommand | ModelsCommand | TrainCommand) -> int
             from perfcap.app.train_detector import run_train_detector
 
             return run_train_detector(command)
+        case TrainHead():
+            from perfcap.app.train_head import run_train_head
+
+            return run_train_head(command)
 
 
 def _no_command(word: str) -> str:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from perfcap.train.config import TrainDetectorConfig, TrainLifterConfig
+from perfcap.commands.views import Views
+from perfcap.train.config import TrainDetectorConfig, TrainHeadConfig, TrainLifterConfig
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,43 @@ class TrainDetector:
     """Checkpoint whose weights to start from."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrainHead(Views):
+    """Adapt a network to your own footage, without labels: calibrated views of one person are
+    captured together, and a head on the network's features learns to say from each view alone what
+    all of them say together.
+    """
+
+    out: Path
+    """Folder for checkpoints, metrics.jsonl and the model."""
+    config: Annotated[TrainHeadConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TrainHeadConfig
+    )
+    """Frames, crops, losses, steps."""
+    network: str | None = None
+    """The network to adapt: a shipped one by name, or a folder with manifest.toml. The one with 3D
+    joints among the default detectors if not given."""
+    features: tuple[str, ...] = ()
+    """Tensors of the network that are its features; what its last layers read if not given."""
+    actor: str = "auto"
+    """The person's own body, fitted to the videos, or a shipped actor's name, a file or folder."""
+    height: float | None = None
+    """Of the person, metres, for --actor auto."""
+    through_solver: bool = True
+    """Go on through the solver after the fit to the solution of all views."""
+    resume: bool = False
+    """Go on from the last checkpoint; ends as if it had never stopped."""
+
+
 TrainCommand = (
     Annotated[TrainLifter, tyro.conf.subcommand("lifter")]
     | Annotated[TrainDetector, tyro.conf.subcommand("detector")]
+    | Annotated[TrainHead, tyro.conf.subcommand("head")]
 )
 
 
 @dataclass(frozen=True)
 class Train:
-    """Train a network: a lifter or a detector."""
+    """Train a network: a lifter or a detector, or a head that adapts a detector."""
 
     command: Annotated[tyro.conf.OmitSubcommandPrefixes[TrainCommand], tyro.conf.arg(name="")]

@@ -95,6 +95,8 @@ class OutputSpec:
         metres: of one unit of 3D output.
         signs3d: +1 or -1 for each 3D axis, to get x right, y down, z forward.
         crop_axes: whether 3D axes follow the ray through the middle of the crop.
+        error3d: metres that 3D joints are expected to be off in the mean, as measured on footage of
+            the kind; None where nobody has measured it.
     """
 
     kind: str
@@ -112,6 +114,7 @@ class OutputSpec:
     metres: float
     signs3d: tuple[float, ...]
     crop_axes: bool
+    error3d: float | None = None
 
 
 @dataclass(frozen=True)
@@ -266,6 +269,7 @@ def _read_output(table: TomlTable, joints: int) -> OutputSpec:
         metres=table.number("metres", 1.0, low=1e-6),
         signs3d=signs,
         crop_axes=table.flag("crop_axes", False),
+        error3d=table.number("error3d", low=1e-3) if "error3d" in table else None,
     )
     table.done()
     return spec

@@ -185,11 +185,13 @@ def stack_views(views: Sequence[Detections]) -> Detections:
             for view in views
         ]
         joints3d = torch.cat(poses, 1)
+    said = [view.deviation3d for view in views if view.deviation3d is not None]
     return Detections(
         torch.cat([view.joints2d for view in views], 1),
         torch.cat([view.confidence2d for view in views], 1),
         joints3d,
         torch.cat([view.trusted3d for view in views], 1),
+        torch.cat(said, 1) if len(said) == len(views) else None,
     )
 
 

@@ -85,7 +85,7 @@ def follow_person(
     """
     seen = list(_with_others(network, frames, start, others))
     looks = [None if one is None else one.look for one in seen]
-    found = _to_detections(_finished(looks, network, camera), network.joint_set)
+    found = _to_detections(_finished(looks, network, camera), network)
     if not others:
         return found
     size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
@@ -112,7 +112,7 @@ def _finished(
 def _helped(network: CropNetwork, place: int, seen: list[_Seen | None]) -> Detections:
     """What another network saw, with the sides as it saw them."""
     looks = [None if one is None else one.others[place] for one in seen]
-    return _to_detections(looks, network.joint_set)
+    return _to_detections(looks, network)
 
 
 def _fused(
@@ -133,7 +133,9 @@ def _fused(
             swapped = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
             wrong = exchanged(seen, marks[0], size)[:, None, None, None]
             right = torch.where(wrong, swapped, other.joints3d)
-            return replace(found, joints3d=right, trusted3d=other.trusted3d)
+            return replace(
+                found, joints3d=right, trusted3d=other.trusted3d, deviation3d=other.deviation3d
+            )
     return found
 
 
@@ -303,8 +305,9 @@ def _in_camera_axes(looks: list[Look | None], camera: Camera) -> list[Look | Non
     ]
 
 
-def _to_detections(looks: list[Look | None], joint_set: JointSet) -> Detections:
+def _to_detections(looks: list[Look | None], network: CropNetwork) -> Detections:
     """Looks of F frames as detections of the landmarks, (F, 1)."""
+    joint_set, error = network.joint_set, network.manifest.output.error3d
     joints = len(joint_set)
     nothing = torch.zeros(joints, 2), torch.zeros(joints)
     points = torch.stack([nothing[0] if look is None else look.joints2d for look in looks])
@@ -319,7 +322,13 @@ def _to_detections(looks: list[Look | None], joint_set: JointSet) -> Detections:
     )
     joints3d, complete = _positions(poses, joint_set)
     trusted = torch.tensor(seen) & complete
-    return Detections(joints2d[:, None], confidence[:, None], joints3d[:, None], trusted[:, None])
+    return Detections(
+        joints2d[:, None],
+        confidence[:, None],
+        joints3d[:, None],
+        trusted[:, None],
+        None if error is None else torch.full((len(looks), 1), error),
+    )
 
 
 def _positions(poses: Tensor, joint_set: JointSet) -> tuple[Tensor, Tensor]:

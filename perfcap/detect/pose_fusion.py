@@ -107,6 +107,7 @@ APART = 0.15  # m, mean distance of two poses from which one of them is wrong
 _ALONE = (1.61, 6.15)  # power of the lifter's own error, and a factor
 _TOGETHER = (1.276, 0.505, 8.1)  # powers of that error and of the distance, and a factor
 _LEAST = 0.01  # m
+_DOUBTED = 2.5  # expected distances of two poses from which a network that was adapted is doubted
 
 
 def fuse_poses(
@@ -119,11 +120,15 @@ def fuse_poses(
     of the way; less the farther apart the poses are, since then one of them is wrong. How far they
     are apart also tells how far the result may be off, with what the lifter says of itself.
 
+    A network whose error on such footage was measured (``deviation3d`` of ``seen``, from
+    ``output.error3d`` of its manifest) gets the share of least square error, if both err
+    independently, and is doubted from a distance on that these errors do not explain.
+
     Args:
         lifted: with 3D poses, (F, C, 16).
         seen: the same frames and views, with 3D poses or without; None if there are none.
-        share: of the way, where both mean the same.
-        apart: mean distance of two poses at which half of it is left, metres.
+        share: of the way, where both mean the same and nobody has measured the network.
+        apart: mean distance of two poses at which half of it is left, metres; likewise.
     """
     if lifted.joints3d is None:
         return lifted
@@ -134,11 +139,27 @@ def fuse_poses(
     other = _sized(seen.joints3d.to(lifted.joints3d), lifted.joints3d, both)
     turned = procrustes(other, lifted.joints3d, scale=False).apply(other)
     distance = (turned - lifted.joints3d).norm(dim=-1).mean(-1)
-    part = torch.where(both, share / (1 + (distance / apart) ** 6), 0)[..., None, None]
+    shares, limits = _measured(lifted, seen, share, apart)
+    part = torch.where(both, shares / (1 + (distance / limits) ** 6), 0)[..., None, None]
     return replace(
         lifted,
         joints3d=lifted.joints3d + part * (turned - lifted.joints3d),
         deviation3d=_expected(lifted.deviation3d, torch.where(both, distance, torch.nan)),
+    )
+
+
+def _measured(
+    lifted: Detections, seen: Detections, share: float, apart: float
+) -> tuple[Tensor | float, Tensor | float]:
+    """Shares of the other pose and distances at which half is left, (F, C) or numbers."""
+    alone = _expected(lifted.deviation3d, None)
+    if alone is None or seen.deviation3d is None:
+        return share, apart
+    own, other = alone.square(), seen.deviation3d.to(alone).square()
+    known = other.isfinite() & own.isfinite()
+    return (
+        torch.where(known, own / (own + other), share),
+        torch.where(known, _DOUBTED * (own + other).sqrt(), apart),
     )
 
 

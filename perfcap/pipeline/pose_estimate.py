@@ -248,7 +248,7 @@ def _require_metres(poses: Tensor) -> None:
     """Refuse poses (N, J, 3) of a size that no person has."""
     if not len(poses):
         return
-    extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median())
+    extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median().detach())
     if extent == 0:
         raise InputError(
             "joints3d are all in one place in most frames, expected poses; say with lengths which "

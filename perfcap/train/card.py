@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from perfcap.io.atomic import writing
-from perfcap.train.config import TrainDetectorConfig, TrainLifterConfig
+from perfcap.train.config import TrainDetectorConfig, TrainHeadConfig, TrainLifterConfig
 
 FILE = "card.md"
 
@@ -105,6 +105,56 @@ positions in metres.
 Real photographs, unless they were learned from; poses that the motion does not hold; several people
 in one crop; people of whom half is hidden or outside of the image. Left and right are confused most
 where a person is seen from the side. 3D positions are those of somebody of average height.
+"""
+    with writing(folder / FILE) as file:
+        file.write(text.encode())
+
+
+# --- The card of an adapted network: what it was, what it learned from, what it gives -------------
+
+
+def write_head_card(
+    folder: Path,
+    network: str,
+    config: TrainHeadConfig,
+    frames: int,
+    scores: Mapping[str, float],
+) -> None:
+    """Write ``card.md``.
+
+    Args:
+        folder: of the model.
+        network: what was adapted.
+        config: the head was trained with.
+        frames: of the footage, those held out included.
+        scores: on frames of the footage that it has not learned from.
+    """
+    rows = "\n".join(f"| {name} | {value:.3g} |" for name, value in scores.items())
+    text = f"""# {network}, adapted to one person's footage
+
+The network as it was, with a linear map of its last features added to its 2D and 3D joints.
+
+- Learned from: {frames} frames of calibrated views of one person, without labels. The joints are
+  those of a capture of all views together; each view learns to say them alone, at first directly,
+  then through the solver, by whether views that are solved alone agree with the others.
+- Chosen by the last {100 * config.held_out:.0f} % of these frames, which it has not learned from.
+- Input, output, joints and licence: as those of {network}.
+
+## Scores on these last frames
+
+Distances after the best similarity, from the capture of all views: nobody has measured the truth.
+`held_out` is how far views that are solved alone disagree with detections of the others, 0 to 1.
+`view left out` is the mean over views that a head has not learned from, each in turn; `expected` is
+the root mean square of that and of the head's own error, and `output.error3d` of the manifest.
+
+| | |
+|---|---|
+{rows}
+
+## Where it fails
+
+Other people, rooms, cameras and kinds of motion than those of the footage: there the network as
+shipped is the better choice. Where all views together are wrong, it learns the mistake.
 """
     with writing(folder / FILE) as file:
         file.write(text.encode())

@@ -264,6 +264,73 @@ class TrainDetectorConfig:
                 raise InputError(f"{name}: is {low} {high}; expected FROM TO, above zero")
 
 
+# --------------------------------------------------------------------------------------------------
+# Settings of a head's training. Nothing heavy is imported here: the command line reads them.
+
+
+@dataclass(frozen=True)
+class HeadCrops:
+    """Crops that a frozen network looks at, of every frame and view."""
+
+    frames: int = 240  # at most, evenly over the clip
+    moved: int = 6  # crops beside the one that a capture would cut
+    shift: float = 0.04  # of the crop's width, deviation
+    zoom: float = 0.1  # deviation of the logarithm of the size
+    turn: float = 7.0  # degrees, deviation
+    mirrored: bool = True  # look at mirror images as well
+
+
+@dataclass(frozen=True)
+class HeadLoss:
+    """What a head learns by."""
+
+    decays: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2)  # of the weights, tried
+    stay: float = 1.0  # of the weights' squared distance from where the solver took over
+    reach: float = 5.0  # percent of the person's height where a wrong joint counts half
+
+
+@dataclass(frozen=True)
+class TrainHeadConfig:
+    """Everything that a head depends on, but for the videos."""
+
+    held_out: float = 0.2  # share of the frames, the last ones, that the best weights are chosen by
+    window: int = 40  # frames that are solved together, at most
+    crops: HeadCrops = field(default_factory=HeadCrops)
+    loss: HeadLoss = field(default_factory=HeadLoss)
+    loop: LoopConfig = field(
+        default_factory=lambda: LoopConfig(
+            steps=30,
+            batch=8,
+            learning_rate=1e-3,
+            warmup=5,
+            weight_decay=0.0,
+            average=0.8,
+            evaluate_every=5,
+            save_every=5,
+        )
+    )
+
+    def require_sound(self) -> None:
+        """Refuse what no head can be made of.
+
+        Raises:
+            InputError: a size, a share, a weight or a range that is none.
+        """
+        self.loop.require_sound()
+        require_counts(self, "window", least=2)
+        require_counts(self.crops, "frames", least=10)
+        require_counts(self.crops, "moved", least=0)
+        require_shares(self.crops, "shift", "zoom", "turn", most=math.inf)
+        require_shares(self.loss, "stay", most=math.inf)
+        require_sizes(self.loss, "reach")
+        if not 0.05 <= self.held_out <= 0.5:
+            raise InputError(f"held_out: is {self.held_out}; expected a share of 0.05 to 0.5")
+        if not self.loss.decays or not all(0 < d < math.inf for d in self.loss.decays):
+            raise InputError(
+                f"loss.decays: are {self.loss.decays}; expected one or more above zero"
+            )
+
+
 def _require_elevation(part: str, elevation: tuple[float, float]) -> None:
     """Refuse a mean and a deviation of cameras above people, degrees, that are none."""
     mean, deviation = elevation

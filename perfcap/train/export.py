@@ -81,8 +81,8 @@ def save_network(
 name = "{MODEL}"
 size = {len(data)}
 sha256 = "{hashlib.sha256(data).hexdigest()}"
-licence = {_quoted(licence)}
-origin = {_quoted(origin)}
+licence = {quoted(licence)}
+origin = {quoted(origin)}
 
 {network}"""
     with publishing(folder) as scratch:
@@ -185,7 +185,7 @@ def _require_finite(answers: Iterable[Tensor]) -> None:
         )
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A TOML string."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
     return f'"{escaped}"'

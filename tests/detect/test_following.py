@@ -53,7 +53,7 @@ class Eyes:
     def __post_init__(self) -> None:
         spec = SimpleNamespace(size=(SIDE, SIDE), padding=1.2, turns=self.turns)
         self.manifest = SimpleNamespace(
-            input=spec, output=SimpleNamespace(kind="coordinates", crop_axes=False)
+            input=spec, output=SimpleNamespace(kind="coordinates", crop_axes=False, error3d=None)
         )
 
     def estimate(self, crops: NDArray[np.uint8]) -> Estimate:

@@ -89,3 +89,19 @@ def test_poses_that_contradict_are_expected_to_be_far_off() -> None:
     assert partly is not None
     torch.testing.assert_close(partly[2], alone[2])
     assert fuse_poses(detections(first), detections(other)).deviation3d is None
+
+
+def test_a_network_whose_error_was_measured_gets_its_share() -> None:
+    first, other = poses(1), poses(2, 0.02)
+    spread = torch.full((5, 2), 0.08, dtype=F64)
+    lifted = replace(detections(first), deviation3d=spread)
+    plain = fuse_poses(lifted, detections(other)).joints3d
+    distances = []
+    for error in (0.5, 0.05, 0.005):
+        measured = replace(detections(other), deviation3d=torch.full((5, 2), error))
+        fused = fuse_poses(lifted, measured).joints3d
+        assert fused is not None and plain is not None
+        distances.append(float((fused - other).norm(dim=-1).mean()))
+    assert distances[0] > float((plain - other).norm(dim=-1).mean()) > distances[1] > distances[2]
+    unknown = replace(detections(other), deviation3d=torch.full((5, 2), torch.nan))
+    torch.testing.assert_close(fuse_poses(lifted, unknown).joints3d, plain)

@@ -1,0 +1,84 @@
+"""``perfcap train head``, from videos to a model that opens, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+from runs import Command
+from takes import (
+    camera_entry,
+    detect,
+    make_take,
+    shrunk,
+    write_detections,
+    write_json,
+    write_take,
+    write_video,
+)
+from tiny_networks import write_tiny
+
+from perfcap.detect.onnx import OnnxDetector
+
+FRAMES, VIEWS, SIZE = 10, 2, (120, 160)
+TINY = (
+    *("--crops.moved", 0, "--loop.steps", 1, "--loop.evaluate-every", 1, "--loop.warmup", 0),
+    *("--loss.decays", 0.1, "--features", "t11"),  # peaks of the network's heat maps
+)
+
+
+@pytest.fixture(scope="module")
+def call(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
+    """Two small views of a person, with joints that were detected in them."""
+    folder = tmp_path_factory.mktemp("views")
+    one = write_take(folder, FRAMES, size=SIZE)
+    take = make_take(FRAMES, views=VIEWS, actor=one.take.actor)
+    cameras = shrunk(take.cameras, SIZE)
+    found = detect(take.actor, cameras, take.truth)
+    names = [f"cam{view}" for view in range(VIEWS)]
+    for view, name in enumerate(names):
+        seen = found.joints2d[:, view]
+        write_video(folder / f"{name}.mp4", FRAMES, SIZE, take.rate, seen=seen)
+        write_detections(folder / f"{name}.npz", found.select([view]))
+    entries = {name: camera_entry(cameras, view) for view, name in enumerate(names)}
+    write_json(folder / "cameras.json", {"views": entries})
+    network = write_tiny(folder, "mediapipe")
+    return [
+        *("train", "head", *(folder / f"{name}.mp4" for name in names)),
+        *("--cameras", folder / "cameras.json", "--actor", one.actor, "--network", network),
+        *("--detections", *(folder / f"{name}.npz" for name in names)),
+    ]
+
+
+def test_adapts_a_network_and_goes_on(perfcap: Command, call: list[object], tmp_path: Path) -> None:
+    outcome = perfcap([*call, *TINY, "--out", tmp_path / "a"])
+    assert outcome.code == 0 and "shipped, solved_mm" in outcome.out, outcome
+    written = OnnxDetector(tmp_path / "a" / "model").manifest
+    assert written.output.error3d is not None and "2 views, seed 0" in written.file.origin
+    assert "without labels" in (tmp_path / "a" / "model" / "card.md").read_text()
+    lines = (tmp_path / "a" / "chosen" / "metrics.jsonl").read_text().splitlines()
+    assert "held_out" in json.loads(lines[-1])
+    assert "holds an unfinished" in perfcap([*call, *TINY, "--out", tmp_path / "a"]).refused()
+    assert perfcap([*call, *TINY, "--out", tmp_path / "a", "--resume"]).code == 0
+    assert OnnxDetector(tmp_path / "a" / "model").manifest.file.sha256 == written.file.sha256
+
+
+def test_what_cannot_be_adapted_is_refused(
+    perfcap: Command, call: list[object], tmp_path: Path
+) -> None:
+    place = call.index("--cameras")
+    views, rest = call[2:place], call[place:]
+    tail = ("--out", tmp_path / "out")
+    alone = [*call[:2], views[0], *tail]
+    assert "one video shows no disagreement" in perfcap(alone).refused()
+    assert "--cameras: is missing" in perfcap([*call[:2], *views, *tail]).refused()
+    shipped = [*call[:2], *views, *rest[:2], "--network", "thunder", *tail]
+    assert "without 3D joints" in perfcap(shipped).refused()
+    assert "too few" in perfcap([*call, *TINY, "--frames", "0:6", *tail]).refused()
+    assert "held_out: is 0.9" in perfcap([*call, "--held-out", 0.9, *tail]).refused()
+    assert not (tmp_path / "out" / "model").exists()
+
+
+def test_the_default_is_the_one_with_coordinates_in_3d() -> None:
+    from perfcap.app.train_head import default_network
+
+    assert default_network() in ("blazepose", "blazepose_heavy")
