@@ -14,8 +14,8 @@ from perfcap.geometry.camera import Camera
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.render import LabelMap, MeshEdges, rasterize
 from perfcap.render.label_map import Box, cover, surrounding
-from perfcap.render.part_depth import part_depth
 from perfcap.render.occluding_contour import occluding_contour
+from perfcap.render.part_depth import part_depth
 from perfcap.segment import Contour, Matches
 from perfcap.segment.matching import match
 
