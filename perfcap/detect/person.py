@@ -28,6 +28,10 @@ _JUMPED = 0.5  # of that size, for the middle
 _NEARBY = 1.0  # of that size: whoever is lost for a few frames comes back within it
 _UNSURE = 0.4  # mean confidence below which somebody may have turned upside down
 _AGE = 8  # frames after which somebody who was lost may be anywhere and of any size
+_OTHER = (
+    "frame %d: the person was not seen for %d frames, and who is followed from here on is %.1f "
+    "body sizes away: somebody else? (--frames ends before; --box and --person say whom to follow)"
+)
 
 
 @dataclass(frozen=True)
@@ -183,6 +187,8 @@ def _follow(
             look = _surer(look, search(network, frame), network.joint_set, known)
         else:
             look = turn_around(network, frame, look, _UNSURE)
+        if known.age >= _AGE and look is not None and (apart := known.moved(look.box())) > _NEARBY:
+            _LOG.warning(_OTHER, number, known.age, apart)
         known = known.after(look)
         yield frame, look
         crop = None
@@ -238,9 +244,9 @@ class _Known:
             return look
         return look if self.moved(box) <= _NEARBY else None
 
-    def moved(self, box: Box) -> float:
+    def moved(self, box: Box | None) -> float:
         """Distance of the middles, in sizes of the person."""
-        if self.box is None:
+        if self.box is None or box is None:
             return 0.0
         x, y = (0.5 * (box[i] + box[i + 2] - self.box[i] - self.box[i + 2]) for i in (0, 1))
         return float((x * x + y * y) ** 0.5) / max(_size(self.box), 1e-6)

@@ -128,6 +128,18 @@ def test_a_passer_by_does_not_take_over_at_once() -> None:
     assert errors(found.joints2d[2, 0], 64, 120, 100, 0).max() < 3
 
 
+def test_who_turns_up_elsewhere_is_doubted(caplog: pytest.LogCaptureFixture) -> None:
+    """A jumper was lost, and a walker captured in their place, without a word."""
+    here, gone, there = draw((60, 120, 100, 0)), draw(), draw((250, 130, 100, 0))
+    for last, told in ((there, True), (draw((70, 120, 100, 0)), False)):
+        caplog.clear()
+        follow_person(Eyes("none"), iter([here, *[gone] * 9, last, last]), Start())
+        words = [record.getMessage() for record in caplog.records]
+        assert [w.startswith("frame 10: the person was not seen for 9") for w in words] == [
+            True
+        ] * told
+
+
 def test_others_add_what_the_first_network_does_not_see() -> None:
     frames = [draw((150, 120, 150, 0)) for _ in range(2)]
     first = Eyes("none", blind=("l_toe", "r_toe"), surest=0.9)
