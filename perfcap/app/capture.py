@@ -28,7 +28,7 @@ from perfcap.app.capture_request import (
     edge_network,
     environment,
     find_device,
-    networks_of,
+    keeps_detections,
     segmenter_of,
     settings_of,
     used_files,
@@ -117,7 +117,7 @@ def _capture(request: Capture) -> int:
         uses_masks(request)
         sources = [casting_of(request, name).source() for name in request.actor]
         used = list(used_files(request, (source.path for source in sources)))
-        spare_inputs(folder, used, detected=any(networks_of(request)))
+        spare_inputs(folder, used, detected=keeps_detections(request))
         require_places(folder)
         call = Call.of(describe(request), states_of(used))
         work = find_work(folder, call, request.resume, request.overwrite)
@@ -125,7 +125,7 @@ def _capture(request: Capture) -> int:
             known = _known_result(folder, request, call)
             if known is not None:
                 return known
-            spare_others(folder, request.overwrite, detected=any(networks_of(request)))
+            spare_others(folder, request.overwrite, detected=keeps_detections(request))
             work = begin_work(folder, call, request.overwrite)
         try:
             return _run(request, folder, [source.generic for source in sources], work, call)
@@ -170,7 +170,7 @@ def _run(
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)
         chosen.save(scratch)
-        if any(networks_of(request)):
+        if keeps_detections(request):
             _save_detections(scratch, given)
         if request.cameras is None:
             seen = inputs.rig.names, inputs.clip.fps
@@ -288,7 +288,7 @@ def _known_result(folder: Path, request: Capture, call: Call) -> int | None:
 
 def _expected(request: Capture, folder: Path) -> tuple[str, ...]:
     """Files of a whole result of this request."""
-    found = (DETECTIONS,) if any(networks_of(request)) else ()
+    found = (DETECTIONS,) if keeps_detections(request) else ()
     surface = (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     if is_several(folder):
         own = (*FILES, *surface)

@@ -137,6 +137,11 @@ def networks_of(request: Capture) -> Iterator[Path]:
             yield find_model(name, kind)
 
 
+def keeps_detections(request: Capture) -> bool:
+    """Whether the folder holds detections: those of networks, or lifted because that was asked."""
+    return bool(request.detectors) or (request.lifter is not None and bool(request.lifters))
+
+
 def casting_of(request: Capture, actor: str) -> Casting:
     """How an actor is found; of several people by joints alone, images show all of them at once."""
     look = Stage[request.until.upper()].needs_images and not request.everybody

@@ -217,7 +217,7 @@ def test_hidden_limbs_are_those_behind_somebody(others: float) -> None:
 
 def test_texture_moves_with_its_limb() -> None:
     one, last, view = solver(), before(), 2
-    rows, columns = np.nonzero(last.drawn[view].seen)
+    rows, columns = np.nonzero(last.drawn[view].outline.seen)
     corner = last.drawn[view].labels.corner
     chosen = np.random.default_rng(0).permutation(len(rows))[:40]
     pixels = np.stack([columns[chosen] + corner[1], rows[chosen] + corner[0]], 1).astype(float)

@@ -48,4 +48,4 @@ def test_one_and_two_videos_are_lifted() -> None:
     videos = tuple(Path(f"{n}.mp4") for n in range(3))
     lifted = [Capture(videos=videos[: n + 1], out=Path("out")).lifters for n in range(3)]
     assert lifted == [("cmu",), ("cmu",), ()]
-    assert Capture(videos=videos[:2], out=Path("out"), detections=videos[:2]).lifters == ()
+    assert Capture(videos=videos[:2], out=Path("out"), lifter="none").lifters == ()
