@@ -7,7 +7,7 @@ the pose is his clothes. Labels repeat to an IoU of about 0.98 (``tests/labels``
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,10 @@ from recordings import Recording, balancing
 from report import Report, Table
 from surface_recordings import clip_of
 
+from perfcap.app.networks import NO_SEGMENTER, find_segmenter
+from perfcap.detect.segmenter import OnnxSegmenter
 from perfcap.geometry.camera import Camera
+from perfcap.io.actor import load_actor
 from perfcap.io.mask_files import fill, read_labels
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.images import Frames, Images
@@ -38,6 +41,10 @@ class Experiment:
     """Folder of the recordings."""
     alone: tuple[int, ...] = (2,)
     """Views that are also captured on their own, with the bone lengths of all four."""
+    actor: Path | None = None
+    """The man's own body, as ``perfcap actor fit`` writes it; the generic actor if not given."""
+    network: str = NO_SEGMENTER
+    """Of person masks, as one more cue; none if not given."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +64,18 @@ class _Some:
 def run(config: Experiment) -> Report:
     """Score every stage in every labelled frame."""
     real = balancing(config.data)
+    if config.actor is not None:
+        real = replace(real, actor=load_actor(config.actor))
     clip, pixel_map = clip_of(real)
-    images = Images(clip, pixel_map.cameras(real.cameras, clip.sizes))
+    segmenter = None
+    if config.network != NO_SEGMENTER:
+        segmenter = OnnxSegmenter(find_segmenter(config.network))
+    cameras = pixel_map.cameras(real.cameras, clip.sizes)
+    images = Images(clip, cameras, segmenter=segmenter)
     labels = labels_of(clip.sizes)
     views = list(range(real.cameras.views))
-    together = _capture(real, images, views, real)
+    solve_bones = config.actor is None
+    together = _capture(real, images, views, real, solve_bones)
     rows = _rows("four views", together, images.cameras, views, labels)
     for view in config.alone:
         name = real.rig.names[view]
@@ -80,16 +94,21 @@ def labels_of(sizes: Sequence[tuple[int, int]]) -> list[dict[int, Mask]]:
 
 
 def _capture(
-    real: Recording, images: Images, views: list[int], source: Recording | Performance
+    real: Recording,
+    images: Images,
+    views: list[int],
+    source: Recording | Performance,
+    solve_bones: bool = False,
 ) -> Performance:
-    some = Images(_Some(images, views), images.cameras.select(views))
+    reader, cameras = _Some(images, views), images.cameras.select(views)
+    some = Images(reader, cameras, segmenter=images.segmenter)
     return capture(
         source.actor,
         real.cameras.select(views),
         real.detections.select(views),
         real.rate,
         images=some,
-        solve_bones=isinstance(source, Recording),
+        solve_bones=solve_bones,
     )
 
 
