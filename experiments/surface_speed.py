@@ -28,7 +28,7 @@ from perfcap.pipeline.performance import StageReport
 
 _STAGES = ("extract_silhouettes", "refine_pose", "extract_silhouettes_again", "refine_surface")
 _WARM = 4  # frames of the first capture
-_AIM = 600  # ms a frame
+_AIM = 400  # ms a frame
 
 
 @dataclass(frozen=True)
