@@ -27,11 +27,11 @@ FEATURES = (
 # Nothing said there how far 3D poses may be off.
 _BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.0, 0.953)
 _ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0, 5.169)
-# The same where one view sees the person and something says how far its 3D poses may be off: 3024
-# frames of 84 videos of rendered people, captured from the video alone; a tenth of the good frames
+# The same where one view sees the person and something says how far its 3D poses may be off: 2788
+# frames of 75 videos of rendered people, captured from the video alone; a tenth of the good frames
 # is named (experiments/trust_video.py).
-_BAD_LIFTED = (0.29, 0.319, -1.163, -0.019, -0.756, 0.953, 0.312, 0.155, 1.99, 0.912, -0.587)
-_ERROR_LIFTED = (0.171, 0.129, -0.487, 0.019, -0.753, 0.355, -0.05, 0.088, 1.175, 0.452, 3.691)
+_BAD_LIFTED = (0.345, 0.288, -1.11, -0.088, -1.188, 0.54, 0.807, 0.56, -0.535, 0.883, 0.2)
+_ERROR_LIFTED = (0.151, 0.085, -0.518, -0.001, -0.791, 0.293, 0.07, 0.155, 1.138, 0.473, 3.779)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words

@@ -19,6 +19,7 @@ from perfcap.metrics.alignment import root_aligned
 
 MODELS = Path(__file__).parents[2] / "models"
 KINDS = ("lifters", "detectors", "priors")
+LARGEST = {"blazepose_heavy": 28e6}  # bytes; of all others 20 MB
 FOLDERS = sorted(p.parent for kind in KINDS for p in (MODELS / kind).glob("*/manifest.toml"))
 
 
@@ -27,7 +28,7 @@ def test_files_are_as_the_manifest_says(folder: Path) -> None:
     entries = tomllib.loads((folder / "manifest.toml").read_text())["file"]
     for entry in entries:
         data = (folder / entry["name"]).read_bytes()
-        assert len(data) == entry["size"] < 30e6
+        assert len(data) == entry["size"] < LARGEST.get(folder.name, 20e6)
         assert hashlib.sha256(data).hexdigest() == entry["sha256"]
         assert b"site-packages" not in data
     assert (folder / "card.md").is_file()
