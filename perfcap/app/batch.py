@@ -32,8 +32,7 @@ from perfcap.app.console import PlainConsole
 from perfcap.commands.capture import Batch, Capture
 from perfcap.errors import InputError
 from perfcap.io.clip_list import ListedClip, read_clip_list
-from perfcap.io.result_folder import locked
-from perfcap.pipeline.performance import make_folder
+from perfcap.io.made_folder import made_folder
 from perfcap.workers import usable_cores
 
 # --- Clips of a batch on a Ray cluster, whose workers may die on the way --------------------------
@@ -114,9 +113,8 @@ def run_batch(request: Batch) -> int:
     columns = [f.name for f in dataclasses.fields(Capture) if f.name not in _OURS]
     reserved = (INDEX, SUMMARY, PICTURES, _KEPT)
     clips = read_clip_list(request.clips.absolute(), columns, _PATHS, _EITHER, reserved)
-    folder = make_folder(request.out)
-    jobs = [_job(folder.absolute(), clip, request.report) for clip in clips]
-    with locked(folder):
+    with made_folder(request.out) as folder:
+        jobs = [_job(folder.absolute(), clip, request.report) for clip in clips]
         (folder / _KEPT).mkdir(exist_ok=True)
         outcomes = {job.name: read_outcome(job) for job in jobs}
         missing = [job for job in jobs if not is_done(job, outcomes[job.name])]

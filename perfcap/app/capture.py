@@ -50,6 +50,7 @@ from perfcap.io.actor import load_actor
 from perfcap.io.calibration.assumed import save_assumed
 from perfcap.io.detections import save_detections
 from perfcap.io.files import read_json
+from perfcap.io.made_folder import made_folder
 from perfcap.io.mask_files import MaskFolders, view_folders
 from perfcap.io.result import require_one_capture
 from perfcap.io.result_folder import (
@@ -65,7 +66,6 @@ from perfcap.io.result_folder import (
     finish,
     holds_result,
     is_several,
-    locked,
     own_file,
     people_of,
     replacing,
@@ -75,7 +75,7 @@ from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
-from perfcap.pipeline.performance import Performance, make_folder
+from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
 
@@ -110,8 +110,7 @@ def run_capture(request: Capture) -> int:
 
 
 def _capture(request: Capture) -> int:
-    folder = make_folder(request.folder)
-    with locked(folder):
+    with made_folder(request.folder) as folder:
         finish(folder)  # what a killed run had complete
         check_people(request)
         uses_masks(request)

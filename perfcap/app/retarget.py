@@ -31,13 +31,13 @@ from perfcap.io.actor_import import ActorMapping, read_mapping
 from perfcap.io.atomic import writing
 from perfcap.io.export import upright_from
 from perfcap.io.gltf_merge import merge_characters
+from perfcap.io.made_folder import made_folder
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
 from perfcap.io.result_folder import (
     REPORT,
     SCENE,
     finish,
     holds_result,
-    locked,
     person_folder,
     replacing,
     require_places,
@@ -45,7 +45,7 @@ from perfcap.io.result_folder import (
 )
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
-from perfcap.pipeline.performance import Performance, make_folder
+from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
@@ -78,8 +78,7 @@ def run_retarget(request: Retarget) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
-    folder = make_folder(request.out)
-    with locked(folder):
+    with made_folder(request.out) as folder:
         finish(folder)
         spare_inputs(folder, _inputs(request), detected=False)
         require_places(folder)

@@ -12,7 +12,7 @@ from pathlib import Path
 from perfcap.errors import InputError
 from perfcap.io.atomic import settle, unwritable, writing
 from perfcap.io.files import read_json
-from perfcap.io.result_folder import locked
+from perfcap.io.made_folder import made_folder
 
 WORK = ".perfcap-new"  # where files grow; gone once they are in their places
 _NEW, _OLD, _PLAN = "new", "old", "publish.json"
@@ -30,14 +30,8 @@ def publishing(folder: Path) -> Iterator[Path]:
         InputError: the place cannot be written, another process writes there, or a folder there
             holds other things.
     """
-    made = _make(folder)
-    try:
-        with locked(folder):
-            yield from _publishing(folder)
-    finally:
-        for place in made:
-            with suppress(OSError):  # holds what was published
-                place.rmdir()
+    with made_folder(folder):
+        yield from _publishing(folder)
 
 
 def _publishing(folder: Path) -> Iterator[Path]:
@@ -92,20 +86,6 @@ def _names(plan: Path) -> Collection[str]:
     if not plain:
         raise InputError(f"{plan}: is damaged; remove the folder {plan.parent}")
     return list(names)
-
-
-def _make(folder: Path) -> list[Path]:
-    """Make a folder and those above it; returns what was made, the deepest first."""
-    missing = []
-    try:
-        for place in (folder, *folder.parents):
-            if place.exists():
-                break
-            missing.append(place)
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return missing
 
 
 def _check_place(entry: Path, target: Path) -> None:

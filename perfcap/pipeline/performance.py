@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -21,8 +20,8 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.files import named_path
-from perfcap.io.result_folder import finish, locked, replacing
+from perfcap.io.made_folder import made_folder
+from perfcap.io.result_folder import finish, replacing
 from perfcap.metrics.missing import check_radians
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.floor import Floor
@@ -272,9 +271,9 @@ class Performance:
         """
         _require_number(first_frame)
         frame_rate(self.rate)
-        with locked(folder := make_folder(folder)):
-            finish(folder)
-            with replacing(folder) as scratch:
+        with made_folder(folder) as place:
+            finish(place)
+            with replacing(place) as scratch:
                 write_result(self, scratch, first_frame, run, view_names)
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:
@@ -329,22 +328,3 @@ def _require_number(first_frame: object) -> None:
     whole = isinstance(first_frame, int | float | np.integer) and not isinstance(first_frame, bool)
     if not whole or not 0 <= first_frame < _LAST_FRAME or first_frame != int(first_frame):  # type: ignore[operator, call-overload]
         raise InputError(f"first_frame is {first_frame!r}, expected a whole number of 0 or more")
-
-
-def make_folder(folder: str | Path) -> Path:
-    """A folder that can be written.
-
-    Raises:
-        InputError: it cannot be made or written.
-    """
-    path = named_path(folder, "folder", "a folder to write to")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(
-            f"--out {path}: cannot make the folder ({reason}); choose another place"
-        ) from None
-    if not os.access(path, os.W_OK):
-        raise InputError(f"--out {path}: the folder is not writable; choose another place")
-    return path
