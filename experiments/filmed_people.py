@@ -31,16 +31,18 @@ _TEXTURE = 256  # pixels
 _STEPS = (2, 2, 3)  # recorded frames between those of a video of 30 Hz: as it was, or faster
 _SEEN = 0.8  # of the image, that the motion fills
 _LEVEL, _STEEP = (-5, 25), (-15, 45)  # degrees by which cameras look down
+LENSES = 0.8, 1.8  # focal lengths, in sizes of the picture: 64 to 31 degrees
 _FARTHEST = 2.4  # rad, that a joint turns
 
 
 @dataclass(frozen=True)
 class Film:
-    """A video on disk, and the truth about its joints, (F, 16, 3) m in the world."""
+    """A video on disk, the truth about its joints, (F, 16, 3) m in the world, and its camera."""
 
     name: str
     path: Path
     truth: Tensor
+    camera: Camera
     rate: float = 30.0
 
 
@@ -52,8 +54,11 @@ def films(
     size: int,
     seed: int = 0,
     hard: bool = False,
+    lenses: tuple[float, float] = LENSES,
 ) -> Iterator[Film]:
     """Make so many videos; those of a seed are always the same.
+
+    Focal lengths are between ``lenses``, in sizes of the picture.
 
     Hard ones show what no lifter has learned: limbs turned up to 1.9 times as far as recorded,
     seen from below and from high above.
@@ -71,8 +76,8 @@ def films(
         start = int(rng.integers(len(recording.turns) - step * frames))
         part = slice(start, start + step * frames, step)
         path = folder / f"film{number}.mp4"
-        truth = _film(path, figure, recording, part, size, rng, _STEEP if hard else _LEVEL)
-        yield Film(f"{number}: {recording.name}", path, truth)
+        seen = _film(path, figure, recording, part, size, rng, _STEEP if hard else _LEVEL, lenses)
+        yield Film(f"{number}: {recording.name}", path, *seen)
 
 
 def _film(
@@ -83,9 +88,10 @@ def _film(
     size: int,
     rng: np.random.Generator,
     tilt: tuple[float, float],
-) -> Tensor:
+    lenses: tuple[float, float],
+) -> tuple[Tensor, Camera]:
     surfaces, joints = moved(figure, recording, part)
-    camera = _camera(joints, size, rng, tilt)
+    camera = _camera(joints, size, rng, tilt, lenses)
     texture = Texture.from_image(torch.from_numpy(figure.texture), figure.uv, figure.faces_uv)
     behind = torch.from_numpy(Backgrounds().draw(size, rng))
     grain = rng.uniform(0, 6)
@@ -95,7 +101,7 @@ def _film(
             image = render(mesh, texture, behind).image.reshape(size, size, 3).numpy()
             noisy = image + rng.normal(0, grain, (size, size, 1))
             writer.write(np.ascontiguousarray(noisy.clip(0, 255).astype(np.uint8)))
-    return joints.double()
+    return joints.double(), camera
 
 
 def exaggerated(recording: Recording, rng: np.random.Generator) -> Recording:
@@ -128,11 +134,15 @@ def moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tenso
 
 
 def _camera(
-    joints: Tensor, size: int, rng: np.random.Generator, tilts: tuple[float, float]
+    joints: Tensor,
+    size: int,
+    rng: np.random.Generator,
+    tilts: tuple[float, float],
+    lenses: tuple[float, float],
 ) -> Camera:
     points = joints.flatten(0, 1)
     centre = 0.5 * (points.amin(0) + points.amax(0))
-    focal = float(rng.uniform(0.8, 1.8)) * size
+    focal = float(rng.uniform(*lenses)) * size
     reach = float((points - centre).norm(dim=-1).max()) + 0.15
     distance = max(1.5, 2 * reach * focal / (_SEEN * size))
     heading, tilt = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(*tilts))

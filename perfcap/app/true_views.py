@@ -1,4 +1,4 @@
-"""``--sync`` and ``--refine-cameras``: views corrected before anything else is done with them."""
+"""Views corrected before anything else is done with them: clocks, places, a guessed lens."""
 
 from __future__ import annotations
 
@@ -11,24 +11,26 @@ from perfcap.app.inputs import Inputs
 from perfcap.errors import InputError
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.clip import Clip, LateSource
+from perfcap.pipeline.lens import solve_lens
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 
 def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str, Any]]:
     """The inputs with clocks and cameras as a moving person shows them, and what was found.
 
-    Videos are read from the nearest whole frame, joints between frames.
+    Videos are read from the nearest whole frame, joints between frames. A lens that is a guess
+    becomes the one that the motion shows, if it shows one.
 
     Args:
-        inputs: of two views or more.
-        sync: whether clocks are found.
-        refine: whether cameras may stand a little elsewhere.
+        inputs: of two views or more, where clocks or places are to be found.
+        sync: whether clocks are found (``--sync``).
+        refine: whether cameras may stand a little elsewhere (``--refine-cameras``).
 
     Raises:
         InputError: one view, cameras that move, or a clip too short to tell.
     """
     if not (sync or refine):
-        return inputs, {}
+        return _with_lens(inputs) if inputs.rig.guessed else (inputs, {})
     option = "--sync auto" if sync else "--refine-cameras"
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
     like = torch.zeros((), dtype=torch.float64)
@@ -49,6 +51,20 @@ def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str,
         warnings=(*inputs.warnings, *found.sentences(names)),
     )
     return changed, found.report(names)
+
+
+def _with_lens(inputs: Inputs) -> tuple[Inputs, dict[str, Any]]:
+    """The inputs with the lens that the motion shows."""
+    actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
+    like = torch.zeros((), dtype=torch.float64)
+    rig, detections = inputs.rig, inputs.detections.to(like)
+    lens = solve_lens(actor, rig.cameras.to(like), detections, inputs.clip.fps)
+    changed = replace(
+        inputs,
+        rig=replace(rig, cameras=lens.of_camera(rig.cameras)),
+        warnings=(*inputs.warnings, lens.sentence(rig.cameras)),
+    )
+    return changed, {"lens": lens.report()}
 
 
 def _late(clip: Clip, found: ViewErrors) -> Clip:

@@ -1,4 +1,4 @@
-"""Reprojection into views whose clocks and places are not quite what they are said to be."""
+"""Reprojection into views whose clocks, places and lenses are not quite as they are stated."""
 
 from __future__ import annotations
 
@@ -28,6 +28,10 @@ CLOCK = "clock"
 """Shared: frames by which each of C views is late, (C,): it shows frame f at f + clock."""
 CAMERAS = "cameras"
 """Shared: rotation vector and shift of each camera, in its own axes, (6 C,): radians, metres."""
+LENS = "lens"
+"""Shared: log of the factor by which the focal length of each view is longer, (C,)."""
+
+_BLOCKS = {CLOCK: 1, CAMERAS: 6, LENS: 1}  # unknowns a view
 
 
 class UncertainViews(Energy[Motion]):
@@ -35,7 +39,8 @@ class UncertainViews(Energy[Motion]):
 
     A residual group is one point in one view, ``(project_c(x_f) - d_c(f + t_c)) / unit``: the
     motion is in the time of view frames with t = 0, and detections between frames are those of a
-    smooth spline. A camera turned by w and shifted by s sees ``exp(w) (R x + t) + s``. Either
+    smooth spline. A camera turned by w and shifted by s sees ``exp(w) (R x + t) + s``, and a lens
+    that is longer by ``exp(l)`` sees that much farther from the axis, before any distortion. Any
     block may be missing from a motion; what it stands for is then as stated. At the ends of the
     clip, and next to frames that do not see the point, nothing counts.
 
@@ -77,7 +82,7 @@ class UncertainViews(Energy[Motion]):
         require_confidence(sure, "confidence2d")
         places = known_places(detections.joints2d, sure, "joints2d")
         detections = replace(detections, joints2d=places)
-        self.points, self.sees = points, (*seen_by(points), CLOCK, CAMERAS)
+        self.points, self.sees = points, (*seen_by(points), *_BLOCKS)
         self.cameras, self.detections = cameras, detections
         scale = 1 / torch.as_tensor(unit).to(detections.joints2d)
         self.register_buffer("scale", scale.expand(cameras.views).clone())
@@ -86,13 +91,16 @@ class UncertainViews(Energy[Motion]):
         """(F, C * N, 2)."""
         local = self._local(self.points(motion), motion)
         shown, sure, _ = self._shown(motion)
-        return self._residual(self.cameras.project_camera(local), shown, sure)
+        wide = local * self._wider(motion)
+        return self._residual(self.cameras.project_camera(wide), shown, sure)
 
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form in all blocks."""
         joints, frame, shared = self.points.linearize(motion)
         local = self._local(joints, motion)
-        pixels, slope = self._project(local)  # F C N 2, F C N 2 3
+        wider = self._wider(motion)
+        pixels, slope = self._project(local * wider)  # F C N 2, F C N 2 3
+        slope = slope * wider.unsqueeze(-2)
         shown, sure, speed = self._shown(motion)
         turned = slope @ self._turned(motion)[:, None]
         rows = (self.scale[:, None, None, None] * turned).unsqueeze(-1)  # F C N 2 3 1
@@ -114,7 +122,7 @@ class UncertainViews(Energy[Motion]):
     def _local(self, points: Tensor, motion: Motion) -> Tensor:
         """Points in the axes of each camera as it really stands, (F, C, N, 3)."""
         require_frames(self, self.detections.frame_count, points.shape[-3])
-        for block, size in ((CLOCK, 1), (CAMERAS, 6)):
+        for block, size in _BLOCKS.items():
             own, wanted = motion.shared.get(block), size * self.cameras.views
             if own is not None and tuple(own.shape) != (wanted,):
                 raise InputError(
@@ -126,6 +134,14 @@ class UncertainViews(Energy[Motion]):
             return local
         turn, shift = motion.shared[CAMERAS].reshape(-1, 2, 3).unbind(-2)
         return local @ rotvec_to_matrix(turn).mT + shift[:, None]
+
+    def _wider(self, motion: Motion) -> Tensor:
+        """By what each lens makes x, y and z of points larger, (C, 1, 3)."""
+        longer = motion.shared.get(LENS)
+        if longer is None:
+            return torch.ones_like(self.cameras.translation)[:, None]
+        factor = longer.exp()[:, None]
+        return torch.cat((factor, factor, torch.ones_like(factor)), -1)[:, None]
 
     def _turned(self, motion: Motion) -> Tensor:
         """Rotation from the world of each camera as it really stands, (C, 3, 3)."""
@@ -149,7 +165,7 @@ class UncertainViews(Energy[Motion]):
     def _blocks(
         self, motion: Motion, local: Tensor, slope: Tensor, speed: Tensor
     ) -> dict[str, Tensor]:
-        """Columns of clock and cameras, (F, C N, 2, C) and (F, C N, 2, 6 C), those there are."""
+        """Columns of the blocks there are, (F, C N, 2, C), or 6 C of them for cameras."""
         views = torch.eye(self.cameras.views).to(local)
         scale = self.scale[:, None, None]
         found = {}
@@ -163,6 +179,9 @@ class UncertainViews(Energy[Motion]):
             own = scale.unsqueeze(-1) * torch.cat((slope @ lever, slope), -1)  # F C N 2 6
             spread = own.unsqueeze(-2) * views[:, None, None, :, None]  # F C N 2 C 6
             found[CAMERAS] = spread.flatten(-2).flatten(1, 2)
+        if LENS in motion.shared:
+            moved = (slope[..., :2] * local[..., None, :2]).sum(-1, keepdim=True)  # F C N 2 1
+            found[LENS] = (scale.unsqueeze(-1) * moved * views[:, None, None]).flatten(1, 2)
         return found
 
     def _shown(self, motion: Motion) -> tuple[Tensor, Tensor, Tensor]:

@@ -83,6 +83,7 @@ def _overlap(found: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
 # --- How well a surface overlaps the masks of a clip ----------------------------------------------
 
 BLOCK = 8  # frames drawn at once
+Measure = Callable[[Sequence[Outline], Evidence, int], float]  # of outlines and masks of a frame
 
 
 def blocks(start: int, stop: int) -> list[range]:
@@ -123,14 +124,16 @@ def clip_overlaps(
     evidence: Evidence,
     workers: int | None = None,
     kept: Kept = NOTHING,
+    measure: Measure = frame_overlap,
 ) -> NDArray[np.float64]:
-    """The same of every frame of a clip, (F,)."""
+    """The same, or another ``measure``, of every frame of a clip, (F,)."""
 
-    def overlaps(frames: range) -> NDArray[np.float64]:
+    def measured(frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)
-        return frame_overlaps(sight.outlines(surface[span], span), evidence, frames)
+        pairs = zip(sight.outlines(surface[span], span), frames, strict=True)
+        return np.array([measure(views, evidence, frame) for views, frame in pairs])
 
-    parts = kept.each(ARRAY, overlaps, blocks(0, surface.frames), workers)
+    parts = kept.each(ARRAY, measured, blocks(0, surface.frames), workers)
     return np.array(list(chain.from_iterable(parts)))
 
 

@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.motion import BONES, Motion
+from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections, at_clock
-from perfcap.energy.prior import BoneLengthPrior, PosePrior, SharedPrior
-from perfcap.energy.uncertain_views import CAMERAS, CLOCK, UncertainViews
+from perfcap.energy.uncertain_views import CAMERAS, CLOCK
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
@@ -22,12 +21,11 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_kinds, require_matching
 from perfcap.pipeline.liveliness import liveliest, require_motion
-from perfcap.pipeline.objective import FrameProblem, kernel, neutral_angles, trajectory_prior
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare, relaxed
+from perfcap.pipeline.uncertain_problem import UncertainProblem
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import Settings
-from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
-from perfcap.solve.covariance import shared_covariance
 
 _MUCH = 3.0  # deviations, beyond which a correction is no small one
 _WHOLE = 0.1  # frames that a clock may be off where it is taken for a whole number
@@ -46,7 +44,6 @@ class ViewErrorConfig(Settings):
         shift: deviation of their places, metres.
         rounds: of solving; each starts from poses of views as the last one corrected them.
         steps: of the solver in a round.
-        correlation: frames over which the errors of detectors stay alike; they are no news.
     """
 
     frames: int = 150
@@ -56,7 +53,6 @@ class ViewErrorConfig(Settings):
     shift: float = 0.03
     rounds: int = 2
     steps: int = 30
-    correlation: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -260,7 +256,10 @@ class _Problem:
     """A stretch of a clip, and the solves of it."""
 
     def __init__(self, frames: FrameProblem, rate: float, settings: ViewErrorConfig) -> None:
-        self.frames, self.rate, self.settings = frames, rate, settings
+        self.frames, self.settings = frames, settings
+        views = frames.cameras.views
+        held = torch.tensor([settings.turn] * 3 + [settings.shift] * 3).repeat(views)
+        self.problem = UncertainProblem(frames, rate, {CAMERAS: held}, settings.steps)
 
     def solved(self, known: ViewErrors, sync: bool, refine: bool) -> ViewErrors:
         """One round: poses of views as corrected so far, then all unknowns together."""
@@ -268,78 +267,34 @@ class _Problem:
         cameras = known.of_cameras(frames.cameras)
         detections = known.of_detections(frames.detections)
         motion, _ = initialize(prepare(replace(frames, cameras=cameras, detections=detections)))
-        views = frames.cameras.views
-        groups = len(frames.actor.skeleton.group_names)
-        shared = {BONES: motion.angles.new_zeros(groups)}
+        views: dict[str, Tensor] = {}
+        ends: dict[str, tuple[Tensor, Tensor]] = {}
         if sync:
             assert known.clock is not None
-            shared[CLOCK] = known.clock.to(motion.angles)
+            clock = known.clock.to(motion.angles)
+            reach = torch.full_like(clock, 2.5 * self.settings.clock)
+            reach[0] = 0.0  # its clock is the time of the motion
+            views[CLOCK], ends[CLOCK] = clock, (clock - reach, clock + reach)
+        problem = self.problem if refine else replace(self.problem, priors={})
         if refine:
-            start = known.cameras
-            zeros = motion.angles.new_zeros(6 * views)
-            shared[CAMERAS] = zeros if start is None else start.flatten().to(zeros)
-        motion = replace(motion, shared=shared)
-        objective = self._objective(motion)
-        method = LevenbergMarquardt(self.settings.steps, frames.config.tolerance)
-        state: Motion = solve(objective, motion, method, self._bounds(motion)).state
-        return self._errors(objective, state)
+            zeros = motion.angles.new_zeros(6 * frames.cameras.views)
+            views[CAMERAS] = zeros if known.cameras is None else known.cameras.flatten().to(zeros)
+        state = problem.solved(motion, views, ends)
+        return self._errors(problem, state)
 
-    def _objective(self, motion: Motion) -> Objective:
-        known, settings, frames = self.frames, self.settings, motion.frames
-        config, views = known.config, known.cameras.views
-        landmarks, r = known.actor.landmarks, config.reprojection
-        energies: dict[str, Energy[Any]] = {
-            "joints2d": UncertainViews(
-                landmarks,
-                known.cameras,
-                known.detections,
-                r.weight,
-                kernel(r.scale),
-                r.deviation * known.pixel_unit,
-            ),
-            "trajectory": trajectory_prior(config.trajectory, frames, self.rate),
-            "prior": PosePrior(neutral_angles(known.actor), config.prior.deviation),
-            "bones": BoneLengthPrior(
-                motion.shared_sizes[BONES], frames, config.bones.size, config.bones.own
-            ),
-        }
-        if CAMERAS in motion.shared:
-            spread = torch.tensor([settings.turn] * 3 + [settings.shift] * 3).repeat(views)
-            energies["cameras"] = SharedPrior(6 * views, frames, spread, block=CAMERAS)
-        return Objective(energies).to(motion.angles)
-
-    def _bounds(self, motion: Motion) -> Bounds:
-        """Angles within their limits, the first clock fixed, others near the whole frames."""
-        lower, upper = self.frames.actor.skeleton.bounds
-        sides = []
-        for sign in (-1.0, 1.0):
-            parts = []
-            for name, block in motion.shared.items():
-                free = torch.full_like(block, sign * torch.inf)
-                if name == CLOCK:
-                    free = block + sign * 2.5 * self.settings.clock
-                    free[0] = 0.0
-                parts.append(free)
-            sides.append(torch.cat(parts))
-        return Bounds(Step(lower, sides[0]), Step(upper, sides[1]))
-
-    def _errors(self, objective: Objective, state: Motion) -> ViewErrors:
+    def _errors(self, problem: UncertainProblem, state: Motion) -> ViewErrors:
         """Values and deviations at a minimum; the first clock is known, and not among these."""
-        names, sizes = list(state.shared), state.shared_sizes
-        energies = dict(objective.items())
-        if CLOCK in names:  # as good as fixed
-            spread = torch.full((sizes[CLOCK],), 1e3, dtype=torch.float64)
+        fixed = {}
+        if CLOCK in state.shared:  # as good as fixed
+            spread = torch.full((len(state.shared[CLOCK]),), 1e3, dtype=torch.float64)
             spread[0] = 1e-4
-            energies["clock"] = SharedPrior(sizes[CLOCK], state.frames, spread, block=CLOCK)
-        covariance = shared_covariance(Objective(energies).to(state.angles), state)
-        root = (self.settings.correlation * covariance.diagonal(dim1=-2, dim2=-1)).sqrt()
-        spreads = dict(zip(names, torch.split(root, list(sizes.values())), strict=True))
-        found = ViewErrors()
-        if CLOCK in names:
+            fixed[CLOCK] = spread
+        spreads, found = problem.deviations(state, fixed), ViewErrors()
+        if CLOCK in state.shared:
             sure = spreads[CLOCK].clone()
             sure[0] = 0.0
             found = replace(found, clock=state.shared[CLOCK], clock_deviation=sure)
-        if CAMERAS in names:
+        if CAMERAS in state.shared:
             values, sure = (x[CAMERAS].reshape(-1, 6) for x in (state.shared, spreads))
             found = replace(found, cameras=values, cameras_deviation=sure)
         return found

@@ -12,6 +12,7 @@ from perfcap.app.true_views import settled
 from perfcap.detect.detections import Detections
 from perfcap.io.calibration import CameraRig, PixelMap
 from perfcap.io.clip import Clip
+from perfcap.pipeline.lens import Lens
 
 FRAMES = 60
 LATE = (0.0, 2.5, -1.0)  # frames
@@ -51,6 +52,28 @@ def filmed() -> Inputs:
     clip = Clip([Numbered(name) for name in "abc"], 30.0)
     whole = PixelMap(torch.eye(3, dtype=torch.float64).repeat(3, 1, 1))
     return Inputs(clip, CameraRig(("a", "b", "c"), take.cameras), detections, whole, ())
+
+
+def alone(guessed: bool) -> Inputs:
+    """One view with a lens of half the true focal length."""
+    take = make_take(60, turns=0.3)
+    wrong = Lens(0.5, 0.0, shown=True).of_camera(take.cameras)
+    whole = PixelMap(torch.eye(3, dtype=torch.float64)[None])
+    rig = CameraRig(("a",), wrong, guessed=guessed)
+    return Inputs(Clip([Numbered("a")], 30.0), rig, take.detections, whole, ())
+
+
+def test_a_guessed_lens_becomes_the_one_that_is_shown() -> None:
+    given = alone(guessed=True)
+    found, views = settled(given, sync=False, refine=False)
+    factor = views["lens"]["factor"]
+    assert 1.6 < factor < 2.4 and views["lens"]["shown"]
+    before, after = (each.rig.cameras.intrinsics for each in (given, found))
+    assert torch.allclose(after[..., :2, :2], factor * before[..., :2, :2])
+    assert torch.equal(after[..., 2], before[..., 2])
+    assert "instead of the assumed" in found.warnings[0]
+    kept = alone(guessed=False)
+    assert settled(kept, sync=False, refine=False) == (kept, {})
 
 
 def test_images_say_how_late_they_are() -> None:

@@ -10,7 +10,7 @@ from synthetic import actor, cameras, random_motion
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.energy import Reprojection, UncertainViews
-from perfcap.energy.uncertain_views import CAMERAS, CLOCK, smooth_at
+from perfcap.energy.uncertain_views import CAMERAS, CLOCK, LENS, smooth_at
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 
@@ -45,10 +45,19 @@ SHARED = {
     "cameras": {
         CAMERAS: 0.05 * torch.randn(18, generator=torch.Generator().manual_seed(1)).double()
     },
+    "lens": {LENS: torch.tensor([0.2, -0.3, 0.1], dtype=F64)},
 }
+UNKNOWN = [
+    (),
+    ("clock",),
+    ("cameras",),
+    ("lens",),
+    ("cameras", "bones", "clock"),
+    ("bones", "lens", "cameras"),
+]
 
 
-@pytest.mark.parametrize("blocks", [(), ("clock",), ("cameras",), ("cameras", "bones", "clock")])
+@pytest.mark.parametrize("blocks", UNKNOWN)
 def test_derivatives_are_those_of_differences(blocks: tuple[str, ...]) -> None:
     motion = random_motion(ACTOR.skeleton, FRAMES, bones=True)
     shared: dict[str, torch.Tensor] = {}
@@ -101,6 +110,17 @@ def test_true_cameras_leave_nothing() -> None:
     pixels = real.project(ACTOR.joints(motion))
     energy = term(Detections.from_joints(pixels, torch.ones(FRAMES, VIEWS, 16, dtype=F64)))
     assert float(energy(replace(motion, shared={CAMERAS: wrong}))) < 1e-18
+    assert float(energy(motion)) > 1
+
+
+def test_true_lenses_leave_nothing() -> None:
+    motion = random_motion(ACTOR.skeleton, FRAMES)
+    stated, longer = cameras(VIEWS), SHARED["lens"][LENS]
+    focal = stated.intrinsics.clone()
+    focal[..., :2, :2] *= longer.exp()[:, None, None]
+    pixels = replace(stated, intrinsics=focal).project(ACTOR.joints(motion))
+    energy = term(Detections.from_joints(pixels, torch.ones(FRAMES, VIEWS, 16, dtype=F64)))
+    assert float(energy(replace(motion, shared={LENS: longer}))) < 1e-18
     assert float(energy(motion)) > 1
 
 

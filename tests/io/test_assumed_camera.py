@@ -46,6 +46,7 @@ def test_the_angle_is_seen_across_the_longer_side(size: tuple[int, int]) -> None
         longest = pixel[0] if size[1] == 640 else pixel[1]
         assert float(longest) == pytest.approx(639.5)  # pixel centres are at integers
         assert f"{fov or ASSUMED_FOV:g} degrees" in rig.warnings[0]
+        assert rig.guessed == (fov is None)
 
 
 def test_several_views_are_told_what_calibrates_them() -> None:
@@ -75,6 +76,7 @@ def test_a_phones_metadata_say_the_lens(tmp_path: Path, text: str, focal: float 
     expected = focal or 320 / math.tan(math.radians(0.5 * ASSUMED_FOV))
     assert float(rig.cameras.intrinsics[0, 0, 0]) == pytest.approx(expected)
     assert ("equivalent to 26 mm" in rig.warnings[0]) == (focal is not None)
+    assert rig.guessed == (focal is None)
 
 
 def test_what_was_assumed_can_be_read_again(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
         )
     height, width = clip.sizes[0]
     longer = max(height, width)
-    focal, note = _focal(clip, fov, longer)
+    focal, note, guessed = _focal(clip, fov, longer)
     intrinsics = torch.tensor(
         [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]],
         dtype=torch.float64,
@@ -56,30 +56,33 @@ def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
         None,
         ((height, width),),
     )
-    return CameraRig(clip.names, camera, warnings=(note,))
+    return CameraRig(clip.names, camera, warnings=(note,), guessed=guessed)
 
 
-def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str]:
-    """Pixels, and where they come from in words."""
+def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str, bool]:
+    """Pixels, where they come from in words, and whether that is nowhere."""
     if fov is not None:
         if not _NARROWEST <= fov <= _WIDEST:
             raise InputError(
                 f"--fov: is {fov:g}; expected {_NARROWEST:g} to {_WIDEST:g} degrees across the "
                 "longer side of the image"
             )
-        return _pixels(fov, longer), f"no --cameras: a lens of {fov:g} degrees, as --fov says"
+        note = f"no --cameras: a lens of {fov:g} degrees, as --fov says"
+        return _pixels(fov, longer), note, False
     source = clip.sources[0]
     film = source.film_focal if isinstance(source, VideoFile) else None
     if film is not None:
         angle = math.degrees(2 * math.atan(0.5 * _FILM / film))
-        return longer * film / _FILM, (
+        note = (
             f"no --cameras: the video says its lens is equivalent to {film:g} mm, {angle:.0f} "
             "degrees across the longer side"
         )
-    return _pixels(ASSUMED_FOV, longer), (
+        return longer * film / _FILM, note, False
+    note = (
         f"no --cameras: a lens of {ASSUMED_FOV:g} degrees across the longer side is assumed; "
         "--fov says another, and distances follow it"
     )
+    return _pixels(ASSUMED_FOV, longer), note, True
 
 
 def _pixels(fov: float, longer: int) -> float:

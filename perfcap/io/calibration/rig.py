@@ -28,6 +28,7 @@ class CameraRig:
         pixel_offset: to add to pixel coordinates of detections that come with this file, so that
             pixel centres are at integers: 0, or -0.5 where the file counts from the image corner.
         warnings: what a user should know about how the file was read.
+        guessed: whether the focal length is a guess, with nothing to go by.
     """
 
     names: tuple[str, ...]
@@ -35,6 +36,7 @@ class CameraRig:
     fps: float | None = None
     pixel_offset: float = 0.0
     warnings: tuple[str, ...] = ()
+    guessed: bool = False
 
     def __post_init__(self) -> None:
         if self.fps is not None:

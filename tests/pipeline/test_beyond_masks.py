@@ -1,0 +1,65 @@
+"""Limbs that stand out of a silhouette: measured in the person's size, and bad for trust."""
+
+import numpy as np
+import pytest
+import torch
+
+from perfcap.pipeline.beyond_masks import frame_beyond
+from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.extract_silhouettes import given_record
+from perfcap.pipeline.sight import Outline
+from perfcap.pipeline.trust import FEATURES, THRESHOLD, judge_frames
+
+HEIGHT = 200  # px
+
+
+def person(scale: int = 1, limb: int = 0) -> np.ndarray:
+    """A trunk of 60 x 200, and a limb of 20 x ``limb`` to its right, in 240 x 240 pixels."""
+    mask = np.zeros((240 * scale, 240 * scale), np.bool_)
+    mask[20 * scale : 220 * scale, 40 * scale : 100 * scale] = True
+    mask[60 * scale : 80 * scale, 100 * scale : (100 + limb) * scale] = True
+    return mask
+
+
+def evidence(*masks: np.ndarray, scale: int = 1) -> Evidence:
+    views = [[given_record(mask)] for mask in masks]
+    return Evidence.collect(views, torch.full((len(masks),), float(HEIGHT * scale)))
+
+
+def drawn(mask: np.ndarray) -> Outline:
+    part = (slice(10, mask.shape[0] - 10), slice(5, mask.shape[1] - 5))
+    return Outline(mask[part], part, mask.shape)
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_a_limb_that_no_mask_explains(scale: int) -> None:
+    """Of 20 x 60 pixels of a person of 200, all but the four nearest columns."""
+    found = frame_beyond([drawn(person(scale, 60))], evidence(person(scale), scale=scale), 0)
+    assert found == pytest.approx(100 * 20 * 56 / HEIGHT**2, rel=0.03)
+
+
+def test_a_person_in_their_mask_and_in_a_larger_one() -> None:
+    for worn in (0, 60):  # a mask may have more, such as clothes
+        assert frame_beyond([drawn(person())], evidence(person(limb=worn)), 0) == 0.0
+    assert frame_beyond([drawn(person(limb=3))], evidence(person()), 0) == 0.0  # near enough
+
+
+def test_views_are_averaged_and_empty_ones_say_nothing() -> None:
+    views = [drawn(person(limb=60)), drawn(person(limb=60))]
+    both = frame_beyond(views, evidence(person(), person(limb=60)), 0)
+    alone = frame_beyond(views[:1], evidence(person()), 0)
+    assert both == pytest.approx(0.5 * alone)
+    assert frame_beyond(views[:1], evidence(np.zeros_like(person())), 0) == 0.0
+
+
+def test_trust_falls_where_a_limb_stands_out() -> None:
+    features = torch.zeros(5, len(FEATURES), dtype=torch.float64)
+    features[:, FEATURES.index("support")] = 5.0  # good in all else
+    out = torch.tensor([0.0, 0.1, 0.3, 0.6, 3.0], dtype=torch.float64)
+    plain, found = judge_frames(features), judge_frames(features, out)
+    assert plain.value.min() > THRESHOLD and not plain.doubtful
+    assert torch.equal(found.value[0], plain.value[0])
+    assert found.value[1] > 0.99 * plain.value[1] and bool((found.value.diff() < 0).all())
+    assert (found.value < THRESHOLD).tolist() == [False, False, False, True, True]
+    ((start, stop, why),) = found.doubtful
+    assert (start, stop) == (3, 5) and "images show no person" in why
