@@ -70,6 +70,7 @@ def _of_result(folder: Path) -> dict[str, Any]:
     try:
         reports = [read_json(place / REPORT, "the report of a capture")
                    for place in people_of(folder)]  # fmt: skip
+        whole = read_json(folder / REPORT, "the report of a capture")
     except InputError:
         return {}
     reports = [report for report in reports if isinstance(report, dict)]
@@ -80,8 +81,18 @@ def _of_result(folder: Path) -> dict[str, Any]:
         "frames": max((_count(r.get("frames")) for r in reports), default=0),
         "mean_trust": round(sum(trust) / len(trust), 3) if trust else None,
         "not_trusted": sum(_doubted(q) for q in judged),
-        "warnings": sum(_count(r.get("warnings")) for r in reports),
+        "warnings": _warnings(whole, reports),
     }
+
+
+def _warnings(whole: object, people: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """What the capture warned of: of its inputs, of the result, and of every person in it."""
+    lines: list[object] = []
+    for report in (whole, *people):
+        for key in ("input_warnings", "warnings"):
+            found = report.get(key) if isinstance(report, dict) else None
+            lines += found if isinstance(found, list) else []
+    return tuple(dict.fromkeys(line for line in lines if isinstance(line, str)))
 
 
 def _count(value: object) -> int:
@@ -128,6 +139,8 @@ def write_pages(folder: Path, clips: Sequence[ClipSummary]) -> None:
     table.writerow(_COLUMNS)
     for clip in clips:
         values = {**clip.values, "name": clip.name, "state": clip.state}
+        if "warnings" in values:
+            values["warnings"] = len(values["warnings"])
         table.writerow([_cell(values.get(column)) for column in _COLUMNS])
     with writing(folder / SUMMARY) as file:
         file.write(text.getvalue().encode())
@@ -147,7 +160,8 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
         s: sum(clip.state == s for clip in clips) for s in ("done", "gaps", "failed", "waiting")
     }
     words = ", ".join(f"{number} {state}" for state, number in count.items() if number)
-    heads = ("picture", "clip", "state", "frames", "trust", "doubted", "seconds", "open")
+    heads = ("picture", "clip", "state", "frames", "trust", "doubted", "seconds", "open",
+             "warnings")  # fmt: skip
     rows = (_row(folder, clip) for clip in clips)
     main = element(
         "main",
@@ -183,6 +197,7 @@ def _row(folder: Path, clip: ClipSummary) -> Markup:
         element("td", values.get("not_trusted")),
         element("td", values.get("seconds")),
         element("td", _links(folder, clip.name)),
+        element("td", *(element("div", line) for line in values.get("warnings", ()))),
     )
 
 

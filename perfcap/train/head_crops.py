@@ -136,7 +136,7 @@ class CropAnswers:
 
 
 def digest_of(watched: Watched, crops: CropAnswers) -> str:
-    """SHA-256 of all that a head learns from: other videos, cameras, joints or actors are others."""
+    """SHA-256 of all that a head learns from: that of other videos, cameras or joints differs."""
     total = hashlib.sha256(f"{watched.rate}".encode())
     learned = (watched.joints, watched.trust, watched.joints2d, watched.confidence)
     for values in (*learned, *vars(crops).values()):
