@@ -19,7 +19,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import read_json
 from perfcap.io.result_folder import OVERLAY, PAGE, REPORT, SCENE, own_file, people_of
 from perfcap.io.video import VideoFile
-from perfcap.report.markup import Markup, element
+from perfcap.report.markup import Content, Markup, element
 
 INDEX, SUMMARY, PICTURES = "index.html", "summary.csv", "pictures"
 _STATES = ("done", "gaps", "failed", "waiting")
@@ -183,7 +183,8 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
 def _row(folder: Path, clip: ClipSummary) -> Markup:
     values = clip.values
     picture = f"{PICTURES}/{clip.name}.jpg"
-    shown = own_file(folder, picture) is not None
+    own = clip.state in ("done", "gaps")  # else what is there is of an earlier call
+    shown = own and own_file(folder, picture) is not None
     image = element("img", src=quote(picture), alt=f"a frame of {clip.name}") if shown else None
     trust = values.get("mean_trust")
     said = values.get("message") or clip.state
@@ -196,21 +197,23 @@ def _row(folder: Path, clip: ClipSummary) -> Markup:
         element("td", None if trust is None else f"{100 * trust:.0f} %"),
         element("td", values.get("not_trusted")),
         element("td", values.get("seconds")),
-        element("td", _links(folder, clip.name)),
+        element("td", _links(folder, clip.name, own)),
         element("td", *(element("div", line) for line in values.get("warnings", ()))),
     )
 
 
-def _links(folder: Path, name: str) -> Iterable[Markup]:
-    """To what there is of a clip."""
+def _links(folder: Path, name: str, own: bool) -> Iterable[Content]:
+    """To what there is of a clip; results that are not of this line of the list are named so."""
     try:
         people = people_of(folder / name)
     except InputError:
         people = (folder / name,)
     places = [*((place, PAGE) for place in people), (folder / name, OVERLAY),
               (folder / name, SCENE), (folder / name, "capture.glb")]  # fmt: skip
-    for place, file in places:
-        if own_file(place, file) is not None:
-            target = (place / file).relative_to(folder).as_posix()
-            yield element("a", file, href=quote(target))
-            yield Markup(" ")
+    there = [(place, file) for place, file in places if own_file(place, file) is not None]
+    if there and not own:
+        yield "an earlier result: "
+    for place, file in there:
+        target = (place / file).relative_to(folder).as_posix()
+        yield element("a", file, href=quote(target))
+        yield Markup(" ")

@@ -122,6 +122,19 @@ def test_what_is_captured_is_not_captured_again(
     assert "--overwrite" in calls(out, "gaps")[-1]
 
 
+def test_what_an_earlier_call_left_is_named_so(
+    clips: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    out, pages = tmp_path / "out", []
+    for video in ("good", "bad"):
+        clips.write_text(f"name,videos\nwalk,{video}.mp4\n")
+        perfcap(["batch", clips, "--out", out])
+        pages.append((out / "index.html").read_text())
+    assert all('href="walk/overlay.mp4"' in page for page in pages)
+    assert "an earlier result: " not in pages[0] and 'src="pictures/walk.jpg"' in pages[0]
+    assert "an earlier result: <a" in pages[1] and 'src="pictures' not in pages[1]
+
+
 def test_a_list_that_cannot_be_used(tmp_path: Path, perfcap: Command) -> None:
     (tmp_path / "clips.csv").write_text("videos,overlay\na.mp4,perhaps\n")
     call = ["batch", tmp_path / "clips.csv", "--out", tmp_path / "out"]
