@@ -127,7 +127,8 @@ def run_batch(request: Batch) -> int:
             outcomes[job.name] = found
             draw_picture(folder, job.name)
             _write(folder, jobs, outcomes)
-            console.print(_line(found))
+            warnings = summarize(folder, job.name, found).values.get("warnings", ())
+            console.print(_line(found, len(warnings)))
     console.print(f"{folder / INDEX} shows them, {folder / SUMMARY} lists them")
     whole = all(found is not None and found.code == DONE for found in outcomes.values())
     return DONE if whole else INCOMPLETE
@@ -203,7 +204,9 @@ def _write(folder: Path, jobs: Sequence[Job], outcomes: dict[str, Outcome | None
     write_pages(folder, [summarize(folder, job.name, outcomes[job.name]) for job in jobs])
 
 
-def _line(found: Outcome) -> str:
+def _line(found: Outcome, warnings: int) -> str:
     said = {DONE: "captured", INCOMPLETE: "captured with gaps or doubts"}.get(found.code)
+    if said and warnings:
+        said += f", {warnings} {'warning' if warnings == 1 else 'warnings'}"
     again = f", begun {found.tries} times" if found.tries > 1 else ""
     return f"{found.name}: {said or found.message} ({found.seconds:.0f} s{again})"

@@ -19,7 +19,7 @@ from perfcap.io.atomic import writing
 from perfcap.io.files import read_json
 from perfcap.io.result_folder import OVERLAY, PAGE, REPORT, SCENE, own_file, people_of
 from perfcap.io.video import VideoFile
-from perfcap.report.markup import Markup, element
+from perfcap.report.markup import Content, Markup, element
 
 INDEX, SUMMARY, PICTURES = "index.html", "summary.csv", "pictures"
 _STATES = ("done", "gaps", "failed", "waiting")
@@ -70,6 +70,7 @@ def _of_result(folder: Path) -> dict[str, Any]:
     try:
         reports = [read_json(place / REPORT, "the report of a capture")
                    for place in people_of(folder)]  # fmt: skip
+        whole = read_json(folder / REPORT, "the report of a capture")
     except InputError:
         return {}
     reports = [report for report in reports if isinstance(report, dict)]
@@ -80,8 +81,18 @@ def _of_result(folder: Path) -> dict[str, Any]:
         "frames": max((_count(r.get("frames")) for r in reports), default=0),
         "mean_trust": round(sum(trust) / len(trust), 3) if trust else None,
         "not_trusted": sum(_doubted(q) for q in judged),
-        "warnings": sum(_count(r.get("warnings")) for r in reports),
+        "warnings": _warnings(whole, reports),
     }
+
+
+def _warnings(whole: object, people: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    """What the capture warned of: of its inputs, of the result, and of every person in it."""
+    lines: list[object] = []
+    for report in (whole, *people):
+        for key in ("input_warnings", "warnings"):
+            found = report.get(key) if isinstance(report, dict) else None
+            lines += found if isinstance(found, list) else []
+    return tuple(dict.fromkeys(line for line in lines if isinstance(line, str)))
 
 
 def _count(value: object) -> int:
@@ -128,6 +139,8 @@ def write_pages(folder: Path, clips: Sequence[ClipSummary]) -> None:
     table.writerow(_COLUMNS)
     for clip in clips:
         values = {**clip.values, "name": clip.name, "state": clip.state}
+        if "warnings" in values:
+            values["warnings"] = len(values["warnings"])
         table.writerow([_cell(values.get(column)) for column in _COLUMNS])
     with writing(folder / SUMMARY) as file:
         file.write(text.getvalue().encode())
@@ -147,7 +160,8 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
         s: sum(clip.state == s for clip in clips) for s in ("done", "gaps", "failed", "waiting")
     }
     words = ", ".join(f"{number} {state}" for state, number in count.items() if number)
-    heads = ("picture", "clip", "state", "frames", "trust", "doubted", "seconds", "open")
+    heads = ("picture", "clip", "state", "frames", "trust", "doubted", "seconds", "open",
+             "warnings")  # fmt: skip
     rows = (_row(folder, clip) for clip in clips)
     main = element(
         "main",
@@ -169,7 +183,8 @@ def _page(folder: Path, clips: Sequence[ClipSummary]) -> str:
 def _row(folder: Path, clip: ClipSummary) -> Markup:
     values = clip.values
     picture = f"{PICTURES}/{clip.name}.jpg"
-    shown = own_file(folder, picture) is not None
+    own = clip.state in ("done", "gaps")  # else what is there is of an earlier call
+    shown = own and own_file(folder, picture) is not None
     image = element("img", src=quote(picture), alt=f"a frame of {clip.name}") if shown else None
     trust = values.get("mean_trust")
     said = values.get("message") or clip.state
@@ -182,20 +197,23 @@ def _row(folder: Path, clip: ClipSummary) -> Markup:
         element("td", None if trust is None else f"{100 * trust:.0f} %"),
         element("td", values.get("not_trusted")),
         element("td", values.get("seconds")),
-        element("td", _links(folder, clip.name)),
+        element("td", _links(folder, clip.name, own)),
+        element("td", *(element("div", line) for line in values.get("warnings", ()))),
     )
 
 
-def _links(folder: Path, name: str) -> Iterable[Markup]:
-    """To what there is of a clip."""
+def _links(folder: Path, name: str, own: bool) -> Iterable[Content]:
+    """To what there is of a clip; results that are not of this line of the list are named so."""
     try:
         people = people_of(folder / name)
     except InputError:
         people = (folder / name,)
     places = [*((place, PAGE) for place in people), (folder / name, OVERLAY),
               (folder / name, SCENE), (folder / name, "capture.glb")]  # fmt: skip
-    for place, file in places:
-        if own_file(place, file) is not None:
-            target = (place / file).relative_to(folder).as_posix()
-            yield element("a", file, href=quote(target))
-            yield Markup(" ")
+    there = [(place, file) for place, file in places if own_file(place, file) is not None]
+    if there and not own:
+        yield "an earlier result: "
+    for place, file in there:
+        target = (place / file).relative_to(folder).as_posix()
+        yield element("a", file, href=quote(target))
+        yield Markup(" ")

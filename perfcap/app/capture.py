@@ -175,7 +175,8 @@ def _run(
             seen = inputs.rig.names, inputs.clip.fps
             save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen)
         wall = time.perf_counter() - started
-        run = {"request": describe(request), "wall_s": wall, **environment(inputs)}
+        about = replace(inputs, warnings=(*inputs.warnings, *chosen.warnings))
+        run = {"request": describe(request), "wall_s": wall, **environment(about)}
         run |= {"view_errors": views} if views else {}
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
     gaps, trust = made_up(performance, inputs.clip.start), performance.trust

@@ -147,6 +147,8 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
     notes += _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
     for line in notes:
         _LOG.warning("%s", line)
+    # said already, when the bodies were found
+    notes += [f"person {k}: {line}" for k, one in enumerate(chosen, 1) for line in one.warnings]
     require_places(folder, view_folders(list(crowd.inputs.rig.names)))
     people = []
     for number, (one, each) in enumerate(zip(chosen, everybody, strict=True)):

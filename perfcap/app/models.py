@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +60,21 @@ def _line(kind: str, path: Path, name: str) -> str:
         if isinstance(joints, dict) and kind == "detector":
             parts.append(str(joints.get("set", f"{len(_list(joints.get('names')))} joints")))
         licences = dict.fromkeys(str(f["licence"]) for f in files if "licence" in f)
-        return "  ".join((*parts, *licences))
+        return "  ".join((*parts, *licences, *_damage(path.parent, files)))
     except (InputError, ValueError, OSError) as error:
         return f"{kind:<9} {name:<12} cannot be read ({error})"
+
+
+def _damage(folder: Path, files: list[dict[str, Any]]) -> Iterator[str]:
+    """Files that the manifest names, and that are not there or were cut off."""
+    for each in files:
+        name = each.get("name")
+        if not isinstance(name, str) or name != Path(name).name:
+            continue
+        if not (folder / name).is_file():
+            yield f"{name} is missing"
+        elif (found := (folder / name).stat().st_size) != each.get("size", found):
+            yield f"{name} has {found} bytes, not {each['size']}; copy it again"
 
 
 def _list(value: Any) -> list[Any]:

@@ -111,6 +111,11 @@ def make_folder(out: Path, resume: bool) -> None:
             f"--out {out}: holds an unfinished or finished training; expected an empty folder, or "
             "--resume to go on"
         )
+    if (out / MODEL).exists() and not resume:
+        raise InputError(
+            f"--out {out}: holds a trained network, {MODEL}; expected an empty folder, so that it "
+            "is not replaced; or --resume to train it again"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

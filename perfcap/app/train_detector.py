@@ -81,8 +81,10 @@ def run_train_detector(request: TrainDetector) -> int:
 def _check(config: TrainDetectorConfig) -> None:
     sides = [config.detector.size, *(side for _, side in config.sizes)]
     starts = [start for start, _ in config.sizes]
-    if not starts or starts[0] != 0 or starts != sorted(starts):
-        raise InputError(f"sizes: start at {starts}; expected rising shares of the steps from 0 on")
+    if not starts or starts[0] != 0 or starts != sorted(starts) or starts[-1] >= 1:
+        raise InputError(
+            f"sizes: start at {starts}; expected rising shares of the steps, from 0 to below 1"
+        )
     if any(side % 32 or side < 64 for side in sides) or sides[-1] != sides[0]:
         raise InputError(
             f"sizes: are {sides[1:]}, detector.size {sides[0]}; expected multiples of 32 from 64 "

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import logging
 import math
 import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import torch
@@ -12,7 +14,7 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import Casting, cast
-from perfcap.app.capture_checks import examined, refuse_wrong, wants_bones
+from perfcap.app.capture_checks import examined, made_up, refuse_wrong, wants_bones
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, find_model
@@ -35,11 +37,12 @@ from perfcap.train.checkpoint import load_checkpoint
 from perfcap.train.config import LoopConfig
 from perfcap.train.export_head import export_head
 from perfcap.train.head import Head, best_decay, fit_directly, score_directly
-from perfcap.train.head_crops import CropAnswers, Tell, Watched, look_at_crops
+from perfcap.train.head_crops import CropAnswers, Tell, Watched, digest_of, look_at_crops
 from perfcap.train.head_task import HeadTask, Refine, Split
 from perfcap.train.loop import BEST, train
 from perfcap.train.onnx_head import FrozenNetwork
 
+_LOG = logging.getLogger(__name__)
 _FEWEST = 10  # frames
 CHOSEN, ALL = "chosen", "all"  # folders of trainings without the last frames and with them
 
@@ -69,7 +72,8 @@ def run_train_head(request: TrainHead) -> int:
     refuse_wrong(inputs)
     if inputs.rig.cameras.moving:
         raise InputError("--cameras: move; a head is adapted to views of fixed cameras")
-    make_folder(request.out / CHOSEN, request.resume)
+    for folder in (request.out / CHOSEN, request.out):
+        make_folder(folder, request.resume)
     performance = _solution(request, inputs)
     watched, step = _watched(performance, inputs, config.crops.frames)
     if len(watched.joints) < _FEWEST:
@@ -82,6 +86,18 @@ def run_train_head(request: TrainHead) -> int:
         taught = _teach(request, network, crops, watched, refine, tell)
     _finish(request, network, taught, inputs, step * len(watched.joints))
     return 0
+
+
+def doubts_of(scores: Mapping[str, float]) -> Iterator[str]:
+    """What the scores of a head, as its card has them, say against using it."""
+    shipped = scores["shipped, mm"]
+    best = min(scores[name] for name in ("fitted, mm", "through the solver, mm") if name in scores)
+    if best >= shipped:
+        yield (
+            f"the adapted network is no better than the one as it was ({best:.0f} and "
+            f"{shipped:.0f} mm off the capture of all views in frames that it has not learned "
+            "from); keep that one, or film more, with the motion that is to be captured"
+        )
 
 
 def default_network() -> str:
@@ -105,13 +121,13 @@ def _check(request: TrainHead) -> None:
 
 def _solution(request: TrainHead, inputs: Inputs) -> Performance:
     """The capture of all views together, which is what the head learns from."""
-    inputs = examined(inputs, needs_images=False, detected=bool(request.detectors))
+    inputs = examined(inputs, needs_images=True, detected=bool(request.detectors))
     like = torch.zeros((), dtype=torch.float64)
     with progress_bars() as tell:
         casting = Casting(request.actor, request.height)
         source = casting.source()
         chosen = cast(casting, inputs, tell)
-        return capture(
+        found = capture(
             chosen.actor,
             inputs.rig.cameras.to(like),
             inputs.detections.to(like),
@@ -121,6 +137,11 @@ def _solution(request: TrainHead, inputs: Inputs) -> Performance:
             solve_bones=wants_bones("auto", source.generic, inputs.detections),
             progress=tell,
         )
+    first = inputs.clip.start
+    untrusted = found.trust.sentences(first) if found.trust else ()
+    for line in (*chosen.warnings, *found.warnings, *made_up(found, first), *untrusted):
+        _LOG.warning("%s", line)
+    return found
 
 
 def _watched(performance: Performance, inputs: Inputs, most: int) -> tuple[Watched, int]:
@@ -249,6 +270,7 @@ class _Study:
             "features": request.features,
             "frames": request.frames,
             "decay": decay,
+            "learned from": digest_of(self.watched, self.crops),
         }
         trained = train(
             self._task(copy.deepcopy(head), split),
@@ -280,4 +302,6 @@ def _finish(
     console = PlainConsole()
     for name, value in taught.scores.items():
         console.print(f"{name}: {value:.3g}")
+    for line in doubts_of(taught.scores):
+        _LOG.warning("%s", line)
     console.print(f"written to {folder}", soft_wrap=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.actor.bone_map import map_bones
 from perfcap.errors import InputError
 from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, rig_character
@@ -97,7 +98,13 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
     stop = int(numbers[-1]) + 1 if frames.stop is None else frames.stop
     chosen = np.flatnonzero((numbers >= frames.start) & (numbers < stop))
     _require_some(folder, len(chosen), f"{numbers[0]} to {numbers[-1]}")
+    if mapping.metres_per_unit is not None:
+        raise InputError(
+            f"{folder}: is a capture, which is in metres, but the mapping of the source has "
+            "metres_per_unit, which is the unit of a BVH file or a character; leave it out"
+        )
     imported = rig_character(Character(result.template, (), ()), mapping)
+    _require_bones(folder, imported, mapping)
     bones = _bones(imported)
     moved = result.bone_transforms[chosen][:, bones]
     rest = result.template.bone_rest[bones, :3, 3]
@@ -150,9 +157,10 @@ def _of_bvh(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         imported, notes = _stick_actor(path, motion, rest, mapping)
         about = f"{path}: its rest pose is none of a person; frame {numbers[standing]} is taken"
         notes = (*notes, about)
+    _require_bones(path, imported, mapping)
     bones = _bones(imported)
     found = _corrected(imported, turns[:, bones], places[:, bones], 1 / whole.frame_time, numbers)
-    return replace(found, notes=(*told, *notes))
+    return replace(found, notes=(*told, *notes, *_odd_size(path, imported, mapping)))
 
 
 def _odd_turns(path: Path, whole: BvhMotion, numbers: NDArray[np.int64]) -> Iterator[str]:
@@ -230,6 +238,22 @@ def _require_pose(path: Path, imported: ImportedActor) -> None:
     require_sound(path, tuple(f for f in poses if f.severity is Severity.ERROR))
 
 
+def _require_bones(path: Path, imported: ImportedActor, mapping: ActorMapping) -> None:
+    """Refuse a mapping of the source that crosses limbs or calls left what is right."""
+    named = [f for f in imported.findings if f.subject in ("limbs", "left and right")]
+    require_sound(path, tuple(named) if mapping.joints else ())
+
+
+def _odd_size(path: Path, imported: ImportedActor, mapping: ActorMapping) -> Iterator[str]:
+    """A stated unit that makes the figure no person: where its feet stand is not found then."""
+    height = float(np.ptp(imported.actor.template.vertices[:, 1]))
+    if mapping.metres_per_unit is not None and not SHORTEST <= height <= TALLEST:
+        yield (
+            f"{path}: is {height:.3g} m tall with metres_per_unit = {mapping.metres_per_unit:g}, a "
+            f"grown person {SHORTEST} to {TALLEST} m; correct it, or leave it out"
+        )
+
+
 def _world_turns(motion: BvhMotion) -> Floats:
     """Rotations of the joints in the world, (F, J, 3, 3)."""
     turns = motion.rotations.copy()
@@ -244,6 +268,7 @@ def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig
     character = read_character(document)
     imported = rig_character(character, mapping)
     _require_pose(path, imported)
+    _require_bones(path, imported, mapping)
     bones = _bones(imported)
     clip = sample_clip(document, read_tree(document), np.array(character.nodes)[bones])
     numbers = np.arange(len(clip.world))[frames]
@@ -254,6 +279,7 @@ def _of_character(path: Path, frames: slice, mapping: ActorMapping) -> MovingRig
     found = _corrected(imported, turns @ rest.mT, world[..., :3, 3], clip.rate, numbers)
     told = [f"{path}: {each}" for each in character.findings if each.severity is not Severity.INFO]
     told += [f"{path}: {note}" for note in clip.notes]
+    told += _odd_size(path, imported, mapping)
     return replace(found, notes=(*told, *_cut_short(path, frames, len(clip.world))))
 
 

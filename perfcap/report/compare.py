@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ Folders = tuple[str | Path, str | Path]
 Plain = dict[str, Any]
 
 _LOG = logging.getLogger(__name__)
+_SIZE = re.compile(r"\d+ bytes\b")  # of a file, in its state in run.json
 _RATE = 1e-3  # share by which rates of the same video may differ
 
 
@@ -99,21 +101,35 @@ def _require_same_frames(one: Result, other: Result) -> None:
 
 def _warn_of_other_videos(one: Result, other: Result) -> None:
     """Frames that are numbered alike may be of another film; those of other cameras are not."""
-    videos = [_videos(result) for result in (one, other)]
-    if all(videos) and not set(videos[0]) & set(videos[1]):
+    first, second = _videos(one), _videos(other)
+    if first and second and not any(_alike(a, b) for a in first.items() for b in second.items()):
+        shown = {path: Path(path).name for path in (*first, *second)}
+        if len(set(shown.values())) < len(shown):
+            shown = {path: path for path in shown}  # their names are the same
+        named = [", ".join(shown[path] for path in videos) for videos in (first, second)]
         _LOG.warning(
             "%s: was captured from %s, %s from %s; distances say something only where both show "
             "the same motion",
-            *(one.folder, ", ".join(videos[0]), other.folder, ", ".join(videos[1])),
+            *(one.folder, named[0], other.folder, named[1]),
         )
 
 
-def _videos(result: Result) -> list[str]:
-    """Names of the videos of a capture, without their folders, which may have moved."""
-    request = result.report.get("request")
+def _videos(result: Result) -> dict[str, str]:
+    """Videos of a capture, and the size of each where it is known."""
+    request, states = (result.report.get(key) for key in ("request", "input_files"))
     found = request.get("videos") if isinstance(request, dict) else None
     texts = found if isinstance(found, list) else ()
-    return [Path(each).name for each in texts if isinstance(each, str)]
+    known = states if isinstance(states, dict) else {}
+    sizes = {path: _SIZE.match(str(known.get(path))) for path in texts if isinstance(path, str)}
+    return {path: size[0] if size else "" for path, size in sizes.items()}
+
+
+def _alike(one: tuple[str, str], other: tuple[str, str]) -> bool:
+    """Whether two videos may be one, whose folder and time may be others by now: many are called
+    like the camera they are from.
+    """
+    same = Path(one[0]).name == Path(other[0]).name
+    return same and (not one[1] or not other[1] or one[1] == other[1])
 
 
 def _content(

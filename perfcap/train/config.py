@@ -33,6 +33,8 @@ class LoopConfig:
         for name in ("steps", "batch", "evaluate_every", "save_every"):
             if getattr(self, name) < 1:
                 raise InputError(f"loop.{name}: is {getattr(self, name)}; expected 1 or more")
+        if not 0 <= self.seed < 2**32:
+            raise InputError(f"loop.seed: is {self.seed}; expected 0 to {2**32 - 1}")
         for name in ("learning_rate", "clip"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"loop.{name}: is {getattr(self, name)}; expected above zero")
@@ -119,7 +121,7 @@ class TrainLifterConfig:
         """
         self.loop.require_sound()
         require_counts(self.lifter, "channels")
-        require_counts(self.data, "frames")
+        require_counts(self.data, "frames", least=2)  # velocities are learned too
         _require_elevation("data", self.data.elevation)
         taps = self.lifter.dilations
         if not taps or min(taps) < 1:

@@ -6,6 +6,7 @@ that are moved, turned and mirrored a little, since a few frames hold few of eit
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -132,6 +133,15 @@ class CropAnswers:
         seen = torch.where(other, seen[:, _MIRROR], seen)
         weight = trust[None, :, None].expand(self.exchanged.shape)
         return Lesson(part(self.features), seen, known, part(weight).to(seen))
+
+
+def digest_of(watched: Watched, crops: CropAnswers) -> str:
+    """SHA-256 of all that a head learns from: that of other videos, cameras or joints differs."""
+    total = hashlib.sha256(f"{watched.rate}".encode())
+    learned = (watched.joints, watched.trust, watched.joints2d, watched.confidence)
+    for values in (*learned, *vars(crops).values()):
+        total.update(values.contiguous().numpy().tobytes())
+    return total.hexdigest()
 
 
 def look_at_crops(

@@ -134,6 +134,7 @@ def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfca
     assert cv2.imread(str(tmp_path / "body.jpg")) is not None
     (note,) = (line for line in done.notes if "--actor auto" in line)
     assert "fitted to the joints and silhouettes" in note
+    assert note in json.loads((tmp_path / "run.json").read_text())["input_warnings"]
     # the character in capture.glb is this body
     again = perfcap(views.command(tmp_path, *masks_of(views, "masks"), "--resume"))
     assert again.code == 0 and not [n for n in again.notes if "--actor auto" in n]

@@ -85,6 +85,24 @@ def test_everything_that_can_happen(clips: Path, tmp_path: Path, perfcap: Comman
     assert all("--resume" in call for call in first) and "--overwrite" in first[1]
 
 
+def test_warnings_are_counted_and_shown(
+    clips: Path, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = tmp_path / "warned"
+    shutil.copytree(os.environ["RESULT"], result)
+    monkeypatch.setenv("RESULT", str(result))
+    report = json.loads((result / "run.json").read_text())
+    report |= {"input_warnings": ["cam2: looks 3 frames late", "<b>"], "warnings": ["a gap", "<b>"]}
+    (result / "run.json").write_text(json.dumps(report))
+    out = tmp_path / "out"
+    said = perfcap(["batch", clips, "--out", out, "--processes", "1"]).out
+    assert "good: captured, 3 warnings (" in said
+    assert "gaps: captured with gaps or doubts, 3 warnings (" in said
+    assert table(out)["good"]["warnings"] == "3" and table(out)["bad"]["warnings"] == ""
+    page = (out / "index.html").read_text()
+    assert "<div>cam2: looks 3 frames late</div><div>&lt;b&gt;</div><div>a gap</div>" in page
+
+
 def test_what_is_captured_is_not_captured_again(
     clips: Path, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -102,6 +120,19 @@ def test_what_is_captured_is_not_captured_again(
     last = {name: len(calls(out, name)) for name in before}
     assert last == {**after, "bad": after["bad"] + 1, "gaps": 2, "dies": 3}
     assert "--overwrite" in calls(out, "gaps")[-1]
+
+
+def test_what_an_earlier_call_left_is_named_so(
+    clips: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    out, pages = tmp_path / "out", []
+    for video in ("good", "bad"):
+        clips.write_text(f"name,videos\nwalk,{video}.mp4\n")
+        perfcap(["batch", clips, "--out", out])
+        pages.append((out / "index.html").read_text())
+    assert all('href="walk/overlay.mp4"' in page for page in pages)
+    assert "an earlier result: " not in pages[0] and 'src="pictures/walk.jpg"' in pages[0]
+    assert "an earlier result: <a" in pages[1] and 'src="pictures' not in pages[1]
 
 
 def test_a_list_that_cannot_be_used(tmp_path: Path, perfcap: Command) -> None:

@@ -174,6 +174,17 @@ def test_a_body_for_each_of_a_number(pair: CrowdFiles, tmp_path: Path, perfcap: 
     assert all(json.loads((f / "run.json").read_text())["bone_scales"] for f in people_of(tmp_path))
 
 
+def test_what_is_said_of_fitted_bodies_is_kept(
+    pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    call = pair.command(tmp_path, "--people", "2", "--no-overlay", actors=["auto"])
+    done = perfcap(call)
+    said = [note for note in done.notes if "a body" in note and "fitted to the joints" in note]
+    kept = json.loads((tmp_path / "run.json").read_text())["warnings"]
+    assert len(said) == 2 and set(said) <= set(kept), done
+    assert said[1].startswith("person 2: --actor auto: a body")
+
+
 def test_one_of_them_writes_what_one_person_writes(
     pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -31,6 +31,19 @@ def test_shipped_models_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, "models", "list", DETECTORS)[1].count("COCO-17") == 4
 
 
+def test_files_that_are_not_there_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("lost", "cut"):
+        (tmp_path / name).mkdir()
+        shutil.copy(DETECTORS / "lightning" / "manifest.toml", tmp_path / name)
+    (tmp_path / "cut" / "model.onnx").write_bytes(b"x" * 70)
+    shipped = run(capsys, "models")[1]
+    cut, lost = run(capsys, "models", "list", tmp_path)[1].splitlines()[-2:]
+    assert "missing" not in shipped and "copy it again" not in shipped
+    assert lost.endswith("model.onnx is missing") and "model.onnx has 70 bytes, not" in cut
+
+
 @pytest.mark.parametrize("name", ["thunder", "blazepose"])
 def test_a_manifest_that_was_written_serves(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]

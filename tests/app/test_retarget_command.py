@@ -100,6 +100,13 @@ def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Com
     assert perfcap([*call, "--overwrite"]).code == 0
 
 
+def test_a_capture_is_in_metres(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    (tmp_path / "map.toml").write_text("metres_per_unit = 0.01\n")
+    more = ("--source-mapping", tmp_path / "map.toml", "--out", tmp_path / "out")
+    said = perfcap(["retarget", captured, "--actor", "sam", *more]).refused()
+    assert "is a capture, which is in metres" in said
+
+
 def test_several_people(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     several = tmp_path / "several"
     for name in ("person1", "person2"):

@@ -75,6 +75,7 @@ def test_a_network_grows(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (("--sizes", 0.5, 64), "start at [0.5]; expected rising shares"),
+        (("--sizes", 0.0, 64, 45, 64), "expected rising shares of the steps, from 0 to below 1"),
         (("--sizes", 0.0, 100), "expected multiples of 32"),
         (("--detector.size", 96), "the last one detector.size"),
         (("--held-out", "09"), "09 have no clips"),

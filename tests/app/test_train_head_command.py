@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from runs import Command
 from takes import (
@@ -18,6 +19,7 @@ from takes import (
 from tiny_networks import write_tiny
 
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.io.video_writer import VideoWriter
 
 FRAMES, VIEWS, SIZE = 10, 2, (120, 160)
 TINY = (
@@ -76,6 +78,64 @@ def test_what_cannot_be_adapted_is_refused(
     assert "too few" in perfcap([*call, *TINY, "--frames", "0:6", *tail]).refused()
     assert "held_out: is 0.9" in perfcap([*call, "--held-out", 0.9, *tail]).refused()
     assert not (tmp_path / "out" / "model").exists()
+
+
+def test_other_footage_is_not_gone_on_with(
+    perfcap: Command, call: list[object], tmp_path: Path
+) -> None:
+    # the same files, whose cameras or joints were corrected meanwhile, teach something else
+    cameras = Path(str(call[call.index("--cameras") + 1]))
+    entries = json.loads(cameras.read_text())
+    moved = tmp_path / "cameras.json"
+    write_json(moved, entries)
+    mine = [moved if each == cameras else each for each in call]
+    assert perfcap([*mine, *TINY, "--out", tmp_path / "a"]).code == 0
+    for entry in entries["views"].values():
+        entry["t"][2] += 0.05
+    write_json(moved, entries)
+    again = perfcap([*mine, *TINY, "--out", tmp_path / "a", "--resume"])
+    assert again.code == 2 and "another configuration" in again.err
+
+
+def test_a_network_that_is_there_is_not_replaced(
+    perfcap: Command, call: list[object], tmp_path: Path
+) -> None:
+    direct = [*call, *TINY, "--no-through-solver", "--out", tmp_path / "a"]
+    assert perfcap(direct).code == 0
+    written = (tmp_path / "a" / "model" / "card.md").read_bytes()
+    assert "holds a trained network" in perfcap([*direct, "--frames", "0:10"]).refused()
+    assert (tmp_path / "a" / "model" / "card.md").read_bytes() == written
+    assert perfcap([*direct, "--resume"]).code == 0
+
+
+def test_what_the_capture_warns_of_is_said(
+    perfcap: Command, call: list[object], tmp_path: Path
+) -> None:
+    place = call.index("--actor")
+    anybody = [*call[:place], *call[place + 2 :], *TINY, "--no-through-solver"]
+    outcome = perfcap([*anybody, "--height", 1.4, "--out", tmp_path / "a"])
+    assert outcome.code == 0 and any("--height says 1.40" in note for note in outcome.notes)
+
+
+def test_videos_that_show_nothing_are_refused(
+    perfcap: Command, call: list[object], tmp_path: Path
+) -> None:
+    black = [tmp_path / Path(str(each)).name for each in call[2:4]]
+    for path in black:
+        with VideoWriter(path, 30.0, preset="ultrafast") as writer:
+            for _ in range(FRAMES):
+                writer.write(np.zeros((*SIZE, 3), np.uint8))
+    blind = [*call[:2], *black, *call[4:], *TINY, "--out", tmp_path / "a"]
+    assert "of one color" in perfcap(blind).refused()
+
+
+def test_a_head_that_gains_nothing_is_said() -> None:
+    from perfcap.app.train_head import doubts_of
+
+    gained = {"shipped, mm": 80.0, "fitted, mm": 90.0, "through the solver, mm": 70.0}
+    assert not [*doubts_of(gained)]
+    (line,) = doubts_of(gained | {"through the solver, mm": 85.0})
+    assert "no better" in line and "85 and 80 mm" in line
 
 
 def test_the_default_is_the_one_with_coordinates_in_3d() -> None:

@@ -102,6 +102,21 @@ def test_bvh_of_a_unit_that_nobody_knows(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.rotation, stated.rotation)
 
 
+def test_a_stated_unit_that_makes_no_person_is_named(tmp_path: Path) -> None:
+    save_bvh(tmp_path / "a.bvh", bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0))
+    (line,) = read_moving_rig(tmp_path / "a.bvh", mapping=ActorMapping({}, 1.0)).notes
+    assert "m tall with metres_per_unit = 1, a grown person" in line
+
+
+@pytest.mark.parametrize("joints", [("hip",), ("shoulder", "elbow", "wrist", "hip", "knee")])
+def test_a_mapping_that_exchanges_sides_is_refused(joints: tuple[str, ...], tmp_path: Path) -> None:
+    save_bvh(tmp_path / "a.bvh", bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0))
+    sides = {"l": "r", "r": "l"}
+    names = {f"{a}_{j}": MIXAMO[f"{b}_{j}"] for a, b in sides.items() for j in joints}
+    with pytest.raises(InputError, match=r"limbs: |left and right: "):
+        read_moving_rig(tmp_path / "a.bvh", mapping=ActorMapping(names))
+
+
 def test_bvh_whose_offsets_are_no_person(
     truth: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:

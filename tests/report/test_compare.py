@@ -91,6 +91,22 @@ def test_one_folder_is_no_pair(made: Path, tmp_path: Path) -> None:
         make_comparison(str(made), tmp_path / "page.html")  # type: ignore[arg-type]
 
 
+def test_other_videos_of_the_same_name_get_a_warning(
+    folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    # cameras call videos alike in every take; a copy of one has its size
+    twin = Path(shutil.copytree(folder, tmp_path / "twin"))
+    for place, size, warned in ((folder, 1000, True), (twin, 1000, False), (twin, 2000, True)):
+        run = json.loads((place / "run.json").read_text())
+        run["request"]["videos"] = [f"{place.name}/cam1.mp4"]
+        run["input_files"] = {f"{place.name}/cam1.mp4": f"{size} bytes of 17"}
+        (place / "run.json").write_text(json.dumps(run))
+        caplog.clear()
+        make_comparison((folder, twin), tmp_path / "both.html")
+        assert ("distances say something" in caplog.text) == warned, caplog.text
+    assert "copy/cam1.mp4" in caplog.text and "twin/cam1.mp4" in caplog.text
+
+
 @pytest.mark.parametrize("other", [["b/solo.mp4"], ["b/one.mp4"], None])
 def test_results_of_other_videos_get_a_warning(
     made: Path,
