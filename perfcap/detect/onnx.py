@@ -17,7 +17,7 @@ from perfcap.detect.decode import Estimate, decode
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import JointSet
 from perfcap.detect.look import Box
-from perfcap.detect.manifest import Manifest, read_manifest
+from perfcap.detect.manifest import PEOPLE, Manifest, read_manifest
 from perfcap.detect.person import Start, follow_person
 from perfcap.detect.session import Execution, Session, check_image_input, prepare_crops
 from perfcap.errors import InputError
@@ -51,6 +51,11 @@ class OnnxDetector:
     ) -> None:
         self._settings = str(model), execution, flip_test
         self.manifest: Manifest = read_manifest(Path(model))
+        if self.manifest.output.kind == PEOPLE:
+            raise InputError(
+                f"{self.manifest.path}: finds the people of whole images, expected a network of "
+                "one person in a crop; name it first, and one that looks up close after it"
+            )
         self.session = Session(self.manifest.file, execution)
         self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
         self._input, self._batch = check_image_input(
