@@ -13,6 +13,8 @@ from tiny_networks import MANIFESTS, body, draw, vitpose, write_model
 from tiny_people import write_people
 
 from perfcap.app.networks import Detecting, detect_everybody, open_networks
+from perfcap.commands.capture import Capture
+from perfcap.commands.views import DEFAULT_DETECTORS, FINDER
 from perfcap.detect.joint_set import COCO17, map_to_landmarks
 from perfcap.errors import InputError
 from perfcap.io.clip import Clip
@@ -86,3 +88,15 @@ def test_an_empty_room_is_named(detecting: Detecting, tmp_path: Path) -> None:
         cv2.imwrite(str(folder / "0.png"), np.zeros((*SIZE, 3), np.uint8))
     with pytest.raises(InputError, match="a, b: nobody is found in any frame"):
         detect_everybody(Clip.open(folders), detecting, make_take(1, views=2).cameras)
+
+
+def test_a_finder_is_the_first_default_network_of_several_people() -> None:
+    videos = (Path("a.mp4"), Path("b.mp4"))
+    alone, pair = Capture(videos=videos), Capture(videos=videos, people=2)
+    assert alone.detectors == DEFAULT_DETECTORS
+    assert pair.detectors == (FINDER, *DEFAULT_DETECTORS)
+    assert Capture(videos=videos, actor=("me", "you")).detectors == pair.detectors
+    assert replace(pair, detector=("thunder",)).detectors == ("thunder",)
+    assert replace(pair, detections=(Path("d.npz"),)).detectors == ()
+    finder, others = open_networks(pair.detectors)
+    assert finder is not None and len(others) == len(DEFAULT_DETECTORS)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tiny_networks import MANIFESTS, body, draw, vitpose, write_model
 from tiny_people import SIDE, write_people
 
+from perfcap.detect.joint_set import COCO17, map_to_landmarks
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.people import OnnxFinder
 from perfcap.errors import InputError
@@ -118,3 +119,21 @@ def test_networks_of_the_other_kind_are_refused(folder: Path, tmp_path: Path) ->
     digest = text[text.index("sha256") :].split('"')[1]
     (changed / "manifest.toml").write_text(text.replace(digest, 64 * "0"))
     assert "has sha256" in refused(OnnxFinder, changed)
+
+
+def test_a_detector_looks_where_a_finder_finds_people(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unwanted(*_: object) -> None:
+        raise AssertionError("windows were searched")
+
+    monkeypatch.setattr("perfcap.detect.search._windows", unwanted)
+    detector = OnnxDetector(write_model(tmp_path, vitpose(), MANIFESTS["vitpose"]))
+    frame, places = two_people((160, 240))
+    images = torch.from_numpy(frame).permute(2, 0, 1)[None, None]
+    found = detector(images, finder=OnnxFinder(folder))
+    truth = torch.from_numpy(places).float()
+    known = map_to_landmarks(truth, torch.ones(2, 17), COCO17)[0]
+    seen = found.confidence2d[0, 0] > 0.3
+    apart = (found.joints2d[0, 0] - known).norm(dim=-1)[:, seen]
+    assert seen.double().mean() > 0.7 and apart.median(-1).values.min() < 1
