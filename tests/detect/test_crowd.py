@@ -15,6 +15,7 @@ from perfcap.detect.joint_set import COCO17, LANDMARKS16
 from perfcap.detect.look import Look
 from perfcap.detect.person import follow_people
 from perfcap.detect.search import whole
+from perfcap.detect.whereabouts import AGE, ANYWHERE
 
 Place = tuple[float, float, float]
 LEFT, RIGHT = (80, 120, 120), (240, 130, 100)
@@ -126,3 +127,17 @@ def test_looks_of_two_sets_are_compared_by_their_names() -> None:
     seen = torch.tensor([float(name in names) for name in COCO17.joints])
     other = replace(one, joints2d=points, confidence=seen)
     assert same_person(other, one, LANDMARKS16, COCO17)
+
+
+def test_the_likelier_look_is_the_surer_and_the_nearer_one() -> None:
+    known = ANYWHERE.after(a_look(100, 120, 100))
+    there, beside, far = (a_look(x, 120, 100) for x in (100, 140, 230))
+    assert known.likely(there, LANDMARKS16) == pytest.approx(1)
+    assert 0.5 < known.likely(beside, LANDMARKS16) < 0.75  # 40 pixels of some 116
+    assert known.near(beside) and not known.near(far)
+    empty = replace(there, confidence=torch.full((16,), 0.2))
+    assert known.likely(empty, LANDMARKS16) == pytest.approx(0.2 - 1), "no body to compare"
+    for _ in range(AGE):
+        known = known.after(None)
+    assert known.near(far), "anywhere by now"
+    assert known.likely(far, LANDMARKS16) == pytest.approx(1)
