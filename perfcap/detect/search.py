@@ -70,7 +70,7 @@ def _places_to_look(
     if finder is not None:
         seen = [look.around(network, finder.joint_set) for look in finder(frame)]
         people = [crop for crop in seen if crop is not None]
-        if people:  # and the whole image: somebody may be too close for a finder
+        if people:  # and the whole image: a person may be too close for a finder
             yield [*people, Crop.around(whole(frame), size)]
     yield list(_windows(frame, size))
 
