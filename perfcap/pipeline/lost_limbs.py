@@ -52,8 +52,8 @@ class LostLimbsConfig(Settings):
         beyond: likewise that the body shows beside the masks.
         shortest: seconds of a stretch of such frames.
         bridge: seconds between stretches that are one.
-        gain: of the search's cost in the mean that a limb elsewhere must bring, percent of the
-            silhouette.
+        explained: share of what masks show beside the body that a limb elsewhere must explain;
+            what it shows beside the masks may not grow. Skirts and coats stay unexplained.
         smooth: seconds, deviation of the filter over the angles found.
         search: of the poses of a limb.
     """
@@ -63,7 +63,7 @@ class LostLimbsConfig(Settings):
     beyond: float = 0.25
     shortest: float = 0.1
     bridge: float = 0.15
-    gain: float = 2.0
+    explained: float = 0.3
     smooth: float = 0.05
     search: GlobalConfig = field(
         default_factory=lambda: GlobalConfig(
@@ -144,19 +144,23 @@ def find_lost_limbs(
 
     odd = excess(motion, "lost_limbs_excess")
     parts = list(_stretches(odd, problem.rate, config)) if config.enabled else []
-    given = LostLimbs(motion, problem, beyond=odd[:, 0])
     if not parts:
-        return given
+        return LostLimbs(motion, problem, beyond=odd[:, 0])
     search = _LimbSearch(problem, sight, evidence, motion, config)
-    results = checkpoint.kept("lost_limbs").each(
+    kept = checkpoint.kept("lost_limbs").each(
         tensors(motion.angles), search.stretch, parts, workers
     )
+    results = list(zip(parts, kept, strict=True))
+    angles = motion.angles.clone()
+    for (start, stop), (posed, _) in results:
+        angles[start:stop] = posed
+    tried = excess(_with_angles(motion, angles), "lost_limbs_tried")
     angles, detections, found = motion.angles.clone(), problem.detections, []
-    for (start, stop), (posed, about) in zip(parts, results, strict=True):
-        limb, gain = int(about[0]), float(about[1])
-        if gain < config.gain:
+    for (start, stop), (posed, limb) in results:
+        before, after = (each[start:stop].mean(0) for each in (odd, tried))
+        if after[0] > before[0] or after[1] > (1 - config.explained) * before[1]:
             continue
-        name, _, marks = _LIMBS[limb]
+        name, _, marks = _LIMBS[int(limb)]
         angles[start:stop] = posed
         lost = [LANDMARKS.index(f"{name[0]}_{mark}") for mark in marks]
         seen, trusted = detections.confidence2d.clone(), detections.trusted3d.clone()
@@ -164,11 +168,13 @@ def find_lost_limbs(
         trusted[start:stop] = False
         detections = replace(detections, confidence2d=seen, trusted3d=trusted)
         found.append(FoundLimb(start, stop, name))
-    if not found:
-        return given
-    moved = Motion(motion.translation, motion.rotation, angles, motion.shared)
-    beyond = excess(moved, "lost_limbs_beyond")[:, 0]
-    return LostLimbs(moved, replace(problem, detections=detections), tuple(found), beyond)
+        odd[start:stop] = tried[start:stop]
+    moved = _with_angles(motion, angles)
+    return LostLimbs(moved, replace(problem, detections=detections), tuple(found), odd[:, 0])
+
+
+def _with_angles(motion: Motion, angles: Tensor) -> Motion:
+    return Motion(motion.translation, motion.rotation, angles, motion.shared)
 
 
 def _stretches(
@@ -207,14 +213,14 @@ class _LimbSearch:
         ]
 
     def stretch(self, part: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """Angles (f, A) of the limb that explains most, and its number and gain, (2,)."""
+        """Angles (f, A) with the limb that explains most, and its number, ()."""
         start, stop = part
         step = max(1, (stop - start) // _SAMPLES)
         tried = [self._walk(range(start, stop, step), joints)[1] for joints in self.joints]
         limb = int(np.argmax(tried))
         frames = range(start, stop)
         walks = [self._walk(order, self.joints[limb]) for order in (frames, frames[::-1])]
-        angles, gain = max(walks, key=lambda walk: walk[1])
+        angles, _ = max(walks, key=lambda walk: walk[1])
         columns = self._columns(self.joints[limb])
         posed = self.motion.angles[start:stop].clone()
         path = torch.stack([angles[frame] for frame in frames])[:, columns]
@@ -222,7 +228,7 @@ class _LimbSearch:
             path.numpy(force=True), self.smooth, axis=0, mode="nearest"
         )
         posed[:, columns] = torch.from_numpy(smooth).to(posed)
-        return posed, posed.new_tensor([limb, gain])
+        return posed, posed.new_tensor(limb)
 
     def _columns(self, joints: Flags) -> Tensor:
         unknowns = released_unknowns(self.actor.skeleton.rig, joints) - 6
