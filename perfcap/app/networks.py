@@ -171,9 +171,12 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
         if detecting.person > 1:
+            seen = f"fewer people are seen in every frame of {', '.join(clip.names)}"
+            if detecting.people is not None:
+                most = detecting.person - 1
+                raise InputError(f"--people {detecting.people}: {seen}; expected {most} at most")
             raise InputError(
-                f"--person {detecting.person}: fewer people are seen in every frame of "
-                f"{', '.join(clip.names)}; expected 1 for the surest, 2 for the next"
+                f"--person {detecting.person}: {seen}; expected 1 for the surest, 2 for the next"
             )
         raise InputError(
             f"{', '.join(clip.names)}: nobody is found in any frame by "
