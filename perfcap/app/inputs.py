@@ -91,8 +91,9 @@ def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Input
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
         detecting = Detecting(
-            detectors, boxes, request.person or 1, tell, checkpoint, poses=lifter is not None
-        )
+            detectors, boxes, request.person or 1, tell, checkpoint, poses=lifter is not None,
+            chosen=request.person is not None,
+        )  # fmt: skip
         if request.everybody:
             detecting = replace(detecting, people=request.head_count or 1)
         seen = _read(request, detecting)

@@ -38,6 +38,7 @@ class Detecting:
         boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
             search.
         person: which one of a search, 1 for the surest.
+        chosen: whether the user said which one.
         people: how many of a search are followed, each on their own; None for that one.
         poses: whether 3D joints of the others are of use where the first one has none.
         tell: told how far it is.
@@ -51,6 +52,7 @@ class Detecting:
     checkpoint: Checkpoint = NO_CHECKPOINT
     people: int | None = None
     poses: bool = False
+    chosen: bool = False
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -166,7 +168,9 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
             for number, detector in enumerate(detecting.detectors)
         )
         frames = _frames(clip, view, detecting.tell)
-        start, camera = Start(box, detecting.person), _view(cameras, view, len(clip))
+        # of several views, the others show who is followed
+        alone = clip.views == 1 and detecting.people is None and not detecting.chosen
+        start, camera = Start(box, detecting.person, alone), _view(cameras, view, len(clip))
         found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:

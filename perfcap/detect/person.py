@@ -41,10 +41,12 @@ class Start:
     Attributes:
         box: (left, top, right, bottom) of the person in the first frame; None to search.
         person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
+        alone: whether to warn of others in that image.
     """
 
     box: Box | None = None
     person: int = 1
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -180,9 +182,8 @@ def _follow(
         if look is not None and number == 0:
             look = _shown(network, frame, start, look)
         if look is None or not is_person(look.confidence, network.joint_set):
-            look = known.unless_elsewhere(
-                search(network, frame, start.person if not known.ever else 1)
-            )
+            whom = Start() if known.ever else start
+            look = known.unless_elsewhere(search(network, frame, whom.person, alone=whom.alone))
         elif known.doubts(look):
             look = _surer(look, search(network, frame), network.joint_set, known)
         else:

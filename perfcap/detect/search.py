@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,6 +10,11 @@ import numpy as np
 from perfcap.detect.crop import Crop, Frame
 from perfcap.detect.look import Box, CropNetwork, Look, is_person, look_at, sureness
 
+_LOG = logging.getLogger(__name__)
+_OTHERS = (
+    "%d people are seen, and the surest is followed, at first at x %.0f to %.0f, y %.0f to %.0f: "
+    "--person 2 or --box says another, and overlay.mp4 shows who it is"
+)
 _SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
 _STEP = 0.5  # of a window: how far apart they are
 _CANDIDATES = 3  # windows looked at again around what they show
@@ -20,7 +26,11 @@ SAME = 0.5  # of the smaller box: overlap of two looks at one person
 
 
 def search(
-    network: CropNetwork, frame: Frame, person: int = 1, inside: Box | None = None
+    network: CropNetwork,
+    frame: Frame,
+    person: int = 1,
+    inside: Box | None = None,
+    alone: bool = False,
 ) -> Look | None:
     """The surest person of windows all over the image, looked at once more up close.
 
@@ -29,6 +39,7 @@ def search(
         frame: (H, W, 3).
         person: 1 for the surest, 2 for the next, ...
         inside: where the person is; anywhere if None.
+        alone: whether to warn of others.
     """
     spec = network.manifest.input
     windows = list(_windows(frame, spec.size))
@@ -40,6 +51,10 @@ def search(
     people = [look for look in _apart(closer) if is_person(look.confidence, network.joint_set)]
     if inside is not None:
         people = [look for look in people if overlap(inside, look.box()) >= SAME]
+    box = people[0].box() if alone and len(people) > 1 else None
+    if box is not None:
+        left, top, right, bottom = box
+        _LOG.warning(_OTHERS, len(people), left, right, top, bottom)
     return people[person - 1] if len(people) >= person else None
 
 
