@@ -31,7 +31,8 @@ GROUPS = {
         "actor_sheets", "template_quality", "shoulders",
     ),
     "Several people": (
-        "people_association", "people_joints", "people_labels", "people_prior", "people_real",
+        "people_association", "people_detected", "people_joints", "people_labels", "people_prior",
+        "people_real",
     ),
     "What if the input is bad?": (
         "noise_sweep", "occlusion", "calibration_sweep", "clocks", "leg_swaps", "mask_corruption",

@@ -56,13 +56,13 @@ LONG = (
     "contour_bodies", "contour_clocks", "contour_cues", "contours", "deformation_speed",
     "detector_frames",
     "detector_noise", "detector_photographs", "export_check", "finetune_through_solver",
-    "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lifter_motion",
-    "lifter_real", "long_clip", "long_surface", "mask_corruption", "mask_doubt", "orbit_frames",
-    "paired_or_soft", "people_labels", "people_memory", "people_prior", "people_real",
-    "people_tracker", "pose_fusion", "real_body",
+    "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lens", "lifter_motion",
+    "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",
+    "orbit_frames", "paired_or_soft", "people_detected", "people_labels", "people_memory",
+    "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
     "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
-    "trust_video", "video_alone", "view_stages", "views_sweep", "worst_masks",
+    "trust_images", "trust_video", "video_alone", "view_stages", "views_sweep", "worst_masks",
 )  # fmt: skip
 
 

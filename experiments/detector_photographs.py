@@ -8,6 +8,7 @@ hip; the truth itself is noisy, sides included.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,12 +21,13 @@ import torch
 from report import Report, Table, data_folder
 from torch import Tensor
 
-from perfcap.app.networks import DETECTORS, find_model
-from perfcap.commands.views import DEFAULT_DETECTORS
+from perfcap.app.networks import open_networks
+from perfcap.commands.views import DEFAULT_DETECTORS, FINDER
 from perfcap.detect.crop import body_box
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.detect.people import OnnxFinder
 from perfcap.detect.person import Start, follow_person
 from perfcap.errors import InputError
 from perfcap.train.photographs import Annotation, read_annotations
@@ -43,32 +45,44 @@ class Experiment:
 
     data: Path = report.DATA
     """Folder of the recordings, with lspet in it."""
-    networks: tuple[str, ...] = ("rendered", "lightning", "thunder", "+".join(DEFAULT_DETECTORS))
+    networks: tuple[str, ...] = (
+        *("rendered", "lightning", "thunder", f"{FINDER}+thunder"),
+        "+".join(DEFAULT_DETECTORS),
+        "+".join((FINDER, *DEFAULT_DETECTORS)),
+    )
     """Each one network, or several with + between."""
     every: int = 4
     """Take one photograph of so many."""
+    first: int = 0
+    """The first that is taken."""
 
 
 def run(config: Experiment) -> Report:
     """Score networks, alone and together."""
-    known = read_annotations(data_folder(config.data, "lspet"))[:: config.every]
+    known = read_annotations(data_folder(config.data, "lspet"))[config.first :: config.every]
     photographs = [a for a in known if np.isfinite(a.joints2d[list(_TORSO)]).all()]
     rows, trust = [], []
     for text in config.networks:
-        networks = [OnnxDetector(find_model(name, DETECTORS)) for name in text.split("+")]
+        finder, networks = open_networks(text.split("+"))
         shares: list[float] = []
         for crops in (True, False):
-            found = [_score(networks, one, crops) for one in photographs]
+            began = time.process_time()
+            found = [_score(networks, one, crops, finder) for one in photographs]
+            spent = 1000 * (time.process_time() - began) / len(photographs)
             hits, confidence = (torch.cat(part) for part in zip(*found, strict=True))
             shares.append(100 * float(hits.double().mean()))
             if crops:
                 trust.append((text, *_by_confidence(hits, confidence)))
-        rows.append((text, *shares))
+        rows.append((text, *shares, spent))
     bands = [f"{a:g} to {min(b, 1):g}" for a, b in pairwise(_BANDS)]
     notes = (f"{len(photographs)} photographs.",)
     return Report(
         (
-            Table("PCK@0.2 of 12 joints, %", ("networks", "true crop", "whole image"), tuple(rows)),
+            Table(
+                "PCK@0.2 of 12 joints, %",
+                ("networks", "true crop", "whole image", "its CPU ms"),
+                tuple(rows),
+            ),
             Table("found by confidence, true crops, %", ("networks", *bands), tuple(trust)),
         ),
         notes,
@@ -76,7 +90,10 @@ def run(config: Experiment) -> Report:
 
 
 def _score(
-    networks: Sequence[OnnxDetector], photograph: Annotation, crops: bool
+    networks: Sequence[OnnxDetector],
+    photograph: Annotation,
+    crops: bool,
+    finder: OnnxFinder | None,
 ) -> tuple[Tensor, Tensor]:
     """Which of the annotated joints are found, and how sure the networks are of them."""
     image = cv2.imread(str(photograph.path))
@@ -84,7 +101,7 @@ def _score(
     truth = torch.from_numpy(photograph.joints2d)
     known = truth.isfinite().all(-1)
     box = body_box(truth.nan_to_num(0.0), known.float(), 0.5) if crops else None
-    found = _look(networks, np.ascontiguousarray(image[..., ::-1]), Start(box))
+    found = _look(networks, np.ascontiguousarray(image[..., ::-1]), Start(box, finder=finder))
     torso = (truth[_TORSO[0]] - truth[_TORSO[1]]).norm()
     near = (found.joints2d[0, 0] - truth).norm(dim=-1) <= _PCK * torso
     hits = near & (found.confidence2d[0, 0] > 0)

@@ -83,7 +83,6 @@ def run(config: Experiment) -> Report:
     with tempfile.TemporaryDirectory() as scratch:
         for number, video in enumerate(_videos(config, Path(scratch))):
             rows.append(_row(video, Path(scratch) / f"out{number}"))
-            print(rows[-1], flush=True)
     columns = (
         "video",
         "true angle",

@@ -23,6 +23,7 @@ from pathlib import Path
 
 from network_conversion.blazepose import convert_blazepose
 from network_conversion.movenet import convert_movenet
+from network_conversion.multipose import convert_multipose
 
 PACKAGES = {
     "movenet": "adbc87995b9a298f58c492d3d182027a2eeb48e9c461b82f6b800b28614ff935",
@@ -31,9 +32,12 @@ PACKAGES = {
 NETWORKS = {
     "thunder": ("movenet", "package/models/movenet-thunder.json"),
     "lightning": ("movenet", "package/models/movenet-lightning.json"),
+    "multipose": ("movenet", "package/models/movenet-multipose.json"),
     "blazepose": ("blazepose", "package/pose_landmark_full.tflite"),
     "blazepose_heavy": ("blazepose", "package/pose_landmark_heavy.tflite"),
 }
+CONVERTERS = {"movenet": convert_movenet, "blazepose": convert_blazepose}
+OTHERS = {"multipose": convert_multipose}  # networks that their package's converter does not know
 
 
 def convert(packages: dict[str, Path], out: Path) -> list[str]:
@@ -45,7 +49,7 @@ def convert(packages: dict[str, Path], out: Path) -> list[str]:
             folder = out / name
             folder.mkdir(parents=True, exist_ok=True)
             target = folder / "model.onnx"
-            (convert_movenet if package == "movenet" else convert_blazepose)(source, target)
+            OTHERS.get(name, CONVERTERS[package])(source, target)
             lines.append(f"{target}: {_compared(target)}")
     return lines
 

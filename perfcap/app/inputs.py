@@ -11,12 +11,12 @@ from torch import Tensor
 
 from perfcap.app.console import progress_bars
 from perfcap.app.networks import (
-    DETECTORS,
     LIFTERS,
     Detecting,
     detect_clip,
     detect_everybody,
     find_model,
+    open_networks,
     parse_boxes,
 )
 from perfcap.commands.views import Views
@@ -85,15 +85,17 @@ def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Input
         posed = bool(inputs.detections.trusted3d.any())
         return _lifted(inputs, None if posed and not chosen else lifter)
     _check_detector(request)
-    detectors = tuple(OnnxDetector(find_model(name, DETECTORS)) for name in request.detectors)
+    finder, detectors = open_networks(request.detectors)
     if detectors[0].sees_poses and not chosen:
         lifter = None
     boxes = parse_boxes(request.box, len(request.videos))
     with progress_bars() as tell:
         detecting = Detecting(
-            detectors, boxes, request.person or 1, tell, checkpoint, poses=lifter is not None,
+            *(detectors, boxes, request.person or 1, tell, checkpoint),
+            poses=lifter is not None,
+            finder=finder,
             chosen=request.person is not None,
-        )  # fmt: skip
+        )
         if request.everybody:
             detecting = replace(detecting, people=request.head_count or 1)
         seen = _read(request, detecting)
@@ -156,7 +158,8 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     if detecting is not None:
         _require_possible(request.cameras, rig)
         chosen = _detect(clip, rig, pixel_map, detecting)
-        told = (*about, *_about_networks(detecting.detectors))
+        found_by = () if detecting.finder is None else detecting.finder.session.warnings
+        told = (*about, *_about_networks(detecting.detectors), *found_by)
         lost = clip.lost if part.stop is None else 0
         return Inputs(clip, camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)

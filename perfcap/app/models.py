@@ -118,7 +118,8 @@ def run_manifest(request: WriteManifest) -> int:
     console.print(f"{target}: {guess.family}", soft_wrap=True)
     for line in guess.check:
         console.print(f"to check: {line}", soft_wrap=True)
-    console.print(f"try it: perfcap capture VIDEO --detector {request.file.parent}", soft_wrap=True)
+    networks = " ".join(filter(None, (str(request.file.parent), guess.closer)))
+    console.print(f"try it: perfcap capture VIDEO --detector {networks}", soft_wrap=True)
     return 0
 
 

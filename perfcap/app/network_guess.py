@@ -24,6 +24,8 @@ _SETS = {
 _IMAGENET = "mean = [123.675, 116.28, 103.53]\nstd = [58.395, 57.12, 57.375]\n"
 _MOVENET_COLUMNS = 3
 _BLAZEPOSE_ROWS, _BLAZEPOSE_COLUMNS = 39, 5
+_PEOPLE_ABOUT = 5  # numbers of a person beside joints
+_PEOPLE_SIZE = 384  # pixels, of networks for images of any size
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,13 @@ class Guess:
         family: what the network looks like.
         text: the tables ``input``, ``output`` and ``joints``.
         check: what shapes do not tell, and a user should.
+        closer: a network to name after it, where it does not look at people up close.
     """
 
     family: str
     text: str
     check: tuple[str, ...]
+    closer: str = ""
 
 
 def guess_manifest(session: Session, joint_set: JointSet | None) -> Guess:
@@ -53,6 +57,10 @@ def guess_manifest(session: Session, joint_set: JointSet | None) -> Guess:
     """
     name = session.inputs[0]
     shape = session.shapes[name]
+    people = _people_output(session, joint_set or COCO17)
+    if people is not None:
+        layout, size = _image(session, shape, _PEOPLE_SIZE)
+        return _people(session, people, layout, size, joint_set or COCO17)
     layout, size = _image(session, shape)
     outputs = {output: session.shapes[output] for output in session.outputs}
     simcc = [o for o, s in outputs.items() if len(s) == 3 and _wide(s, size)]
@@ -76,16 +84,21 @@ def guess_manifest(session: Session, joint_set: JointSet | None) -> Guess:
     shapes = "; ".join(f"{o} {list(s)}" for o, s in outputs.items())
     raise InputError(
         f"{session.path}: outputs {shapes} are of no family that is known (SimCC, heat maps, "
-        "MoveNet, BlazePose); write the manifest by hand, docs/detectors.md has examples"
+        "MoveNet of one or several people, BlazePose); write the manifest by hand, "
+        "docs/detectors.md has examples"
     )
 
 
-def _image(session: Session, shape: tuple[int | None, ...]) -> tuple[str, tuple[int, int]]:
-    """Layout and size of the input image."""
-    if len(shape) == 4 and shape[3] == 3 and shape[1] and shape[2]:
-        return "nhwc", (shape[1], shape[2])
-    if len(shape) == 4 and shape[1] == 3 and shape[2] and shape[3]:
-        return "nchw", (shape[2], shape[3])
+def _image(
+    session: Session, shape: tuple[int | None, ...], any_size: int | None = None
+) -> tuple[str, tuple[int, int]]:
+    """Layout and size of the input image; sides that are open get a size, if there is one."""
+    if len(shape) == 4:
+        down, across, channels = (side or any_size for side in shape[1:])
+        if channels == 3 and down and across:
+            return "nhwc", (down, across)
+        if down == 3 and across and channels:
+            return "nchw", (across, channels)
     raise InputError(
         f"{session.path}: its input has shape {list(shape)}; expected one image of a fixed size, "
         "(N, 3, height, width) or (N, height, width, 3)"
@@ -153,16 +166,52 @@ def _heatmaps(
 
 
 def _movenet(session: Session, output: str, layout: str, size: tuple[int, int]) -> Guess:
-    dtype = session.dtypes[session.inputs[0]]
-    kind = "int32" if dtype is not None and dtype.__name__ == "int32" else "float32"
     text = (
-        _input(layout, size, f'dtype = "{kind}"\nturns = "quarters"\n')
+        _input(layout, size, f'dtype = "{_whole_or_not(session)}"\nturns = "quarters"\n')
         + f'\n[output]\nkind = "coordinates"\nnames = ["{output}"]\n'
         + 'columns = ["y", "x", "confidence"]\nunits = "unit"\n'
         + _joints(COCO17)
     )
     check = ("values: 0 to 255 in rgb here, without mean and std",)
     return Guess("MoveNet SinglePose, COCO-17", text, check)
+
+
+def _people_output(session: Session, joint_set: JointSet) -> str | None:
+    """The output of several people: one row each of joints, a box and a score."""
+    wide = len(joint_set) * _MOVENET_COLUMNS + _PEOPLE_ABOUT
+    for output in session.outputs:
+        shape = session.shapes[output]
+        if len(session.outputs) == 1 and len(shape) == 3 and shape[2] == wide:
+            return str(output)
+    return None
+
+
+def _people(
+    session: Session, output: str, layout: str, size: tuple[int, int], joint_set: JointSet
+) -> Guess:
+    """MoveNet MultiPose and networks of its layout."""
+    text = (
+        _input(layout, size, f'dtype = "{_whole_or_not(session)}"\n')
+        + f'\n[output]\nkind = "people"\nnames = ["{output}"]\n'
+        + 'columns = ["y", "x", "confidence"]\nunits = "unit"\n'
+        + _joints(joint_set)
+        + "\n[calibration]\nraw = [0.0, 0.1, 1.0]\nprobability = [0.0, 0.3, 1.0]\n"
+    )
+    check: tuple[str, ...] = (
+        "values: 0 to 255 in rgb here, without mean and std",
+        "order of a joint's numbers: y, x, confidence here, in shares of the input",
+        "calibration: MoveNet's confidences are low, and joints count from 0.3 on",
+    )
+    if None in session.shapes[session.inputs[0]][1:]:
+        check = (*check, f"input.size: the network takes others than {size[0]} as well")
+    family = f"several people, such as MoveNet MultiPose, {joint_set.name}"
+    return Guess(family, text, check, closer="thunder")
+
+
+def _whole_or_not(session: Session) -> str:
+    """The type of an input of bytes."""
+    dtype = session.dtypes[session.inputs[0]]
+    return "int32" if dtype is not None and dtype.__name__ == "int32" else "float32"
 
 
 def _blazepose(session: Session, output: str, layout: str, size: tuple[int, int]) -> Guess:

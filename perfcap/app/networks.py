@@ -10,8 +10,10 @@ from perfcap.detect.crop import Frame
 from perfcap.detect.detections import Detections
 from perfcap.detect.look import Box
 from perfcap.detect.manifest import FILE as MANIFEST
+from perfcap.detect.manifest import PEOPLE, read_manifest
 from perfcap.detect.onnx import OnnxDetector, stack_views
-from perfcap.detect.person import Start, follow_person
+from perfcap.detect.people import OnnxFinder
+from perfcap.detect.person import Start, follow_people, follow_person
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.actor import models_folder
@@ -41,6 +43,7 @@ class Detecting:
         chosen: whether the user said which one.
         people: how many of a search are followed, each on their own; None for that one.
         poses: whether 3D joints of the others are of use where the first one has none.
+        finder: finds the people of whole images; windows are searched without one.
         tell: told how far it is.
         checkpoint: keeps what the network answered.
     """
@@ -52,7 +55,31 @@ class Detecting:
     checkpoint: Checkpoint = NO_CHECKPOINT
     people: int | None = None
     poses: bool = False
+    finder: OnnxFinder | None = None
     chosen: bool = False
+
+
+def open_networks(names: Sequence[str]) -> tuple[OnnxFinder | None, tuple[OnnxDetector, ...]]:
+    """What ``--detector`` names: a network that finds people, if the first does; the others.
+
+    Raises:
+        InputError: there is no such model, or none that looks at people up close.
+    """
+    folders = [find_model(name, DETECTORS) for name in names]
+    finds = [read_manifest(folder).output.kind == PEOPLE for folder in folders]
+    if any(finds[1:]):
+        name = names[finds.index(True, 1)]
+        raise InputError(
+            f"--detector {' '.join(names)}: {name} finds the people of whole images; expected one "
+            "such network at most, named first"
+        )
+    if finds == [True]:
+        raise InputError(
+            f"--detector {names[0]}: finds people in whole images and does not follow them; name "
+            f"networks that look up close after it: --detector {names[0]} thunder"
+        )
+    finder = OnnxFinder(folders[0]) if finds[0] else None
+    return finder, tuple(OnnxDetector(folder) for folder in folders[finds[0] :])
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -163,14 +190,11 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
     boxes: Sequence[Box | None] = detecting.boxes or [None] * clip.views
     found = []
     for view, box in enumerate(boxes):
-        first, *others = (
-            RememberingNetwork(detector, detecting.checkpoint.kept(_kept_name(number, view)))
-            for number, detector in enumerate(detecting.detectors)
-        )
-        frames = _frames(clip, view, detecting.tell)
+        first, *others = _remembering(detecting, view)
+        frames, camera = _frames(clip, view, detecting.tell), _view(cameras, view, len(clip))
         # of several views, the others show who is followed
         alone = clip.views == 1 and detecting.people is None and not detecting.chosen
-        start, camera = Start(box, detecting.person, alone), _view(cameras, view, len(clip))
+        start = Start(box, detecting.person, detecting.finder, alone)
         found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
@@ -182,27 +206,56 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
             raise InputError(
                 f"--person {detecting.person}: {seen}; expected 1 for the surest, 2 for the next"
             )
-        raise InputError(
-            f"{', '.join(clip.names)}: nobody is found in any frame by "
-            f"{detecting.detectors[0].manifest.path.parent}; expected a visible person; say where "
-            "with --box LEFT TOP RIGHT BOTTOM"
-        )
+        raise _nobody(clip, detecting)
     return whole
 
 
 def detect_everybody(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections:
     """Joints of several people, (P, F, C, 16): in every view, each slot follows somebody.
 
-    Who that is differs from view to view, and two slots may follow the same person.
+    Who that is differs from view to view. Where no network finds people in whole images, each slot
+    follows on its own, and two may follow the same person.
 
     Raises:
         InputError: nobody is found anywhere.
     """
+    count = detecting.people or 1
+    if detecting.finder is not None:
+        return _together(clip, detecting, cameras, detecting.finder, count)
     found = []
-    for person in range(1, (detecting.people or 1) + 1):
+    for person in range(1, count + 1):
         kept = detecting.checkpoint.of(f"slot{person}")
         found.append(detect_clip(clip, replace(detecting, person=person, checkpoint=kept), cameras))
     return Detections.stack(found)
+
+
+def _together(
+    clip: Clip, detecting: Detecting, cameras: Camera, finder: OnnxFinder, count: int
+) -> Detections:
+    """So many people at once, each followed by one slot alone."""
+    views = []
+    for view in range(clip.views):
+        first, *others = _remembering(detecting, view)
+        frames, camera = _frames(clip, view, detecting.tell), _view(cameras, view, len(clip))
+        found = follow_people(first, frames, finder, count, camera, others, detecting.poses)
+        views.append([each.without_poses() for each in found])  # slots change hands
+    whole = Detections.stack([stack_views(slot) for slot in zip(*views, strict=True)])
+    if not (whole.confidence2d > 0).any():
+        raise _nobody(clip, detecting)
+    return whole
+
+
+def _nobody(clip: Clip, detecting: Detecting) -> InputError:
+    return InputError(
+        f"{', '.join(clip.names)}: nobody is found in any frame by "
+        f"{detecting.detectors[0].manifest.path.parent}; expected a visible person; say where "
+        "with --box LEFT TOP RIGHT BOTTOM"
+    )
+
+
+def _remembering(detecting: Detecting, view: int) -> Iterator[RememberingNetwork]:
+    for number, detector in enumerate(detecting.detectors):
+        yield RememberingNetwork(detector, detecting.checkpoint.kept(_kept_name(number, view)))
 
 
 def _kept_name(number: int, view: int) -> str:

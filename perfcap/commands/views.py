@@ -9,6 +9,7 @@ from typing import Literal
 import tyro
 
 DEFAULT_DETECTORS = ("thunder", "blazepose_heavy", "rendered")  # the first one follows the person
+FINDER = "multipose"  # before them, where several people are wanted
 DEFAULT_LIFTER = "cmu"
 NO_LIFTER = "none"
 
@@ -30,7 +31,8 @@ class Views:
     the videos if not given."""
     detector: tuple[str, ...] = ()
     """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
-    one follows the person, the others add to it. perfcap models lists them."""
+    one follows the person, the others add to it; one that finds people in whole images, as
+    multipose, goes before them. perfcap models lists them."""
     box: tuple[float, ...] = ()
     """Where the person is in the first frame: LEFT TOP RIGHT BOTTOM for each view, pixels; searched
     for if not given."""
@@ -59,7 +61,10 @@ class Views:
     @property
     def detectors(self) -> tuple[str, ...]:
         """The networks that find the joints; none where files hold them."""
-        return () if self.detections else self.detector or DEFAULT_DETECTORS
+        if self.detections:
+            return ()
+        before = (FINDER,) if self.everybody else ()
+        return self.detector or (*before, *DEFAULT_DETECTORS)
 
     @property
     def lifters(self) -> tuple[str, ...]:

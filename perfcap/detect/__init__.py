@@ -6,6 +6,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.heatmap import HeatmapHead, soft_argmax
 from perfcap.detect.joint_set import JOINT_SETS, LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.detect.people import OnnxFinder
 from perfcap.detect.segmenter import OnnxSegmenter
 from perfcap.detect.session import Execution
 
@@ -19,6 +20,7 @@ __all__ = [
     "HeatmapHead",
     "JointSet",
     "OnnxDetector",
+    "OnnxFinder",
     "OnnxSegmenter",
     "associate",
     "map_to_landmarks",

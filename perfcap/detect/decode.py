@@ -12,7 +12,7 @@ from torch import Tensor
 
 from perfcap.detect.candidates import Candidates, find_candidates
 from perfcap.detect.heatmap import DECODERS, argmax2d, map_to_input, soft_argmax
-from perfcap.detect.manifest import Calibration, Manifest, OutputSpec
+from perfcap.detect.manifest import PEOPLE, Calibration, Manifest, OutputSpec
 from perfcap.errors import InputError
 
 
@@ -55,7 +55,7 @@ def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Es
             *(reader.bins(n, m) for n, m in zip(spec.names, maps, strict=True))
         )
         points = points / spec.split
-    elif spec.kind == "coordinates":
+    elif spec.kind in ("coordinates", PEOPLE):  # of people, each is a row as a crop is
         points, raw = _read_columns(
             reader.rows(spec.names[0], maps[0], len(spec.columns)), manifest
         )

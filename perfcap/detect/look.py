@@ -36,6 +36,17 @@ class CropNetwork(Protocol):
         """Joints of crops (N, h, w, 3)."""
 
 
+class Finder(Protocol):
+    """What a search needs of a network that finds several people in an image."""
+
+    @property
+    def joint_set(self) -> JointSet:
+        """Names of its joints."""
+
+    def __call__(self, frame: Frame) -> list[Look]:
+        """People of a frame (H, W, 3), the surest first; their crop is the whole image."""
+
+
 @dataclass(frozen=True)
 class Look:
     """What a network sees in one crop, in pixels and axes of the image.

@@ -13,7 +13,8 @@ from perfcap.detect.toml_table import TomlTable
 FILE = "manifest.toml"
 
 _MAPS = ("heatmaps", "location_maps")
-KINDS = (*_MAPS, "simcc", "coordinates", "joints3d")
+PEOPLE = "people"
+KINDS = (*_MAPS, "simcc", "coordinates", "joints3d", PEOPLE)
 TURNS = ("none", "quarters", "upright")
 COLUMNS = ("x", "y", "z", "confidence", "ignored")
 # how many outputs a kind has, for messages and for the check against the model
@@ -23,6 +24,7 @@ _OUTPUTS = {
     "coordinates": ("the coordinates",),
     "location_maps": ("the heat maps", "the maps of X", "of Y", "of Z"),
     "joints3d": (),
+    PEOPLE: ("the people",),
 }
 _SIZE_LIMIT = 4096  # pixels of a network's input
 
@@ -78,7 +80,8 @@ class OutputSpec:
     Attributes:
         kind: ``heatmaps`` (N,J,h,w); ``simcc``, two outputs (N,J,bins); ``coordinates``
             (N,J,k) or flat; ``location_maps``, heat maps and three maps of metric coordinates
-            read at their peaks; ``joints3d``, positions alone.
+            read at their peaks; ``joints3d``, positions alone; ``people`` (N,P,J k + 5), several
+            people of a whole image, see ``perfcap.detect.people``.
         names: outputs of the kind, in its order.
         joints3d: a further output of root-relative positions (N,J,3) or flat; empty for none.
         decode: of maps: ``argmax`` (a quarter pixel towards the higher neighbour), ``dark``
@@ -88,7 +91,7 @@ class OutputSpec:
         layout: of maps, ``nchw`` or ``nhwc``.
         split: bins a pixel of ``simcc``.
         units: of coordinates, ``pixels`` of the crop or ``unit``, shares of it.
-        columns: meaning of the k numbers of a joint in ``coordinates``.
+        columns: meaning of the k numbers of a joint in ``coordinates`` and ``people``.
         sharpness: factor of maps before the softmax of ``soft_argmax``.
         activation: of confidences, ``none`` or ``sigmoid``.
         rows: joints in the output where these are more than named; the first ones are used.
@@ -276,14 +279,14 @@ def _read_output(table: TomlTable, joints: int) -> OutputSpec:
 
 
 def _further_output(table: TomlTable, kind: str) -> str:
-    if kind == "location_maps":
+    if kind in ("location_maps", PEOPLE):
         return ""
     return table.text("joints3d") if "joints3d" in table or kind == "joints3d" else ""
 
 
 def _read_columns(table: TomlTable, kind: str) -> tuple[str, ...]:
     columns = table.texts("columns", ("x", "y", "confidence"))
-    if kind == "coordinates":
+    if kind in ("coordinates", PEOPLE):
         named = [column for column in columns if column != "ignored"]
         bad = set(columns) - set(COLUMNS) or len(set(named)) != len(named)
         if bad or not {"x", "y"} <= set(columns):

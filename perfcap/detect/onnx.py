@@ -16,8 +16,8 @@ from perfcap.detect.crop import Frame
 from perfcap.detect.decode import Estimate, decode
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import JointSet
-from perfcap.detect.look import Box
-from perfcap.detect.manifest import Manifest, read_manifest
+from perfcap.detect.look import Box, Finder
+from perfcap.detect.manifest import PEOPLE, Manifest, read_manifest
 from perfcap.detect.person import Start, follow_person
 from perfcap.detect.session import Execution, Session, check_image_input, prepare_crops
 from perfcap.errors import InputError
@@ -51,6 +51,11 @@ class OnnxDetector:
     ) -> None:
         self._settings = str(model), execution, flip_test
         self.manifest: Manifest = read_manifest(Path(model))
+        if self.manifest.output.kind == PEOPLE:
+            raise InputError(
+                f"{self.manifest.path}: finds the people of whole images, expected a network of "
+                "one person in a crop; name it first, and one that looks up close after it"
+            )
         self.session = Session(self.manifest.file, execution)
         self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
         self._input, self._batch = check_image_input(
@@ -92,6 +97,7 @@ class OnnxDetector:
         images: Tensor,
         boxes: Sequence[Box | None] | None = None,
         cameras: Camera | None = None,
+        finder: Finder | None = None,
     ) -> Detections:
         """Detect one person, followed from frame to frame in each view.
 
@@ -100,6 +106,8 @@ class OnnxDetector:
             boxes: where the person is in the first frame of each view: (left, top, right,
                 bottom), pixels; searched for in the whole image where None.
             cameras: C views; needed where 3D joints come in the axes of crops.
+            finder: finds people in whole images, such as ``OnnxFinder``; windows are searched
+                without one.
 
         Returns:
             Detections of the 16 landmarks, (F, C), in pixels of the images; confidence 0 where
@@ -112,17 +120,21 @@ class OnnxDetector:
                 f"boxes: are {len(given)}, expected one for each of {len(frames)} views"
             )
         found = [
-            self.follow(frames[:, c], box, None if cameras is None else cameras.select([c]))
+            self.follow(frames[:, c], box, None if cameras is None else cameras.select([c]), finder)
             for c, box in enumerate(given)
         ]
         whole = stack_views(found)
         return whole.to(images) if images.is_floating_point() else whole
 
     def follow(
-        self, frames: Iterable[Frame], box: Box | None = None, camera: Camera | None = None
+        self,
+        frames: Iterable[Frame],
+        box: Box | None = None,
+        camera: Camera | None = None,
+        finder: Finder | None = None,
     ) -> Detections:
         """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1)."""
-        return follow_person(self, frames, Start(box), camera)
+        return follow_person(self, frames, Start(box, finder=finder), camera)
 
     def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
         """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""

@@ -5,29 +5,27 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
-import torch
-from torch import Tensor
-
-from perfcap.detect.candidates import join_candidates
+from perfcap.detect.combine import Seen, combined
 from perfcap.detect.crop import Crop, Frame, next_crop
+from perfcap.detect.crowd import follow_all, same_person
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet, map_to_landmarks
-from perfcap.detect.look import SEEN, Box, CropNetwork, Look, is_person, look_at, sureness, turned
-from perfcap.detect.pose_fusion import Landmarks, exchanged, fuse, sides_differ
+from perfcap.detect.look import (
+    SEEN,
+    Box,
+    CropNetwork,
+    Finder,
+    Look,
+    is_person,
+    look_at,
+    turned,
+)
 from perfcap.detect.search import SAME, centre, overlap, search, turn_around, whole
-from perfcap.detect.sides import Track, settle_sides
-from perfcap.detect.viewing_ray import toward
+from perfcap.detect.whereabouts import AGE, ANYWHERE, NEARBY, UNSURE
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
 _LOG = logging.getLogger(__name__)
-_SHRUNK = 0.6  # of the size in the frame before: what is less may be something else
-_JUMPED = 0.5  # of that size, for the middle
-_NEARBY = 1.0  # of that size: whoever is lost for a few frames comes back within it
-_UNSURE = 0.4  # mean confidence below which somebody may have turned upside down
-_AGE = 8  # frames after which somebody who was lost may be anywhere and of any size
 _OTHER = (
     "frame %d: the person was not seen for %d frames, and who is followed from here on is %.1f "
     "body sizes away: somebody else? (--frames ends before; --box and --person say whom to follow)"
@@ -41,20 +39,14 @@ class Start:
     Attributes:
         box: (left, top, right, bottom) of the person in the first frame; None to search.
         person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
+        finder: network that finds people in whole images; None to search with windows.
         alone: whether to warn of others in that image.
     """
 
     box: Box | None = None
     person: int = 1
+    finder: Finder | None = None
     alone: bool = False
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """What all networks see of the person in one frame; the first one followed."""
-
-    look: Look
-    others: tuple[Look | None, ...]
 
 
 def follow_person(
@@ -68,8 +60,8 @@ def follow_person(
     """Joints of one person in every frame of a view, (F, 1).
 
     The crop of a frame is centred on the joints of the frame before. Where nobody is followed, and
-    where somebody shrinks or jumps from one frame to the next, windows of several sizes are
-    searched all over the image. Left and right are settled at the end, by motion; see
+    where somebody shrinks or jumps from one frame to the next, the whole image is searched; see
+    ``search``. Left and right are settled at the end, by motion; see
     ``settle_sides``. Other networks look at the person whom the first one follows, and add what
     they see better; see ``fuse``.
 
@@ -89,81 +81,70 @@ def follow_person(
     Raises:
         InputError: nobody is in the box of the first frame.
     """
-    seen = list(_with_others(network, frames, start, others))
-    looks = [None if one is None else one.look for one in seen]
-    found = _to_detections(_finished(looks, network, camera), network)
-    if not others:
-        return found
-    size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
-    further = [_helped(other, place, seen) for place, other in enumerate(others)]
-    for other, marks in zip(others, further, strict=True):
-        if sides_differ(_landmarks(marks), _landmarks(found), size.clamp(min=1.0)):
-            _LOG.warning(
-                "%s and %s call left and right differently, in nearly every frame; those of the "
-                "first are used: check joints of their manifests",
-                *(each.manifest.path.parent.name for each in (network, other)),
-            )
-    return _fused(found, further, size.clamp(min=1.0), poses)
+    seen = [
+        None if look is None else _seen(network, frame, look, others)
+        for frame, look in _follow(network, frames, start)
+    ]
+    return combined(seen, network, camera, others, poses)
 
 
-def _finished(
-    looks: list[Look | None], network: CropNetwork, camera: Camera | None
-) -> list[Look | None]:
-    settled = _settled(looks, network.joint_set)
-    if camera is not None and network.manifest.output.crop_axes:
-        settled = _in_camera_axes(settled, camera)
-    return settled
+def follow_people(
+    network: CropNetwork,
+    frames: Iterable[Frame],
+    finder: Finder,
+    count: int,
+    camera: Camera | None = None,
+    others: Sequence[CropNetwork] = (),
+    poses: bool = False,
+) -> tuple[Detections, ...]:
+    """Joints of several people in every frame of a view, (F, 1) each; see ``follow_all``.
+
+    Args:
+        network: the detector.
+        frames: (H, W, 3), RGB, in order.
+        finder: finds people in whole frames.
+        count: how many are followed at most.
+        camera: as ``follow_person`` takes them, like all that follow.
+        others: further detectors of 2D joints.
+        poses: whether 3D joints of another network are of use.
+
+    Returns:
+        As of one person. Who is who is not known: a track may go on with another person after
+        frames without one.
+    """
+    seen: list[list[Seen | None]] = [[] for _ in range(count)]
+    for frame, looks in follow_all(network, frames, finder, count):
+        for row, look in zip(seen, looks, strict=True):
+            if look is None:
+                row.append(None)
+                continue
+            near = [one for one in looks if one is not None and one is not look]
+            row.append(_of_one(_seen(network, frame, look, others), near, network, others))
+    return tuple(combined(row, network, camera, others, poses) for row in seen)
 
 
-def _helped(network: CropNetwork, place: int, seen: list[_Seen | None]) -> Detections:
-    """What another network saw, with the sides as it saw them."""
-    looks = [None if one is None else one.others[place] for one in seen]
-    return _to_detections(looks, network)
-
-
-def _fused(
-    first: Detections, others: Sequence[Detections], size: Tensor, poses: bool
-) -> Detections:
-    """One person's detections by several networks, each (F, 1), as one."""
-    marks = [_landmarks(each) for each in (first, *others)]
-    whole_body = fuse(marks[0], marks[1:], size)
-    found = replace(
-        first,
-        joints2d=whole_body.joints2d[:, None],
-        confidence2d=whole_body.confidence[:, None],
+def _seen(network: CropNetwork, frame: Frame, look: Look, others: Sequence[CropNetwork]) -> Seen:
+    """The same person as other networks see them."""
+    crops = [look.around(other, network.joint_set) for other in others]
+    further = (
+        None if crop is None else look_at(other, frame, [crop])[0]
+        for other, crop in zip(others, crops, strict=True)
     )
-    if not poses or found.joints3d is not None:
-        return found
-    for other, seen in zip(others, marks[1:], strict=True):
-        if other.joints3d is not None:
-            swapped = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
-            wrong = exchanged(seen, marks[0], size)[:, None, None, None]
-            right = torch.where(wrong, swapped, other.joints3d)
-            return replace(
-                found, joints3d=right, trusted3d=other.trusted3d, deviation3d=other.deviation3d
-            )
-    return found
+    return Seen(look, tuple(further))
 
 
-def _landmarks(found: Detections) -> Landmarks:
-    return Landmarks(found.joints2d[:, 0], found.confidence2d[:, 0])
-
-
-def _with_others(
-    network: CropNetwork, frames: Iterable[Frame], start: Start, others: Sequence[CropNetwork]
-) -> Iterator[_Seen | None]:
-    for frame, look in _follow(network, frames, start):
-        if look is None:
-            yield None
-            continue
-        crops = [look.around(other, network.joint_set) for other in others]
-        yield _Seen(
-            look,
-            tuple(
-                None if crop is None else look_at(other, frame, [crop])[0]
-                for other, crop in zip(others, crops, strict=True)
-            ),
+def _of_one(
+    seen: Seen, near: Sequence[Look], network: CropNetwork, others: Sequence[CropNetwork]
+) -> Seen:
+    """The same without what other networks see of other people, who may hide this one."""
+    mine: list[Look | None] = []
+    for look, other in zip(seen.others, others, strict=True):
+        theirs = look is not None and any(
+            same_person(look, one, network.joint_set, other.joint_set) for one in near
         )
+        own = look is not None and same_person(look, seen.look, network.joint_set, other.joint_set)
+        mine.append(None if theirs and not own else look)
+    return replace(seen, others=tuple(mine))
 
 
 def _follow(
@@ -171,7 +152,7 @@ def _follow(
 ) -> Iterator[tuple[Frame, Look | None]]:
     spec = network.manifest.input
     crop = None if start.box is None else Crop.around(start.box, spec.size, spec.padding)
-    known = _Known()
+    known = ANYWHERE
     for number, frame in enumerate(frames):
         if network.manifest.output.kind == "joints3d":  # no 2D joints to follow
             padding = spec.padding if start.box else 1.0
@@ -182,13 +163,15 @@ def _follow(
         if look is not None and number == 0:
             look = _shown(network, frame, start, look)
         if look is None or not is_person(look.confidence, network.joint_set):
-            whom = Start() if known.ever else start
-            look = known.unless_elsewhere(search(network, frame, whom.person, alone=whom.alone))
+            whom = replace(start, person=1, alone=False) if known.ever else start
+            look = search(network, frame, whom.person, None, whom.finder, known, whom.alone)
         elif known.doubts(look):
-            look = _surer(look, search(network, frame), network.joint_set, known)
+            again = search(network, frame, finder=start.finder, last=known)
+            seen = [look] if again is None else [look, again]
+            look = max(seen, key=lambda one: known.likely(one, network.joint_set))
         else:
-            look = turn_around(network, frame, look, _UNSURE)
-        if known.age >= _AGE and look is not None and (apart := known.moved(look.box())) > _NEARBY:
+            look = turn_around(network, frame, look, UNSURE)
+        if known.age >= AGE and look is not None and (apart := known.moved(look.box())) > NEARBY:
             _LOG.warning(_OTHER, number, known.age, apart)
         known = known.after(look)
         yield frame, look
@@ -207,7 +190,7 @@ def _shown(network: CropNetwork, frame: Frame, start: Start, look: Look) -> Look
         box is not None and overlap(start.box, box) >= SAME and is_person(look.confidence, joints)
     ):
         return look
-    found = search(network, frame, inside=start.box)
+    found = search(network, frame, inside=start.box, finder=start.finder)
     if found is None:
         told = " ".join(f"{each:g}" for each in start.box or ())
         raise InputError(
@@ -215,134 +198,3 @@ def _shown(network: CropNetwork, frame: Frame, start: Start, look: Look) -> Look
             "BOTTOM about the person, in pixels of the video (--frames chooses another first frame)"
         )
     return found
-
-
-@dataclass(frozen=True)
-class _Known:
-    """Where the person was seen last: the box, and how many frames ago."""
-
-    box: Box | None = None
-    age: int = 0
-    ever: bool = False
-
-    def after(self, look: Look | None) -> _Known:
-        box = None if look is None else look.box()
-        if box is None:
-            return replace(self, age=self.age + 1)
-        return _Known(box, 0, True)
-
-    def doubts(self, look: Look) -> bool:
-        """Whether a look shows something smaller, or elsewhere, than a frame before."""
-        box = look.box()
-        if self.box is None or box is None or self.age >= _AGE:
-            return False
-        return _size(box) < _SHRUNK * _size(self.box) or self.moved(box) > _JUMPED
-
-    def unless_elsewhere(self, look: Look | None) -> Look | None:
-        """A look, but none at somebody too far away to be who was seen a moment ago."""
-        box = None if look is None else look.box()
-        if box is None or self.box is None or self.age >= _AGE:
-            return look
-        return look if self.moved(box) <= _NEARBY else None
-
-    def moved(self, box: Box | None) -> float:
-        """Distance of the middles, in sizes of the person."""
-        if self.box is None or box is None:
-            return 0.0
-        x, y = (0.5 * (box[i] + box[i + 2] - self.box[i] - self.box[i + 2]) for i in (0, 1))
-        return float((x * x + y * y) ** 0.5) / max(_size(self.box), 1e-6)
-
-
-def _surer(look: Look, other: Look | None, joint_set: JointSet, known: _Known) -> Look:
-    """The likelier of two people to be the one who was followed."""
-    if other is None:
-        return look
-
-    def score(one: Look) -> float:
-        box = one.box()
-        return sureness(one.confidence, joint_set) - (1.0 if box is None else known.moved(box))
-
-    return other if score(other) > score(look) else look
-
-
-def _size(box: Box) -> float:
-    return max(box[2] - box[0], box[3] - box[1])
-
-
-def _settled(looks: list[Look | None], joint_set: JointSet) -> list[Look | None]:
-    """The same looks with sides that motion allows, wherever somebody is followed."""
-    order = joint_set.mirrored()
-    settled: list[Look | None] = []
-    for _, group in groupby(looks, key=lambda look: look is None):
-        run = list(group)
-        seen = [look for look in run if look is not None]
-        settled += _settle(seen, order) if seen else run
-    return settled
-
-
-def _settle(looks: list[Look], order: tuple[int, ...]) -> list[Look]:
-    """The same for frames in a row."""
-    track = Track(
-        torch.stack([look.joints2d for look in looks]),
-        torch.stack([look.confidence for look in looks]),
-        join_candidates([look.candidates for look in looks]),
-        torch.tensor([max(look.crop.width, look.crop.height) for look in looks]),
-    )
-    track, exchanged = settle_sides(track, order)
-    settled = []
-    for row, look in enumerate(looks):
-        pose = look.joints3d
-        if pose is not None and exchanged[row]:
-            pose = pose[list(order)]
-        points, confidence = track.points[row], track.confidence[row]
-        settled.append(replace(look, joints2d=points, confidence=confidence, joints3d=pose))
-    return settled
-
-
-def _in_camera_axes(looks: list[Look | None], camera: Camera) -> list[Look | None]:
-    """The same looks with 3D joints turned from the ray through their crop to the camera."""
-    centers = [(0.0, 0.0) if look is None else look.crop.center for look in looks]
-    pixels = torch.tensor(centers, dtype=camera.intrinsics.dtype)[:, None, None]
-    turns = toward(camera.to_plane(pixels)[:, 0, 0]).float()
-    return [
-        look
-        if look is None or look.joints3d is None
-        else replace(look, joints3d=look.joints3d @ turn.mT)
-        for look, turn in zip(looks, turns, strict=True)
-    ]
-
-
-def _to_detections(looks: list[Look | None], network: CropNetwork) -> Detections:
-    """Looks of F frames as detections of the landmarks, (F, 1)."""
-    joint_set, error = network.joint_set, network.manifest.output.error3d
-    joints = len(joint_set)
-    nothing = torch.zeros(joints, 2), torch.zeros(joints)
-    points = torch.stack([nothing[0] if look is None else look.joints2d for look in looks])
-    trust = torch.stack([nothing[1] if look is None else look.confidence for look in looks])
-    joints2d, confidence = map_to_landmarks(points, trust, joint_set)
-    seen = [look is not None and look.joints3d is not None for look in looks]
-    if not any(seen):
-        return Detections.from_joints(joints2d[:, None], confidence[:, None])
-    zero3d = torch.zeros(joints, 3)
-    poses = torch.stack(
-        [zero3d if look is None or look.joints3d is None else look.joints3d for look in looks]
-    )
-    joints3d, complete = _positions(poses, joint_set)
-    trusted = torch.tensor(seen) & complete
-    return Detections(
-        joints2d[:, None],
-        confidence[:, None],
-        joints3d[:, None],
-        trusted[:, None],
-        None if error is None else torch.full((len(looks), 1), error),
-    )
-
-
-def _positions(poses: Tensor, joint_set: JointSet) -> tuple[Tensor, Tensor]:
-    """3D landmarks (F, 16, 3) about the middle of the hips, and which frames have all of them."""
-    known = poses.isfinite().all(-1)
-    mapped, seen = map_to_landmarks(poses, known.to(poses), joint_set)
-    hips = [LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip")]
-    root = mapped[:, hips].mean(1, keepdim=True)
-    there = seen > 0
-    return torch.where(there[..., None], mapped - root, 0), there.all(-1)

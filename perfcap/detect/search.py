@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from perfcap.detect.crop import Crop, Frame
-from perfcap.detect.look import Box, CropNetwork, Look, is_person, look_at, sureness
+from perfcap.detect.look import Box, CropNetwork, Finder, Look, is_person, look_at, sureness
+from perfcap.detect.whereabouts import ANYWHERE, Whereabouts
 
 _LOG = logging.getLogger(__name__)
 _OTHERS = (
@@ -30,32 +31,60 @@ def search(
     frame: Frame,
     person: int = 1,
     inside: Box | None = None,
+    finder: Finder | None = None,
+    last: Whereabouts = ANYWHERE,
     alone: bool = False,
 ) -> Look | None:
-    """The surest person of windows all over the image, looked at once more up close.
+    """The surest person of an image, looked at once more up close.
 
     Args:
         network: the detector.
         frame: (H, W, 3).
         person: 1 for the surest, 2 for the next, ...
         inside: where the person is; anywhere if None.
+        finder: says where people may be; windows all over the image without one, and where it
+            finds too few.
+        last: where the person was seen; who is too far from there is somebody else, and who is
+            nearer comes first.
         alone: whether to warn of others.
     """
-    spec = network.manifest.input
-    windows = list(_windows(frame, spec.size))
-    looks = look_at(network, frame, windows)
-    looks.sort(key=lambda look: -sureness(look.confidence, network.joint_set))
-    looks = _apart(looks)[: _CANDIDATES + person - 1]
-    closer = [turn_around(network, frame, centre(network, frame, look)) for look in looks]
-    closer.sort(key=lambda look: -sureness(look.confidence, network.joint_set))
-    people = [look for look in _apart(closer) if is_person(look.confidence, network.joint_set)]
-    if inside is not None:
-        people = [look for look in people if overlap(inside, look.box()) >= SAME]
-    box = people[0].box() if alone and len(people) > 1 else None
-    if box is not None:
-        left, top, right, bottom = box
-        _LOG.warning(_OTHERS, len(people), left, right, top, bottom)
-    return people[person - 1] if len(people) >= person else None
+
+    def likely(look: Look) -> float:
+        return -last.likely(look, network.joint_set)
+
+    for crops in _places_to_look(network, frame, finder):
+        looks = sorted(look_at(network, frame, crops), key=likely)
+        if inside is not None:
+            looks = [look for look in looks if overlap(inside, look.box()) > 0]
+        looks = _apart(looks)[: _CANDIDATES + person - 1]
+        closer = [turn_around(network, frame, centre(network, frame, look)) for look in looks]
+        closer.sort(key=likely)
+        people = [look for look in _apart(closer) if is_person(look.confidence, network.joint_set)]
+        there = [look for look in people if last.near(look)]
+        if people and not there:  # others are seen
+            return None
+        if inside is not None:
+            there = [look for look in there if overlap(inside, look.box()) >= SAME]
+        if len(there) >= person:
+            box = there[0].box() if alone and len(there) > 1 else None
+            if box is not None:
+                left, top, right, bottom = box
+                _LOG.warning(_OTHERS, len(there), left, right, top, bottom)
+            return there[person - 1]
+    return None
+
+
+def _places_to_look(
+    network: CropNetwork, frame: Frame, finder: Finder | None
+) -> Iterator[list[Crop]]:
+    """The people whom a finder sees and the whole image, then all over the image."""
+    size = network.manifest.input.size
+    if finder is not None:
+        seen = [look.around(network, finder.joint_set) for look in finder(frame)]
+        people = [crop for crop in seen if crop is not None]
+        if people:  # and the whole image: a person may be too close for a finder
+            yield [*people, Crop.around(whole(frame), size)]
+    yield list(_windows(frame, size))
 
 
 def centre(network: CropNetwork, frame: Frame, look: Look) -> Look:
@@ -133,13 +162,13 @@ def _windows(frame: Frame, size: tuple[int, int]) -> Iterator[Crop]:
     for scale in _SCALES:
         width = scale * longer * min(1.0, size[1] / size[0])
         height = width * size[0] / size[1]
-        for x in _places(left, right, width):
-            for y in _places(top, bottom, height):
+        for x in _spread(left, right, width):
+            for y in _spread(top, bottom, height):
                 if width < 0.99 * largest.width:
                     yield Crop((x, y), width, size)
 
 
-def _places(low: float, high: float, length: float) -> list[float]:
+def _spread(low: float, high: float, length: float) -> list[float]:
     """Middles of windows that cover a range, half a window apart."""
     if length >= high - low:
         return [0.5 * (low + high)]

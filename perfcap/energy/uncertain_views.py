@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -20,7 +19,7 @@ from perfcap.energy._arguments import (
 )
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.geometry.rotation import rotvec_to_matrix, skew
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -31,6 +30,7 @@ CAMERAS = "cameras"
 LENS = "lens"
 """Shared: log of the factor by which the focal length of each view is longer, (C,)."""
 
+_SMALL = 1e-3  # radians: below, the first terms of a series are exact
 _BLOCKS = {CLOCK: 1, CAMERAS: 6, LENS: 1}  # unknowns a view
 
 
@@ -153,14 +153,16 @@ class UncertainViews(Energy[Motion]):
 
     def _project(self, local: Tensor) -> tuple[Tensor, Tensor]:
         """Pixels of local points and their slopes in these, (F, C, N, 2) and (F, C, N, 2, 3)."""
-        eye = torch.eye(3).to(local)
-        here = replace(
-            self.cameras,
-            rotation=eye.expand_as(self.cameras.rotation),
-            translation=torch.zeros_like(self.cameras.translation),
+        eye, none = torch.eye(3).to(local)[None], local.new_zeros(1, 3)
+        found = [
+            replace(self.cameras.select([view]), rotation=eye, translation=none).linearize(points)
+            for view, points in enumerate(local.unbind(-3))
+        ]
+        pixels, slopes = (
+            torch.cat(parts, axis)
+            for axis, parts in zip((-3, -4), zip(*found, strict=True), strict=True)
         )
-        columns = [_pushed(here.project_camera, local, axis.expand_as(local)) for axis in eye]
-        return columns[0][0], torch.stack([column for _, column in columns], -1)
+        return pixels, slopes
 
     def _blocks(
         self, motion: Motion, local: Tensor, slope: Tensor, speed: Tensor
@@ -175,7 +177,7 @@ class UncertainViews(Energy[Motion]):
         if CAMERAS in motion.shared:
             turn, shift = motion.shared[CAMERAS].reshape(-1, 2, 3).unbind(-2)
             still = local - shift[:, None]  # turned, not shifted: what the rotation moves
-            lever = -_cross(still) @ _left_jacobian(turn)[:, None]  # F C N 3 3
+            lever = -skew(still) @ _left_jacobian(turn)[:, None]  # F C N 3 3
             own = scale.unsqueeze(-1) * torch.cat((slope @ lever, slope), -1)  # F C N 2 6
             spread = own.unsqueeze(-2) * views[:, None, None, :, None]  # F C N 2 C 6
             found[CAMERAS] = spread.flatten(-2).flatten(1, 2)
@@ -193,12 +195,18 @@ class UncertainViews(Energy[Motion]):
         return smooth_at(seen, clock)
 
 
-def _spline(apart: Tensor) -> Tensor:
-    """Quintic cardinal B-spline at distances (...,) of 0 to 3: six of them sum to one."""
-    x = apart.abs().clamp(max=3)
-    powers = (6, (3 - x).clamp(min=0)), (-36, (2 - x).clamp(min=0)), (90, (1 - x).clamp(min=0))
-    parts = [factor * reach**5 for factor, reach in powers]
-    return torch.stack(parts).sum(0) / 720
+_KNOTS = (6.0, 3), (-36.0, 2), (90.0, 1)  # factors of the fifth powers of what is left to a knot
+
+
+def _spline(apart: Tensor) -> tuple[Tensor, Tensor]:
+    """Quintic cardinal B-spline at distances (...,), six of which sum to one, and its slope."""
+    x, side = apart.abs().clamp(max=3), apart.sign()
+    value, slope = torch.zeros_like(x), torch.zeros_like(x)
+    for factor, knot in _KNOTS:
+        left = (knot - x).clamp(min=0)
+        value = value + factor / 720 * left**5
+        slope = slope - factor / 144 * left**4 * side
+    return value, slope
 
 
 def smooth_at(detections: Detections, clock: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -223,7 +231,7 @@ def smooth_at(detections: Detections, clock: Tensor) -> tuple[Tensor, Tensor, Te
     inside = ((taps >= 0) & (taps < frames)).all(-1)
     index, view = taps.clamp(0, frames - 1), torch.arange(detections.views)[:, None]
     apart = place[..., None] - taps
-    weight, slope = _pushed(_spline, apart, torch.ones_like(apart))
+    weight, slope = _spline(apart)
     values = detections.joints2d[index, view.to(index.device)]  # F C 6 16 2
     sure = detections.confidence2d[index, view.to(index.device)]  # F C 6 16
     pixels, speed = (torch.einsum("fct,fctnk->fcnk", w, values) for w in (weight, slope))
@@ -231,27 +239,12 @@ def smooth_at(detections: Detections, clock: Tensor) -> tuple[Tensor, Tensor, Te
     return pixels, torch.einsum("fct,fctn->fcn", weight, sure) * known, speed
 
 
-def _cross(vectors: Tensor) -> Tensor:
-    """Matrices of the cross product with vectors (..., 3)."""
-    x, y, z = vectors.unbind(-1)
-    none = torch.zeros_like(x)
-    rows = (none, -z, y, z, none, -x, -y, x, none)
-    return torch.stack(rows, -1).reshape(*x.shape, 3, 3)
-
-
 def _left_jacobian(vectors: Tensor) -> Tensor:
     """How a rotation turns, in its own axes after it, as its vector (C, 3) changes; (C, 3, 3)."""
-    columns = []
-    for axis in torch.eye(3).to(vectors):
-        value, slope = _pushed(rotvec_to_matrix, vectors, axis.expand_as(vectors))
-        spin = slope @ value.mT
-        columns.append(torch.stack((spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]), -1))
-    return torch.stack(columns, -1)
-
-
-def _pushed(
-    function: Callable[[Tensor], Tensor], here: Tensor, along: Tensor
-) -> tuple[Tensor, Tensor]:
-    """A value and its derivative along a direction."""
-    pair = torch.func.jvp(function, (here,), (along,))
-    return pair[0], pair[1]
+    angle = vectors.norm(dim=-1)[:, None, None]
+    small, square = angle < _SMALL, angle.square()
+    safe = torch.where(small, torch.ones_like(angle), angle)
+    first = torch.where(small, 0.5 - square / 24, (1 - safe.cos()) / safe.square())
+    second = torch.where(small, 1 / 6 - square / 120, (safe - safe.sin()) / safe**3)
+    turn = skew(vectors)
+    return torch.eye(3).to(vectors) + first * turn + second * turn @ turn

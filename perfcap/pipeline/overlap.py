@@ -83,7 +83,6 @@ def _overlap(found: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
 # --- How well a surface overlaps the masks of a clip ----------------------------------------------
 
 BLOCK = 8  # frames drawn at once
-Measure = Callable[[Sequence[Outline], Evidence, int], float]  # of outlines and masks of a frame
 
 
 def blocks(start: int, stop: int) -> list[range]:
@@ -124,9 +123,20 @@ def clip_overlaps(
     evidence: Evidence,
     workers: int | None = None,
     kept: Kept = NOTHING,
-    measure: Measure = frame_overlap,
 ) -> NDArray[np.float64]:
-    """The same, or another ``measure``, of every frame of a clip, (F,)."""
+    """The same of every frame of a clip, (F,)."""
+    return clip_measures(surface, sight, evidence, frame_overlap, workers, kept)
+
+
+def clip_measures(
+    surface: SurfaceFrames,
+    sight: Sight,
+    evidence: Evidence,
+    measure: Callable[[Sequence[Outline], Evidence, int], float | tuple[float, ...]],
+    workers: int | None = None,
+    kept: Kept = NOTHING,
+) -> NDArray[np.float64]:
+    """What a measure of outlines ``[C]`` and masks says of every frame, (F,) or (F, ...)."""
 
     def measured(frames: range) -> NDArray[np.float64]:
         span = slice(frames.start, frames.stop)

@@ -147,6 +147,13 @@ class PoseSearch:
         found = search_particles(energy, start, spread, random, self.config.particles)
         return posed(found.value[None])
 
+    def costs(
+        self, actor: Actor, seen: FrameView, joints: Flags, poses: Sequence[Motion]
+    ) -> list[float]:
+        """Cost by silhouettes (Eq. 7) of poses (1,) that differ in some joints (J,) alone."""
+        covers = _Covers(self, actor, seen, poses[0], joints)
+        return [float(covers.costs(pose)) for pose in poses]
+
 
 class _Covers:
     """What poses that differ in some joints cover of the silhouettes of a frame."""

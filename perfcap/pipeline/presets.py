@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from perfcap.pipeline.config import MONOPERFCAP_POSE, MUVS_POSE, PoseConfig
 from perfcap.pipeline.followed_person import FramesConfig
 from perfcap.pipeline.keep_apart import ApartConfig
+from perfcap.pipeline.lost_limbs import LostLimbsConfig
 from perfcap.pipeline.refine_contours import ContoursConfig
 from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
@@ -25,13 +26,15 @@ class CaptureConfig(Settings):
 
     ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.
     With ``frames``, people are followed from the first frame on instead of refined all at once.
-    ``apart`` keeps the skins of several people apart.
+    ``lost_limbs`` are searched for in the silhouettes of one view. ``apart`` keeps the skins of
+    several people apart.
     """
 
     pose: PoseConfig = field(default_factory=PoseConfig)
     contours: ContoursConfig = field(default_factory=ContoursConfig)
     segment: bool = True
     silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    lost_limbs: LostLimbsConfig = field(default_factory=LostLimbsConfig)
     refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
     refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)
     frames: FramesConfig | None = None
@@ -42,6 +45,7 @@ class CaptureConfig(Settings):
 MONOPERFCAP = CaptureConfig(
     MONOPERFCAP_POSE,
     silhouettes=MONOPERFCAP_SILHOUETTES,
+    lost_limbs=LostLimbsConfig(enabled=False),
     refine_pose=MONOPERFCAP_REFINE_POSE,
     refine_surface=MONOPERFCAP_REFINE_SURFACE,
 )

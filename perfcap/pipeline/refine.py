@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.followed_person import Tracking
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
+from perfcap.pipeline.lost_limbs import find_lost_limbs
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
@@ -90,6 +91,8 @@ class Refinement:
         }
         if self.surface is not None:
             report["surface"]["folded_share"] = _plain(self.surface.folded)
+        if self.pose.limbs:
+            report["lost_limbs"] = [each.report(first_frame) for each in self.pose.limbs]
         if self.tracking is not None:
             report["tracking"] = self.tracking.report()
         doubtful = {"doubtful_masks": (self.doubtful_masks + first_frame).tolist()}
@@ -187,13 +190,18 @@ class Refiner:
             )
 
     def pose(self, evidence: Evidence) -> PoseRefinement:
-        """The motion (F,) pulled towards silhouettes."""
+        """The motion (F,) pulled towards silhouettes, after limbs that detectors lost."""
         person, settings = self.person, self.job.config.refine_pose
         with person.stage("refine_pose") as tell:
-            return refine_pose(
-                *(person.problem, self.sight, evidence, person.motion, settings),
+            lost = find_lost_limbs(
+                *(person.problem, self.sight, evidence, person.motion),
+                *(self.job.config.lost_limbs, self.job.workers, person.checkpoint),
+            )
+            refined = refine_pose(
+                *(lost.problem, self.sight, evidence, lost.motion, settings),
                 *(self.job.workers, tell, person.checkpoint),
             )
+        return replace(refined, beyond=lost.beyond, limbs=lost.found)
 
     def finish(
         self, evidence: Evidence, pose: PoseRefinement, name: str = "refine_surface"

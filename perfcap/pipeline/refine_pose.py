@@ -18,10 +18,10 @@ from perfcap.energy.contour_alignment import ContourAlignment
 from perfcap.energy.joint_target import JointTarget
 from perfcap.geometry.camera import Camera
 from perfcap.memory import give_back
-from perfcap.pipeline.beyond_masks import frame_beyond
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, motions
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
+from perfcap.pipeline.lost_limbs import FoundLimb
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.overlap import blocks, clip_overlaps, keep_better
 from perfcap.pipeline.sight import Sight
@@ -42,8 +42,9 @@ class PoseRefinement:
         before: intersection over union of surface and masks under the motion given, (F,).
         after: under the refined motion as it is here, (F,).
         kept: False in frames that the refinement would have made worse; they are as given, (F,).
-        beyond: what stands out of the masks under the motion given, (F,), see ``frame_beyond``;
-            None in several views.
+        beyond: what stood out of the masks before, (F,), see ``frame_excess``; None in several
+            views.
+        limbs: that were searched for and found before, see ``find_lost_limbs``.
     """
 
     motion: Motion
@@ -51,6 +52,7 @@ class PoseRefinement:
     after: NDArray[np.float64]
     kept: NDArray[np.bool_]
     beyond: NDArray[np.float64] | None = None
+    limbs: tuple[FoundLimb, ...] = ()
 
 
 def refine_pose(
@@ -107,12 +109,8 @@ def refine_pose(
         return clip_overlaps(surface, sight, evidence, workers, kept)
 
     before = overlaps(motion)
-    beyond = None
-    if sight.views == 1:
-        surface, kept = SkinnedSurface(problem.actor, motion), checkpoint.kept("refine_pose_beyond")
-        beyond = clip_overlaps(surface, sight, evidence, workers, kept, frame_beyond)
     result, after, better = keep_better(partial(_faded, motion, found), overlaps, before)
-    return PoseRefinement(result, before, after, better, beyond)
+    return PoseRefinement(result, before, after, better)
 
 
 class _Terms:

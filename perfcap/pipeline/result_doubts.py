@@ -113,6 +113,12 @@ def doubts(looked: Looked) -> Iterator[str]:
     if refinement is None:
         return
     yield from _of_frames(refinement.evidence)
+    for limb in dict.fromkeys(each.words for each in refinement.pose.limbs):
+        frames = sum(e.stop - e.start for e in refinement.pose.limbs if e.words == limb)
+        yield (
+            f"in {frames} frames the {limb} is where silhouettes show it, not where its joints "
+            "were detected; how far in front or behind is a guess (lost_limbs in run.json)"
+        )
     # a good mask in twenty is named, too: no reason to warn
     doubtful, frames = len(refinement.doubtful_masks), len(refinement.pose.after)
     contradicted = len(refinement.evidence.doubtful) or doubtful > _MANY * frames

@@ -234,7 +234,7 @@ def judge_frames(evidence: Tensor, beyond: Tensor | None = None) -> Trust:
     Args:
         evidence: of the motion, (F, 10), see ``frame_evidence``.
         beyond: of one view's images, what of the posed body stands out of the silhouette, (F,),
-            percent of the squared height; see ``frame_beyond``. None where images say nothing.
+            percent of the squared height; see ``frame_excess``. None where images say nothing.
     """
     deviation, views = evidence[:, -1:], evidence[:, FEATURES.index("views")]
     alone = deviation[:, 0].isfinite() & (views < _ONE_VIEW)

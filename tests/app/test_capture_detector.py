@@ -10,6 +10,7 @@ import torch
 from runs import Command
 from takes import TakeFiles, camera_entry, detect, make_take, shrunk, write_json, write_take
 from tiny_networks import MANIFESTS, draw, vitpose, write_model
+from tiny_people import write_people
 from written_files import motion
 
 from perfcap.detect.detections import Detections
@@ -299,3 +300,47 @@ def test_saved_3d_is_millimetres_and_untrusted_frames_are_unknown(tmp_path: Path
         atol=1e-5,
         rtol=0,
     )
+
+
+@pytest.fixture(scope="session")
+def finder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finders")
+    return write_people(folder, ("COCO-17", "landmarks16"), joints=16, split=0.0)
+
+
+def with_finder(line: list[str], *names: Path | str) -> list[str]:
+    place = line.index("--detector") + 1
+    return [*line[:place], *map(str, names), *line[place + 1 :]]
+
+
+def test_a_finder_takes_the_place_of_windows(
+    dots: TakeFiles,
+    network: Path,
+    finder: Path,
+    tmp_path: Path,
+    perfcap: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unwanted(*_: object) -> None:
+        raise AssertionError("windows were searched")
+
+    monkeypatch.setattr("perfcap.detect.search._windows", unwanted)
+    line = with_finder(call(dots, network, tmp_path), finder, network)
+    assert perfcap(line).code == 0
+    found, _ = read_detections(tmp_path / "detections.npz")
+    assert located(found, dots.take.detections) < 0.5
+    run = json.loads((tmp_path / "run.json").read_text())
+    assert run["request"]["detector"] == [str(finder), str(network)]
+
+
+def test_a_finder_follows_nobody_and_comes_first(
+    dots: TakeFiles, network: Path, finder: Path, tmp_path: Path, perfcap: Command
+) -> None:
+    line = call(dots, network, tmp_path)
+    for names, words in (
+        ((finder,), "does not follow them; name networks that look up close after it"),
+        ((network, finder), "expected one such network at most, named first"),
+        ((finder, network, finder), "expected one such network at most, named first"),
+    ):
+        assert words in perfcap(with_finder(line, *names)).refused()
+    assert not list(tmp_path.glob("*"))

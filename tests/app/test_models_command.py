@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 from tiny_networks import rtmpose
+from tiny_people import people
 
 from perfcap import __version__
 from perfcap.cli import main
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.detect.people import OnnxFinder
 from perfcap.io.actor import models_folder
 
 DETECTORS = models_folder() / "detectors"
@@ -26,9 +28,9 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 def test_shipped_models_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "models")
     assert code == 0
-    for name in ("sam", "ada", "thunder", "blazepose", "blazepose_heavy", "rendered", "cmu"):
+    for name in ("sam", "ada", "multipose", "thunder", "blazepose", "blazepose_heavy", "cmu"):
         assert name in out
-    assert run(capsys, "models", "list", DETECTORS)[1].count("COCO-17") == 4
+    assert run(capsys, "models", "list", DETECTORS)[1].count("COCO-17") == 6
 
 
 def test_files_that_are_not_there_are_named(
@@ -59,6 +61,23 @@ def test_a_manifest_that_was_written_serves(
     assert guessed.file.licence == 'a "b" \\ c'
     code, _, err = run(capsys, "models", "manifest", model)
     assert code == 2 and "--overwrite" in err
+
+
+@pytest.mark.parametrize(("name", "size"), [("multipose", 384), ("tiny", 192)])
+def test_a_network_of_several_people_is_known_by_its_layout(
+    tmp_path: Path, name: str, size: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "model.onnx"
+    if name == "tiny":
+        model.write_bytes(people().SerializeToString())
+    else:
+        shutil.copy(DETECTORS / name / "model.onnx", model)
+    code, out, _ = run(capsys, "models", "manifest", model)
+    assert code == 0 and f"--detector {tmp_path} thunder" in out.replace("\n", " ")
+    assert ("takes others than 384" in out) == (name == "multipose")
+    guessed = OnnxFinder(tmp_path).manifest
+    assert guessed.input.size == (size, size) and guessed.joint_set.name == "COCO-17"
+    assert guessed.output == OnnxFinder(DETECTORS / "multipose").manifest.output
 
 
 @pytest.mark.parametrize(

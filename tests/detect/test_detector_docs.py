@@ -33,7 +33,7 @@ def test_manifests_of_the_page(tmp_path: Path, name: str, text: str) -> None:
 
 
 def test_the_page_names_all_kinds_and_sets() -> None:
-    assert len(MANIFESTS) == 5
+    assert len(MANIFESTS) == 6
     for word in (*KINDS, *(joint_set.name for joint_set in JOINT_SETS)):
         assert word in PAGE, word
 

@@ -1,87 +1,18 @@
 """Following with crops that turn, people who jump, and several networks, by a made-up network."""
 
-from dataclasses import dataclass, field
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import torch
+from made_up_eyes import SIDE, Eyes, Glance, draw, errors
 from numpy.typing import NDArray
 
 from perfcap.detect.decode import Estimate
-from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.person import Start, follow_person
 from perfcap.detect.pose_fusion import TRUST
 from perfcap.errors import InputError
-
-SIDE = 96
-PLACES = torch.tensor(  # of a standing body, one high, head up
-    [
-        *((0.0, 0.0), (0.0, 0.2), (-0.15, 0.22), (-0.2, 0.4), (-0.2, 0.55)),
-        *((0.15, 0.22), (0.2, 0.4), (0.2, 0.55), (-0.1, 0.5), (-0.1, 0.75), (-0.1, 0.95)),
-        *((-0.15, 1.0), (0.1, 0.5), (0.1, 0.75), (0.1, 0.95), (0.15, 1.0)),
-    ]
-)
-
-
-def draw(*people: tuple[float, float, float, float]) -> NDArray[np.uint8]:
-    """A frame with people of (x, y, height, degrees that they are turned): a value for each joint,
-    in red, and how sure one may be of them in green."""
-    frame = np.zeros((240, 320, 3), np.uint8)
-    for number, (x, y, height, degrees) in enumerate(people):
-        angle = np.radians(degrees)
-        turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        points = height * (PLACES - torch.tensor([0.0, 0.5])) @ turn.T.float()
-        for joint, (px, py) in enumerate(points.tolist()):
-            px, py = round(px + x), round(py + y)
-            frame[py - 3 : py + 4, px - 3 : px + 4] = (10 * joint + 50, 255 - 80 * number, 0)
-    return frame
-
-
-@dataclass
-class Eyes:
-    """Finds dots by their value, and believes in those of people whose head is up."""
-
-    turns: str
-    joint_set: JointSet = LANDMARKS16
-    surest: float = 1.0
-    blind: tuple[str, ...] = ()
-    crops: int = 0
-    manifest: Any = field(init=False)
-
-    def __post_init__(self) -> None:
-        spec = SimpleNamespace(size=(SIDE, SIDE), padding=1.2, turns=self.turns)
-        self.manifest = SimpleNamespace(
-            input=spec, output=SimpleNamespace(kind="coordinates", crop_axes=False, error3d=None)
-        )
-
-    def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
-        self.crops += len(crops)
-        found = [self._one(crop.astype(float)) for crop in crops]
-        points, trust = (torch.stack(each) for each in zip(*found, strict=True))
-        return Estimate(points, trust, None)
-
-    def _one(self, crop: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor]:
-        points, trust = torch.zeros(16, 2), torch.zeros(16)
-        strongest = max(crop[..., 1].max(), 1.0)
-        mine = crop[..., 1] > strongest - 60
-        for joint, name in enumerate(LANDMARKS):
-            value = crop[..., 0] * strongest / np.maximum(crop[..., 1], 1)
-            near = mine & (np.abs(value - (10 * joint + 50)) < 4)
-            if near.any() and name not in self.blind:
-                rows, columns = np.nonzero(near)
-                points[joint] = torch.tensor([columns.mean(), rows.mean()]).float()
-                trust[joint] = self.surest * strongest / 255
-        upright = points[0, 1] < points[8, 1] - 10 and trust[[0, 8]].all()
-        return points, trust * (1.0 if upright else 0.35)
-
-
-def errors(found: torch.Tensor, x: float, y: float, height: float, degrees: float) -> torch.Tensor:
-    angle = np.radians(degrees)
-    turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    truth = height * (PLACES - torch.tensor([0.0, 0.5])) @ turn.T.float() + torch.tensor([x, y])
-    return (found - truth).norm(dim=-1)
 
 
 @pytest.mark.parametrize("turns", ["quarters", "upright"])
@@ -191,3 +122,48 @@ def test_another_networks_poses_are_taken_where_they_are_of_use(swaps: bool) -> 
     depth = 0.1 * torch.arange(16.0)
     expected = depth - depth[[8, 12]].mean()  # each joint its own, left and right as the first has
     torch.testing.assert_close(found.joints3d[..., 2], expected.expand(2, 1, 16))
+
+
+def test_a_finder_saves_windows_and_finds_who_is_small() -> None:
+    places = ((80, 120, 140), (250, 200, 50))
+    frames = [draw(*((*place, 0) for place in places)) for _ in range(2)]
+    windows, eyes = Eyes("none"), Eyes("none")
+    follow_person(windows, iter(frames), Start())
+    for person, place in enumerate(places, 1):
+        eyes.crops = 0
+        found = follow_person(eyes, iter(frames), Start(person=person, finder=Glance(places)))
+        assert errors(found.joints2d[1, 0], *place, 0).max() < 3
+        assert eyes.crops < windows.crops / 3
+
+
+def test_windows_are_searched_where_a_finder_finds_too_few() -> None:
+    place = (80, 120, 140)
+    frames = [draw((*place, 0)), draw((*place, 0))]
+    nothing, nowhere = Glance(()), Glance(((280, 60, 60),))
+    for finder in (nothing, nowhere):
+        found = follow_person(Eyes("none"), iter(frames), Start(finder=finder))
+        assert errors(found.joints2d[1, 0], *place, 0).max() < 3
+        assert finder.frames == 1, "who is followed is not searched for"
+    both = [draw((*place, 0), (240, 130, 120, 0))] * 2
+    found = follow_person(Eyes("none"), iter(both), Start(person=2, finder=Glance((place,))))
+    assert errors(found.joints2d[1, 0], 240, 130, 120, 0).max() < 3
+
+
+def test_a_box_says_which_of_a_finders_people() -> None:
+    places = ((80, 120, 140), (250, 130, 100))
+    frames = [draw(*((*place, 0) for place in places)) for _ in range(2)]
+    box = (170, 20, 310, 230)  # about half of it is the person
+    eyes, finder = Eyes("none"), Glance(places)
+    found = follow_person(eyes, iter(frames), Start(box, finder=finder))
+    assert errors(found.joints2d[1, 0], *places[1], 0).max() < 3
+    with pytest.raises(InputError, match="nobody is seen there"):
+        follow_person(eyes, iter(frames), Start((150, 10, 190, 90), finder=finder))
+
+
+def test_who_jumps_is_looked_for_by_the_finder() -> None:
+    here, there = (80, 120, 120), (170, 120, 120)
+    frames = [draw((*place, 0)) for place in (here, here, there)]
+    finder = Glance((here, there))
+    found = follow_person(Eyes("none"), iter(frames), Start(finder=finder))
+    assert finder.frames == 2
+    assert errors(found.joints2d[2, 0], *there, 0).max() < 3

@@ -45,12 +45,14 @@ SHARED = {
     "cameras": {
         CAMERAS: 0.05 * torch.randn(18, generator=torch.Generator().manual_seed(1)).double()
     },
+    "still": {CAMERAS: torch.zeros(18, dtype=F64)},
     "lens": {LENS: torch.tensor([0.2, -0.3, 0.1], dtype=F64)},
 }
 UNKNOWN = [
     (),
     ("clock",),
     ("cameras",),
+    ("still",),
     ("lens",),
     ("cameras", "bones", "clock"),
     ("bones", "lens", "cameras"),

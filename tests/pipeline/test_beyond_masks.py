@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from perfcap.pipeline.beyond_masks import frame_beyond
+from perfcap.pipeline.beyond_masks import frame_excess
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import given_record
 from perfcap.pipeline.sight import Outline
@@ -34,22 +34,26 @@ def drawn(mask: np.ndarray) -> Outline:
 @pytest.mark.parametrize("scale", [1, 2])
 def test_a_limb_that_no_mask_explains(scale: int) -> None:
     """Of 20 x 60 pixels of a person of 200, all but the four nearest columns."""
-    found = frame_beyond([drawn(person(scale, 60))], evidence(person(scale), scale=scale), 0)
-    assert found == pytest.approx(100 * 20 * 56 / HEIGHT**2, rel=0.03)
+    with_limb, without = person(scale, 60), person(scale)
+    beyond, left = frame_excess([drawn(with_limb)], evidence(without, scale=scale), 0)
+    assert beyond == pytest.approx(100 * 20 * 56 / HEIGHT**2, rel=0.03) and left == 0.0
+    # and the other way round
+    beyond, left = frame_excess([drawn(without)], evidence(with_limb, scale=scale), 0)
+    assert left == pytest.approx(100 * 20 * 56 / HEIGHT**2, rel=0.03) and beyond == 0.0
 
 
 def test_a_person_in_their_mask_and_in_a_larger_one() -> None:
     for worn in (0, 60):  # a mask may have more, such as clothes
-        assert frame_beyond([drawn(person())], evidence(person(limb=worn)), 0) == 0.0
-    assert frame_beyond([drawn(person(limb=3))], evidence(person()), 0) == 0.0  # near enough
+        assert frame_excess([drawn(person())], evidence(person(limb=worn)), 0)[0] == 0.0
+    assert frame_excess([drawn(person(limb=3))], evidence(person()), 0) == (0, 0)  # near enough
 
 
 def test_views_are_averaged_and_empty_ones_say_nothing() -> None:
     views = [drawn(person(limb=60)), drawn(person(limb=60))]
-    both = frame_beyond(views, evidence(person(), person(limb=60)), 0)
-    alone = frame_beyond(views[:1], evidence(person()), 0)
-    assert both == pytest.approx(0.5 * alone)
-    assert frame_beyond(views[:1], evidence(np.zeros_like(person())), 0) == 0.0
+    both, _ = frame_excess(views, evidence(person(), person(limb=60)), 0)
+    alone, _ = frame_excess(views[:1], evidence(person()), 0)
+    assert both == pytest.approx(0.5 * alone) and alone > 1
+    assert frame_excess(views[:1], evidence(np.zeros_like(person())), 0) == (0, 0)
 
 
 def test_trust_falls_where_a_limb_stands_out() -> None:

@@ -56,3 +56,36 @@ def test_shipped_networks_answer_any_number_of_crops_alike() -> None:
         both = session.run(["joints"], {"image": images})[0]
         apart = [session.run(["joints"], {"image": images[[i]]})[0][0] for i in range(2)]
         np.testing.assert_allclose(both, np.stack(apart), rtol=1e-4, atol=1e-4)
+
+
+def test_the_shipped_network_of_several_people_takes_images_of_any_number_and_size() -> None:
+    model = ROOT / "models" / "detectors" / "multipose" / "model.onnx"
+    session = onnxruntime.InferenceSession(str(model))
+    rng = np.random.default_rng(1)
+    for height, width in ((256, 256), (160, 256), (320, 224)):
+        images = 255 * rng.random((2, height, width, 3)).astype(np.float32)
+        (both,) = session.run(["people"], {"image": images})
+        apart = [session.run(["people"], {"image": images[[i]]})[0][0] for i in range(2)]
+        assert both.shape == (2, 6, 56)
+        np.testing.assert_allclose(both, np.stack(apart), rtol=1e-4, atol=1e-4)
+        scores, joints = both[..., 55], both[..., :51].reshape(2, 6, 17, 3)
+        assert ((scores >= 0) & (scores <= 1)).all()
+        low, high = both[..., 51:53], both[..., 53:55]
+        assert (low >= 0).all() and (high <= 1).all() and (low <= high).all()
+        inside = (joints[..., :2] > low[:, :, None] - 0.1) & (
+            joints[..., :2] < high[:, :, None] + 0.1
+        )
+        assert inside[joints[..., 2] > 0.05].all(), "joints are looked for within the box"
+
+
+def test_a_graph_has_nodes_of_two_outputs(tmp_path: Path) -> None:
+    graph = Graph()
+    values, places = graph.add_pair("TopK", "rows", graph.whole(2), axis=1)
+    graph.add("Identity", values, name="values")
+    graph.add("Cast", places, name="places", to=1)
+    graph.save(
+        tmp_path / "g.onnx", "test", {"rows": ("N", 4)}, {"values": ("N", 2), "places": ("N", 2)}
+    )
+    rows = np.array([[1, 4, 2, 3]], np.float32)
+    found = onnxruntime.InferenceSession(str(tmp_path / "g.onnx")).run(None, {"rows": rows})
+    np.testing.assert_array_equal(found, [[[4, 3]], [[1, 3]]])

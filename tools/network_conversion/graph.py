@@ -34,6 +34,12 @@ class Graph:
         self.nodes.append(helper.make_node(kind, list(inputs), [output], **attributes))
         return output
 
+    def add_pair(self, kind: str, *inputs: str, **attributes: Any) -> tuple[str, str]:
+        """Append a node of two outputs; returns their names."""
+        one, other = self._name(), self._name()
+        self.nodes.append(helper.make_node(kind, list(inputs), [one, other], **attributes))
+        return one, other
+
     def constant(self, value: NDArray[Any]) -> str:
         """Numbers as an input of nodes, stored as half precision where nothing is lost."""
         value = np.ascontiguousarray(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,14 @@ from numpy.typing import NDArray
 
 _JOINTS = 17
 _DTYPES = {"float32": "<f4", "float16": "<f2", "int32": "<i4"}
-_ROOT = "StatefulPartitionedCall/"
+ROOT = "StatefulPartitionedCall/"
 # what the decoder after them reads: one map a joint, offsets from the middle to the joints, where
 # a person's middle is, and where in its pixel a joint is
 _HEADS = {
-    "heat": f"{_ROOT}kpt_heatmap_0/conv2d_5/BiasAdd",
-    "regress": f"{_ROOT}kpt_regress_0/conv2d_6/BiasAdd",
-    "center": f"{_ROOT}center_0/conv2d_4/BiasAdd",
-    "offset": f"{_ROOT}kpt_offset_0/conv2d_7/BiasAdd",
+    "heat": f"{ROOT}kpt_heatmap_0/conv2d_5/BiasAdd",
+    "regress": f"{ROOT}kpt_regress_0/conv2d_6/BiasAdd",
+    "center": f"{ROOT}center_0/conv2d_4/BiasAdd",
+    "offset": f"{ROOT}kpt_offset_0/conv2d_7/BiasAdd",
 }
 
 
@@ -33,23 +34,21 @@ def convert_movenet(source: Path, target: Path) -> None:
     distance from where that person's middle says it is; and the offset within its pixel.
     """
     description = json.loads(source.read_text())
-    weights = _read_weights(description, source.parent)
+    weights = read_weights(description, source.parent)
     nodes = [node for node in description["modelTopology"]["node"] if node["op"] != "Const"]
     (size,) = {
         int(node["attr"]["shape"]["shape"]["dim"][1]["size"])
         for node in nodes
         if node["op"] == "Placeholder"
     }
-    body = _Body(Graph(), weights, size)
-    for node in nodes:
-        if body.has_heads():
-            break
-        body.translate(node)
+    body = Body(Graph(), weights, size)
+    body.run(nodes, _HEADS.values())
     outputs = _decode(body)
     body.graph.save(target, source.stem, {"image": ("N", size, size, 3)}, outputs)
 
 
-def _read_weights(description: dict[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
+def read_weights(description: dict[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
+    """Weights by name, of a description and the files beside it."""
     weights = {}
     for group in description["weightsManifest"]:
         data = b"".join((folder / name).read_bytes() for name in group["paths"])
@@ -68,23 +67,39 @@ def _read_weights(description: dict[str, Any], folder: Path) -> dict[str, NDArra
     return weights
 
 
-class _Body:
-    """The convolutions: names of the original to outputs of the graph, and their sizes."""
+class Body:
+    """The convolutions: names of the original to outputs of the graph, and their sizes.
+
+    Args:
+        graph: that is written.
+        weights: by the original's names.
+        size: height and width of the image, pixels.
+    """
 
     def __init__(self, graph: Graph, weights: dict[str, NDArray[Any]], size: int) -> None:
         self.graph, self.weights, self.size = graph, weights, size
         self.known: dict[str, tuple[str, int]] = {}  # output and height, which is the width
+        self.factors: dict[str, NDArray[Any]] = {}  # of sizes that follow from those of images
 
-    def has_heads(self) -> bool:
-        return all(name in self.known for name in _HEADS.values())
+    def run(self, nodes: Iterable[dict[str, Any]], heads: Collection[str]) -> None:
+        """Translate nodes in order until all heads are there."""
+        for node in nodes:
+            if all(name in self.known for name in heads):
+                break
+            self.translate(node)
 
     def translate(self, node: dict[str, Any]) -> None:
+        """One node of the original."""
         kind, name, inputs = node["op"], node["name"], node.get("input", ())
         if kind == "Placeholder":
             image = self.graph.add("Transpose", "image", perm=[0, 3, 1, 2])
             self.known[name] = image, self.size
         elif kind in ("Cast", "Unpack", "ExpandDims", "Squeeze"):  # one image of a batch, and back
             self.known[name] = self.known[inputs[0]]
+        elif kind in ("Shape", "StridedSlice"):  # height and width, which are scaled next
+            pass
+        elif kind == "Mul" and inputs[0] not in self.known:
+            self.factors[name] = self.weights[inputs[1]]
         elif kind in ("Sub", "Mul"):  # the normalisation of pixels, by constants
             value, side = self.known[inputs[0]]
             constant = self.weights[inputs[1]].astype(np.float32).reshape(-1, 1, 1)
@@ -103,7 +118,9 @@ class _Body:
 
     def _resize(self, node: dict[str, Any]) -> tuple[str, int]:
         value, side = self.known[node["input"][0]]
-        height, width = (int(v) for v in self.weights[node["input"][1]])
+        size = node["input"][1]
+        sides = side * self.factors[size] if size in self.factors else self.weights[size]
+        height, width = (int(v) for v in sides)
         if height != width or not node["attr"]["half_pixel_centers"]["b"]:
             raise ValueError(f"{node['name']}: expected half-pixel centres and a square")
         scales = np.array([1, 1, height / side, width / side], np.float32)
@@ -136,7 +153,7 @@ class _Body:
         return result, -(-length // steps[0])
 
 
-def _decode(body: _Body) -> dict[str, tuple[int | str, ...]]:
+def _decode(body: Body) -> dict[str, tuple[int | str, ...]]:
     """Heads to ``joints`` (N, 17, 3) of y, x in units of the crop and confidence."""
     graph, weights = body.graph, body.weights
     heads = {name: body.known[node] for name, node in _HEADS.items()}
@@ -147,7 +164,7 @@ def _decode(body: _Body) -> dict[str, tuple[int | str, ...]]:
         for name, (value, _) in heads.items()
     }
     heat = graph.add("Sigmoid", flat["heat"])  # N 17 cells
-    near = weights[f"ConstantFolding/{_ROOT}truediv_2_recip"].astype(np.float32)
+    near = weights[f"ConstantFolding/{ROOT}truediv_2_recip"].astype(np.float32)
     middle = graph.add("Mul", graph.add("Sigmoid", flat["center"]), _row(graph, near))
     place = graph.add("ArgMax", middle, axis=2, keepdims=1)  # N 1 1
     # 34 numbers at the middle: y and x of joints, from there
@@ -163,7 +180,7 @@ def _decode(body: _Body) -> dict[str, tuple[int | str, ...]]:
         apart = graph.add("Sub", _row(graph, values), there)
         square.append(graph.add("Mul", apart, apart))
     distance = graph.add("Sqrt", graph.add("Add", *square))
-    softened = graph.add("Add", distance, graph.number(float(weights[f"{_ROOT}add_5/y"])))
+    softened = graph.add("Add", distance, graph.number(float(weights[f"{ROOT}add_5/y"])))
     best = graph.add("ArgMax", graph.add("Div", heat, softened), axis=2, keepdims=1)  # N 17 1
     confidence = graph.add("GatherElements", heat, best, axis=2)
     offsets = graph.add("Reshape", flat["offset"], graph.whole(0, _JOINTS, 2, cells))
@@ -172,7 +189,7 @@ def _decode(body: _Body) -> dict[str, tuple[int | str, ...]]:
     )
     within = graph.add("Reshape", graph.add("GatherElements", offsets, both, axis=3), pair)
     points = graph.add("Add", within, _cell(graph, best, side))
-    (unit,) = {float(v) for v in weights[f"{_ROOT}Reshape_13"].ravel()}
+    (unit,) = {float(v) for v in weights[f"{ROOT}Reshape_13"].ravel()}
     scaled = graph.add("Mul", points, graph.number(unit))
     graph.add("Concat", scaled, confidence, name="joints", axis=2)
     graph.add("Reshape", heat, graph.whole(0, _JOINTS, side, side), name="heat")
