@@ -104,8 +104,9 @@ def doubts(
     findings += examine_cameras(inputs.rig)
     fitting = detected or not alone
     findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=fitting)
-    clip, pixel_map = (None, None) if detected else (inputs.clip, inputs.pixel_map)
-    findings += examine_take(inputs.rig, inputs.detections, clip, pixel_map)
+    findings += examine_take(
+        inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map, detected=detected
+    )
     return _sentences(findings)
 
 

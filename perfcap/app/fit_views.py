@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -140,6 +141,21 @@ def fit_person(
         settings: of the fit.
         checkpoint: keeps masks that were found.
     """
+    with warnings.catch_warnings():
+        # the inputs were examined as a whole, and it is known where their joints come from
+        warnings.filterwarnings("ignore", "body fit: ", UserWarning)
+        return _fitted(model, chosen, height, masks, evidence, settings, checkpoint)
+
+
+def _fitted(
+    model: BodyModel,
+    chosen: ChosenFrames,
+    height: float | None,
+    masks: PersonMasks | None,
+    evidence: Evidence,
+    settings: ViewFitSettings | None,
+    checkpoint: Checkpoint,
+) -> tuple[BodyFit, PersonMasks | None]:
     detections, cameras = chosen.detections, chosen.cameras
     actor = model.actor(torch.zeros(0)).to(detections.joints2d)
     problem = FrameProblem.of(actor, cameras, detections)

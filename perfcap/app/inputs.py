@@ -94,6 +94,7 @@ def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Input
             *(detectors, boxes, request.person or 1, tell, checkpoint),
             poses=lifter is not None,
             finder=finder,
+            chosen=request.person is not None,
         )
         if request.everybody:
             detecting = replace(detecting, people=request.head_count or 1)

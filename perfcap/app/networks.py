@@ -40,6 +40,7 @@ class Detecting:
         boxes: (left, top, right, bottom) of the person in the first frame of each view; none to
             search.
         person: which one of a search, 1 for the surest.
+        chosen: whether the user said which one.
         people: how many of a search are followed, each on their own; None for that one.
         poses: whether 3D joints of the others are of use where the first one has none.
         finder: finds the people of whole images; windows are searched without one.
@@ -55,6 +56,7 @@ class Detecting:
     people: int | None = None
     poses: bool = False
     finder: OnnxFinder | None = None
+    chosen: bool = False
 
 
 def open_networks(names: Sequence[str]) -> tuple[OnnxFinder | None, tuple[OnnxDetector, ...]]:
@@ -190,14 +192,19 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
     for view, box in enumerate(boxes):
         first, *others = _remembering(detecting, view)
         frames, camera = _frames(clip, view, detecting.tell), _view(cameras, view, len(clip))
-        start = Start(box, detecting.person, detecting.finder)
+        # of several views, the others show who is followed
+        alone = clip.views == 1 and detecting.people is None and not detecting.chosen
+        start = Start(box, detecting.person, detecting.finder, alone)
         found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:
         if detecting.person > 1:
+            seen = f"fewer people are seen in every frame of {', '.join(clip.names)}"
+            if detecting.people is not None:
+                most = detecting.person - 1
+                raise InputError(f"--people {detecting.people}: {seen}; expected {most} at most")
             raise InputError(
-                f"--person {detecting.person}: fewer people are seen in every frame of "
-                f"{', '.join(clip.names)}; expected 1 for the surest, 2 for the next"
+                f"--person {detecting.person}: {seen}; expected 1 for the surest, 2 for the next"
             )
         raise _nobody(clip, detecting)
     return whole

@@ -40,11 +40,13 @@ class Start:
         box: (left, top, right, bottom) of the person in the first frame; None to search.
         person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
         finder: network that finds people in whole images; None to search with windows.
+        alone: whether to warn of others in that image.
     """
 
     box: Box | None = None
     person: int = 1
     finder: Finder | None = None
+    alone: bool = False
 
 
 def follow_person(
@@ -161,8 +163,8 @@ def _follow(
         if look is not None and number == 0:
             look = _shown(network, frame, start, look)
         if look is None or not is_person(look.confidence, network.joint_set):
-            person = start.person if not known.ever else 1
-            look = search(network, frame, person, finder=start.finder, last=known)
+            whom = replace(start, person=1, alone=False) if known.ever else start
+            look = search(network, frame, whom.person, None, whom.finder, known, whom.alone)
         elif known.doubts(look):
             again = search(network, frame, finder=start.finder, last=known)
             seen = [look] if again is None else [look, again]

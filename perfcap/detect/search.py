@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,11 @@ from perfcap.detect.crop import Crop, Frame
 from perfcap.detect.look import Box, CropNetwork, Finder, Look, is_person, look_at, sureness
 from perfcap.detect.whereabouts import ANYWHERE, Whereabouts
 
+_LOG = logging.getLogger(__name__)
+_OTHERS = (
+    "%d people are seen, and the surest is followed, at first at x %.0f to %.0f, y %.0f to %.0f: "
+    "--person 2 or --box says another, and overlay.mp4 shows who it is"
+)
 _SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
 _STEP = 0.5  # of a window: how far apart they are
 _CANDIDATES = 3  # windows looked at again around what they show
@@ -27,6 +33,7 @@ def search(
     inside: Box | None = None,
     finder: Finder | None = None,
     last: Whereabouts = ANYWHERE,
+    alone: bool = False,
 ) -> Look | None:
     """The surest person of an image, looked at once more up close.
 
@@ -39,6 +46,7 @@ def search(
             finds too few.
         last: where the person was seen; who is too far from there is somebody else, and who is
             nearer comes first.
+        alone: whether to warn of others.
     """
 
     def likely(look: Look) -> float:
@@ -58,6 +66,10 @@ def search(
         if inside is not None:
             there = [look for look in there if overlap(inside, look.box()) >= SAME]
         if len(there) >= person:
+            box = there[0].box() if alone and len(there) > 1 else None
+            if box is not None:
+                left, top, right, bottom = box
+                _LOG.warning(_OTHERS, len(there), left, right, top, bottom)
             return there[person - 1]
     return None
 

@@ -29,6 +29,7 @@ from perfcap.io.doctor import (
 )
 from perfcap.io.doctor.evidence import Scene as Seen
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.rest import examine_rest
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
@@ -90,7 +91,7 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ..
     if images is None or not images.examined:
         told += input_doubts(cameras, joints)
     if images is not None and looked_at and not images.examined:
-        told += _image_doubts(images, cameras, joints)
+        told += _image_doubts(images, cameras, joints, scene.rate)
     return told
 
 
@@ -293,13 +294,16 @@ def _triangulated(cameras: Camera, detections: Detections) -> Tensor:
 _REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
 
 
-def _image_doubts(images: Images, cameras: Camera, detections: Detections) -> tuple[str, ...]:
+def _image_doubts(
+    images: Images, cameras: Camera, detections: Detections, rate: float
+) -> tuple[str, ...]:
     """Sentences about images that show little, or something else.
 
     Args:
         images: as they are given to a capture.
         cameras: C views in pixels of the detections.
         detections: (F, C), of the same frames.
+        rate: frames a second.
 
     Raises:
         InputError: most images of a view are of one color.
@@ -316,5 +320,7 @@ def _image_doubts(images: Images, cameras: Camera, detections: Detections) -> tu
         given, shown = (each.map(Tensor.detach).to(plain) for each in (cameras, images.cameras))
         rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
         pixels = shown.project_camera(rays)
-        found += examine_footage(images.reader, shown.size, detections, pixels)
+        places = (pixels.numpy(), detections.confidence2d.numpy())
+        moved = examine_rest(images.reader, names, rate, *places)
+        found += moved or examine_footage(images.reader, shown.size, detections, pixels)
     return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)

@@ -239,3 +239,19 @@ def test_a_height_that_the_views_contradict_is_told(
     right = views.command(tmp_path / "right", "--height", views.height)
     done = perfcap([*right, "--until", "initialize"])
     assert done.code in (0, 3) and "legs" not in str(done.notes)
+
+
+def test_what_the_capture_says_of_joints_is_not_said_by_the_fit_again(
+    views: Views, tmp_path: Path, perfcap: Command
+) -> None:
+    """It was a raw warning of Python, and wrong of joints that were found in this very video."""
+    known = dict(np.load(views.folder / "detections.npz"))
+    del known["view_names"]
+    known = {key: value[:, 0] if value.ndim > 2 else value for key, value in known.items()}
+    np.savez(tmp_path / "half.npz", **{**known, "joints2d": known["joints2d"] / 2})
+    call = ["capture", views.folder / "one.mp4", "--detections", tmp_path / "half.npz"]
+    more = ["--height", 1.8, "--until", "initialize", "--no-overlay", "--out", tmp_path / "out"]
+    done = perfcap([*call, *more])
+    assert done.code in (0, 3), done
+    assert sum("top left quarter" in note for note in done.notes) == 1
+    assert "UserWarning" not in done.err

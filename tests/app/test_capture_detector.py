@@ -121,6 +121,25 @@ def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: 
     assert error.mean() < 25
 
 
+def test_more_people_than_there_are(
+    tmp_path: Path, network: Path, dots: TakeFiles, perfcap: Command
+) -> None:
+    """The option that was given is named."""
+    take = make_take(6, views=2, actor=dots.take.actor)
+    cameras = shrunk(take.cameras, SIZE)
+    truth = detect(take.actor, cameras, take.truth, lifted=False)
+    entries = {name: camera_entry(cameras, c) for c, name in enumerate("ab")}
+    write_json(tmp_path / "cameras.json", {"views": entries})
+    line = call(dots, network, tmp_path / "out", "--people", "3")
+    line[1:2] = [str(write_images(tmp_path / name, truth, c)) for c, name in enumerate("ab")]
+    line[line.index("--cameras") + 1] = str(tmp_path / "cameras.json")
+    place = line.index("--lifter")
+    del line[place : place + 2]
+    outcome = perfcap(line)
+    assert outcome.code == 2 and "--people 3: fewer people" in outcome.err, outcome
+    assert "--person" not in outcome.err
+
+
 def test_a_damaged_actor_is_told_before_anybody_is_looked_for(
     dots: TakeFiles,
     network: Path,

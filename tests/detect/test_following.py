@@ -35,6 +35,20 @@ def test_the_next_person_and_the_one_in_a_box_can_be_chosen() -> None:
         assert errors(found.joints2d[1, 0], *place).max() < 3
 
 
+def test_others_who_are_seen_are_named_where_one_is_expected(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """The surest of two was captured without a word, whoever was meant."""
+    both, one = draw((80, 120, 140, 0), (240, 130, 120, 0)), draw((80, 120, 140, 0))
+    cases = [(both, Start(alone=True)), (both, Start()), (one, Start(alone=True))]
+    for (frame, start), told in zip(cases, (True, False, False), strict=True):
+        caplog.clear()
+        follow_person(Eyes("none"), iter([frame] * 3), start)
+        words = [record.getMessage() for record in caplog.records]
+        assert [each.startswith("2 people are seen") for each in words] == [True] * told
+        assert not told or ("x 41 to 119" in words[0] and "--person 2" in words[0]), words
+
+
 def test_a_box_around_nobody_is_refused() -> None:
     frames = [draw((80, 120, 140, 0)) for _ in range(2)]
     for box in ((200, 20, 300, 220), (100, 20, 300, 220)):  # the latter shows an arm

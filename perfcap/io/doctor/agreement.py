@@ -149,7 +149,10 @@ def _accuse(outcast: _Outcast, name: str, height: float) -> Finding:
         f"sees the person {outcast.error:.0f} px ({share:.0%} of their height) from where the "
         f"other views see them, which agree within {outcast.rest:.0f} px"
     )
-    remedy = "calibrate this view again or leave it out; check that its video is of this take"
+    remedy = (
+        "look whether its joints are of somebody else (--people follows everybody), and its video "
+        "of this take; else calibrate this view again or leave it out"
+    )
     return Finding(Severity.ERROR if share > HOPELESS else Severity.WARNING, name, what, remedy)
 
 

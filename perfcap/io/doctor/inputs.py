@@ -26,6 +26,7 @@ from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.rest import examine_rest
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
 
 Value = TypeVar("Value")
@@ -80,7 +81,11 @@ def examine_inputs(
 
 
 def examine_take(
-    rig: CameraRig, detections: Detections, clip: Clip | None, pixel_map: PixelMap | None
+    rig: CameraRig,
+    detections: Detections,
+    clip: Clip | None,
+    pixel_map: PixelMap | None,
+    detected: bool = False,
 ) -> list[Finding]:
     """Whether cameras, joints and video belong together, of what is read already.
 
@@ -89,12 +94,19 @@ def examine_take(
         detections: (F, C), in pixels of the calibration.
         clip: the same frames and views; None of no video.
         pixel_map: from the clip's pixels to the calibration's.
+        detected: whether the joints were found in this very video.
     """
     findings = examine_agreement(rig, detections)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)
-        findings += examine_footage(clip, clip.sizes, detections, there)
+        moved = examine_rest(
+            clip, rig.names, clip.fps, there.numpy(), detections.confidence2d.numpy()
+        )
+        # what else pixels show supposes a camera at rest
+        findings += moved
+        if not moved and not detected:
+            findings += examine_footage(clip, clip.sizes, detections, there)
     return findings
 
 

@@ -1,0 +1,105 @@
+"""Whether cameras that are calibrated as if they stood still do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.footage import Frames
+from perfcap.segment.registration import (
+    Landmarks,
+    Matrix,
+    RegistrationSettings,
+    find_landmarks,
+    register,
+)
+
+_GAPS = (0.5, 0.1)  # s between two images; the second where the first ones share too little
+_PAIRS, _FEWEST = 8, 3  # pairs of images looked at, and that must say something
+# of the longer side, that what is behind the person moves within a pair: 0.0004 at most in 42
+# videos of cameras at rest, 0.004 and more of cameras that turn or are held in a hand
+_FAR = 0.002
+_SHARE = 1 / 3  # of the pairs; who follows a person with a camera stops now and then
+_CONFIDENT = 0.3
+_MARGIN = 0.25  # about the joints, of their box
+_CORNERS = RegistrationSettings(side=320, tolerance=0.7)
+_REMEDY = (
+    "its motion becomes the person's, and the floor is lost: film from a tripod, or give R and t "
+    "of every frame in camera.json"
+)
+
+Array = NDArray[np.float64]
+
+
+def examine_rest(
+    clip: Frames, names: Sequence[str], rate: float, joints2d: Array, confidence: Array
+) -> list[Finding]:
+    """Views in which what is behind the person moves, from pairs of images evenly spread.
+
+    Plain walls show nothing, and neither does a person who fills the picture.
+
+    Args:
+        clip: C views.
+        names: of the views, C.
+        rate: frames a second.
+        joints2d: of the person in pixels of the videos, (F, C, 16, 2).
+        confidence: of them, (F, C, 16).
+    """
+    findings = []
+    for view, name in enumerate(names):
+        moved = _moved(clip, view, rate, joints2d[:, view], confidence[:, view] > _CONFIDENT)
+        far = [each for each in moved if each > _FAR]
+        if len(moved) < _FEWEST or len(far) < max(2, _SHARE * len(moved)):
+            continue
+        what = (
+            f"the camera moves, but is taken to stand still (what is behind the person shifts by "
+            f"{float(np.median(far)):.1%} of the image within half a second)"
+        )
+        findings.append(Finding(Severity.WARNING, name, what, _REMEDY))
+    return findings
+
+
+def _moved(
+    clip: Frames, view: int, rate: float, joints: Array, seen: NDArray[np.bool_]
+) -> list[float]:
+    """How far the background moves within each pair that shows it, of the longer side."""
+    count = min(len(clip), len(joints))
+    gaps = [min(max(1, round(gap * rate)), count - 1) for gap in _GAPS]
+    if count < 2:
+        return []
+    starts = np.linspace(0, count - 1 - gaps[0], min(_PAIRS, count - gaps[0])).round().astype(int)
+    moved = []
+    for start in starts.tolist():
+        if not seen[start].any():
+            continue
+        image = clip.read_view(view, start, start + 1)[0]
+        landmarks = find_landmarks(image, _about(joints[start, seen[start]], image), _CORNERS)
+        for gap in gaps:
+            other = clip.read_view(view, start + gap, start + gap + 1)[0]
+            matrix = register(landmarks, other, _CORNERS)
+            if matrix is not None:
+                moved.append(_shift(landmarks, matrix) / max(image.shape[:2]))
+                break
+    return moved
+
+
+def _about(joints: Array, image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The box about joints (n, 2), (H, W)."""
+    low, high = joints.min(0), joints.max(0)
+    margin = _MARGIN * float((high - low).max())
+    left, top = np.maximum(low - margin, 0).astype(int)
+    right, bottom = np.maximum(high + margin + 1, 0).astype(int)
+    hidden = np.zeros(image.shape[:2], np.bool_)
+    hidden[top:bottom, left:right] = True
+    return hidden
+
+
+def _shift(landmarks: Landmarks, matrix: Matrix) -> float:
+    """How far a homography of full pixels moves the corners in the median, pixels."""
+    corners = landmarks.corners.reshape(-1, 2) / landmarks.scale
+    there = np.pad(corners, ((0, 0), (0, 1)), constant_values=1.0) @ matrix.T
+    apart = np.linalg.norm(there[:, :2] / there[:, 2:] - corners, axis=-1)
+    return float(np.median(apart))
