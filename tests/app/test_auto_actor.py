@@ -21,7 +21,9 @@ from perfcap.app import fit_views
 from perfcap.cli import main
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
+from perfcap.io.actor import load_actor, models_folder
 from perfcap.io.body_model import load_body_model
+from perfcap.io.detections import read_detections, save_detections
 from perfcap.io.fitted_body import load_fitted_body
 from perfcap.pipeline.extract_silhouettes import SilhouetteSource
 from perfcap.render.projected_mesh import ProjectedMesh
@@ -255,3 +257,26 @@ def test_what_the_capture_says_of_joints_is_not_said_by_the_fit_again(
     assert done.code in (0, 3), done
     assert sum("top left quarter" in note for note in done.notes) == 1
     assert "UserWarning" not in done.err
+
+
+def test_the_body_wears_what_the_images_show(tmp_path: Path, perfcap: Command) -> None:
+    """A film in grey makes a grey person of the body in its red trousers."""
+    demo = models_folder() / "demo"
+    video = cv2.VideoCapture(str(demo / "video.mp4"))
+    (tmp_path / "frames").mkdir()
+    for frame in range(8):
+        picture = cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2GRAY)
+        cv2.imwrite(str(tmp_path / "frames" / f"{frame:02d}.png"), picture)
+    joints = read_detections([demo / "detections.npz"], views=("cam",))[0].frames(slice(0, 8))
+    save_detections(tmp_path / "joints.npz", joints, ("frames",))
+    call = ["capture", tmp_path / "frames", "--detections", tmp_path / "joints.npz", "--no-overlay"]
+    call += ["--fov", 41, "--until", "refine_pose", "--out", tmp_path / "out"]
+    assert perfcap(call).code in (0, 3)
+    worn = load_actor(tmp_path / "out" / "capture.glb").template.texture
+    own = load_body_model().actor(torch.zeros(0)).template.texture
+    assert worn is not None and own is not None
+    colored = [
+        np.ptp(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), 2).mean()
+        for data in (worn, own)
+    ]
+    assert colored[0] < 6 < 20 < colored[1]
