@@ -18,6 +18,8 @@ from perfcap.io.actor import ActorFile, find_actor, load_actor, models_folder
 from perfcap.io.body_model import DEFAULT_BODY
 from perfcap.io.result_folder import BODY_PICTURE
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+from perfcap.pipeline.painting import paint
+from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import PRESETS
 from perfcap.rigging import Person, ViewFitSettings
 
@@ -87,6 +89,13 @@ class Cast:
     actor: Actor
     warnings: tuple[str, ...] = ()
     body: PersonalBody | None = None
+
+    def dress(self, performance: Performance, inputs: Inputs) -> Performance:
+        """The same in the colours of the images, where a body was fitted and images looked at."""
+        if self.body is None:
+            return performance
+        cameras = inputs.pixel_map.cameras(performance.cameras, inputs.clip.sizes)
+        return paint(performance, inputs.clip, cameras)
 
     def save(self, folder: Path) -> None:
         """Write the files of the body, where there is one."""

@@ -75,7 +75,6 @@ from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.overlay import save_overlay, save_textured
-from perfcap.pipeline.painting import paint
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
@@ -167,9 +166,7 @@ def _run(
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
     performance = _perform(request, chosen.actor, inputs, masks, solve_bones, workers, work)
     performance = replace(performance, lost=inputs.lost)
-    if chosen.body is not None:
-        cameras = inputs.pixel_map.cameras(performance.cameras, inputs.clip.sizes)
-        performance = paint(performance, inputs.clip, cameras)
+    performance = chosen.dress(performance, inputs)
     with replacing(folder, last=True) as scratch:
         _draw(request, scratch, performance, inputs, work)
         chosen.save(scratch)

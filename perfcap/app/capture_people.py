@@ -156,7 +156,9 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
         solve_bones = wants_bones(request.bones, generic, each.detections)
         people.append(Person(one.actor, each.detections, solve_bones))
     captured = _perform(request, crowd.inputs, people, until, work)
-    done = [replace(each, lost=crowd.inputs.lost) for each in captured]
+    pairs = zip(chosen, captured, strict=True)
+    dressed = [one.dress(each, crowd.inputs) for one, each in pairs]
+    done = [replace(each, lost=crowd.inputs.lost) for each in dressed]
     cast_of = tuple(chosen)
     scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, tuple(notes))
     with replacing(folder, last=True) as scratch:
