@@ -26,6 +26,7 @@ _SIZE = 512  # pixels along the texture
 _FRAMES = 24  # that are looked at, spread over the clip
 _FEWEST = 8  # trusted frames from which others are left out
 _FACING = 0.3  # cosine at which a part is seen from the side at most
+_SHARP = 24  # power of the cosine: the mean of many frames blurs stripes, one frame shows seams
 _BEHIND = 0.015  # m by which a part may lie behind what is seen
 _INSIDE = 1.0  # percent of the person's height that a part is from the rim of the mask at least
 _MIRRORED = 0.03  # m between a part and the mirror image of one that was seen
@@ -38,8 +39,8 @@ Colors = NDArray[np.float64]
 def paint(performance: Performance, reader: FrameReader, cameras: Camera) -> Performance:
     """The same with an actor in the colours of the images; as it is where too little is seen.
 
-    A part has the mean over frames and views that face it, weighed by the fourth power of the
-    cosine. What no frame shows has the colour of its mirror image, or of the nearest part; light
+    A part has the mean over frames and views that face it, weighed by a high power of the cosine.
+    What no frame shows has the colour of its mirror image, or of the nearest part; light
     and shadow of the place are in the colours.
 
     Args:
@@ -51,13 +52,12 @@ def paint(performance: Performance, reader: FrameReader, cameras: Camera) -> Per
     if refinement is None or template.uv is None or performance.surface is None:
         return performance
     atlas = _Atlas.of(template)
-    colors, weights = atlas.seen(
+    colors, known = atlas.seen(
         _chosen(performance), performance.shown, reader, cameras, refinement.evidence
     )
-    known = weights > 0
     if known.mean() < _LEAST:
         return performance
-    image = atlas.image(atlas.completed(colors / np.maximum(weights, 1e-9)[:, None], known))
+    image = atlas.image(atlas.completed(colors, known))
     encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     painted = replace(template, texture=encoded.tobytes(), texture_mime="image/jpeg")
     actor = Actor(painted).to(performance.motion.angles)
@@ -119,8 +119,8 @@ class _Atlas:
         reader: FrameReader,
         cameras: Camera,
         evidence: Evidence,
-    ) -> tuple[Colors, NDArray[np.float64]]:
-        """Sums of weighed colours (N, 3) and weights (N,) over frames and views."""
+    ) -> tuple[Colors, NDArray[np.bool_]]:
+        """Mean colours over frames and views, (N, 3), and which parts any of them shows, (N,)."""
         colors, weights = np.zeros((len(self.rest), 3)), np.zeros(len(self.rest))
         for frame in frames:
             vertices = surface[frame : frame + 1][0].float().cpu()
@@ -139,7 +139,9 @@ class _Atlas:
                 if len(chosen):
                     weights[chosen] += weight[chosen]
                     colors[chosen] += weight[chosen, None] * _sampled(image, where[chosen])
-        return colors, weights
+        known = weights > 0
+        colors[known] /= weights[known, None]
+        return colors, known
 
     def _visible(
         self, camera: Camera, vertices: Tensor, points: Tensor, normals: Tensor, mask: Mask
@@ -159,7 +161,7 @@ class _Atlas:
         toward = torch.nn.functional.normalize(camera.centre[0, 0] - points, dim=-1)
         facing = (normals * toward).sum(-1)
         good = inside & front & mine & (facing > _FACING)
-        return torch.where(good, facing**4, 0).double().numpy(), where.float().numpy()
+        return torch.where(good, facing**_SHARP, 0).double().numpy(), where.float().numpy()
 
     def completed(self, colors: Colors, known: NDArray[np.bool_]) -> Colors:
         """Colours (N, 3) of all points: of their mirror images, or the nearest, where unknown."""
