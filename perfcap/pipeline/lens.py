@@ -23,6 +23,8 @@ from perfcap.pipeline.uncertain_problem import UncertainProblem
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import Settings
 
+_JOINTS = 7  # that a frame shows at least to count
+
 
 @dataclass(frozen=True)
 class LensConfig(Settings):
@@ -30,7 +32,7 @@ class LensConfig(Settings):
 
     Attributes:
         frames: the liveliest stretch of so many is looked at.
-        fewest: that show enough of a motion.
+        fewest: frames with a 3D pose and enough joints, below which nothing is shown.
         spread: deviation of the log focal length of unknown cameras about the assumed one: phones
             have lenses between 0.5 and 2 times their main one.
         steps: of the solver.
@@ -123,7 +125,7 @@ def solve_lens(
         )
     nothing = Lens(1.0, settings.spread, shown=False)
     part = detections.frames(liveliest(detections, settings.frames))
-    posed = part.trusted3d[:, 0] & ((part.confidence2d[:, 0] > 0).sum(-1) >= settings.fewest // 2)
+    posed = part.trusted3d[:, 0] & ((part.confidence2d[:, 0] > 0).sum(-1) >= _JOINTS)
     if int(posed.sum()) < settings.fewest:
         return nothing
     frames = FrameProblem.of(actor, cameras.to(part.joints2d), part, config)
