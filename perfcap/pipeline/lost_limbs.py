@@ -51,6 +51,7 @@ class LostLimbsConfig(Settings):
         unexplained: percent of the squared height that masks show beside the body at least.
         beyond: likewise that the body shows beside the masks.
         shortest: seconds of a stretch of such frames.
+        longest: frames of one; in a longer one more is wrong than a limb, and a search takes long.
         bridge: seconds between stretches that are one.
         explained: share of what masks show beside the body that a limb elsewhere must explain;
             what it shows beside the masks may not grow. Skirts and coats stay unexplained.
@@ -62,6 +63,7 @@ class LostLimbsConfig(Settings):
     unexplained: float = 0.4
     beyond: float = 0.25
     shortest: float = 0.1
+    longest: int = 80
     bridge: float = 0.15
     explained: float = 0.3
     smooth: float = 0.05
@@ -187,7 +189,7 @@ def _stretches(
         if start > 0 and stop < len(odd) and stop - start <= config.bridge * rate:
             odd[start:stop] = True
     for start, stop in ranges(odd):
-        if stop - start >= config.shortest * rate:
+        if config.shortest * rate <= stop - start <= config.longest:
             yield start, stop
 
 

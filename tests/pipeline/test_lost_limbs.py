@@ -131,5 +131,15 @@ def test_several_views_and_other_presets_do_not_search(views: int, config: LostL
     assert (found.beyond is None) == (views == 2)
 
 
+def test_what_is_wrong_for_long_is_no_limb() -> None:
+    true, given, problem, sight = take_of()
+    evidence = evidence_of(masks_of(true, sight), problem)
+    length = LOST.stop - LOST.start
+    for longest in (length, length - 1):
+        config = replace(QUICK, longest=longest)
+        found = found_in(given, problem, sight, evidence, config=config)
+        assert bool(found.found) == (longest == length)
+
+
 def test_the_paper_does_not_search() -> None:
     assert not MONOPERFCAP.lost_limbs.enabled and LostLimbsConfig().enabled
