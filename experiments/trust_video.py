@@ -28,7 +28,7 @@ from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
 from perfcap.geometry.alignment import procrustes
 from perfcap.pipeline import move
-from perfcap.pipeline.trust import FEATURES, THRESHOLD, Trust, judge_frames
+from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
 from perfcap.train.motion_library import MotionLibrary
 
 _NAMED = 0.1  # of the good frames, that may be named by mistake
@@ -58,16 +58,12 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Judged:
-    """A capture of a video alone: what is known of each frame, and its errors in metres.
-
-    Where images were looked at, ``beyond`` is what of the posed body stood out of the masks.
-    """
+    """A capture of a video alone: what is known of each frame, and its errors in metres."""
 
     name: str
     evidence: Tensor
     error: Tensor
     worst: Tensor
-    beyond: Tensor | None = None
 
     @property
     def bad(self) -> Tensor:
@@ -88,7 +84,7 @@ def run(config: Experiment) -> Report:
     rows: list[tuple[object, ...]] = [("films left out", *left_out)]
     if config.recordings:
         settings = Videos(config.data)
-        real = [judged(v.name, v.path, v.truth) for v in videos(settings)]
+        real = [_judged(v.name, v.path, v.truth) for v in videos(settings)]
         rows += [(each.name, *shares(each.bad, _named(each))) for each in real]
         bad_ones = torch.cat([each.bad for each in real])
         named = torch.cat([_named(each) for each in real])
@@ -109,20 +105,21 @@ def _films(config: Experiment) -> Iterator[Judged]:
         for count, hard, seed in ((config.level, False, 7), (config.hard, True, 11)):
             size = config.frames, config.size, seed, hard
             for film in films(*given, count, *size):
-                yield judged(film.name, film.path, film.truth)
+                yield _judged(film.name, film.path, film.truth)
 
 
-def judged(name: str, video: Path, truth: Tensor, until: str = "track_motion") -> Judged:
-    """Capture a video alone, and compare it with the truth about its joints, (F, 16, 3) m."""
-    seen: list[tuple[Tensor, Tensor | None]] = []
+def _judged(name: str, video: Path, truth: Tensor) -> Judged:
+    seen: list[Tensor] = []
 
-    def kept(evidence: Tensor, beyond: Tensor | None) -> Trust:
-        seen.append((evidence, beyond))
-        return judge_frames(evidence, beyond)
+    def kept(*arguments: object) -> Tensor:
+        seen.append(frame_evidence(*arguments))  # type: ignore[arg-type]
+        return seen[-1]
 
-    with tempfile.TemporaryDirectory() as folder, mock.patch.object(move, "judge_frames", kept):
+    with tempfile.TemporaryDirectory() as folder, mock.patch.object(move, "frame_evidence", kept):
         out = Path(folder) / "out"
-        request = Capture(videos=(video,), out=out, lifter="cmu", until=until, overlay=False)
+        request = Capture(
+            videos=(video,), out=out, lifter="cmu", until="track_motion", overlay=False
+        )
         run_capture(request)
         with np.load(out / "motion.npz") as file:
             joints = torch.from_numpy(file["joints3d"]).double()
@@ -131,9 +128,7 @@ def judged(name: str, video: Path, truth: Tensor, until: str = "track_motion") -
     known = truth.isfinite().all(-1).all(0)
     joints, truth = joints[:, known], truth[:, known]
     apart = (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1)
-    evidence, beyond = seen[-1]
-    shown = None if beyond is None else beyond[:count]
-    return Judged(name, evidence[:count], apart.mean(-1), apart.amax(-1), shown)
+    return Judged(name, seen[-1][:count], apart.mean(-1), apart.amax(-1))
 
 
 def _left_out(made: Sequence[Judged]) -> tuple[int, int, float, float]:

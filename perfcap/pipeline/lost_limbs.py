@@ -104,14 +104,11 @@ class LostLimbs:
         motion: (F,).
         problem: without the detections that contradict it.
         found: stretches of frames.
-        beyond: what of the body stands out of the masks, (F,), see ``frame_excess``; None where
-            several views show it.
     """
 
     motion: Motion
     problem: ClipProblem
     found: tuple[FoundLimb, ...] = ()
-    beyond: NDArray[np.float64] | None = None
 
 
 def find_lost_limbs(
@@ -137,7 +134,7 @@ def find_lost_limbs(
         workers: threads; all cores when not given. The result does not depend on it.
         checkpoint: keeps finished stretches.
     """
-    if sight.views != 1:
+    if sight.views != 1 or not config.enabled:
         return LostLimbs(motion, problem)
 
     def excess(motion: Motion, name: str) -> NDArray[np.float64]:
@@ -145,9 +142,9 @@ def find_lost_limbs(
         return clip_measures(surface, sight, evidence, frame_excess, workers, kept)
 
     odd = excess(motion, "lost_limbs_excess")
-    parts = list(_stretches(odd, problem.rate, config)) if config.enabled else []
+    parts = list(_stretches(odd, problem.rate, config))
     if not parts:
-        return LostLimbs(motion, problem, beyond=odd[:, 0])
+        return LostLimbs(motion, problem)
     search = _LimbSearch(problem, sight, evidence, motion, config)
     kept = checkpoint.kept("lost_limbs").each(
         tensors(motion.angles), search.stretch, parts, workers
@@ -170,9 +167,10 @@ def find_lost_limbs(
         trusted[start:stop] = False
         detections = replace(detections, confidence2d=seen, trusted3d=trusted)
         found.append(FoundLimb(start, stop, name))
-        odd[start:stop] = tried[start:stop]
+    if not found:
+        return LostLimbs(motion, problem)
     moved = _with_angles(motion, angles)
-    return LostLimbs(moved, replace(problem, detections=detections), tuple(found), odd[:, 0])
+    return LostLimbs(moved, replace(problem, detections=detections), tuple(found))
 
 
 def _with_angles(motion: Motion, angles: Tensor) -> Motion:

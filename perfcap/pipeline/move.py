@@ -129,7 +129,6 @@ class Moved:
     def performance(self, looked: Looked) -> Performance:
         """The result, with what images added."""
         start, problem = self.start, self.problem
-        beyond = None if looked.refinement is None else looked.refinement.pose.beyond
         return Performance(
             actor=problem.actor,
             cameras=problem.cameras,
@@ -152,10 +151,7 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_frames(
-                frame_evidence(self.judged, looked.motion),
-                None if beyond is None else torch.from_numpy(beyond),
-            ),
+            trust=judge_frames(frame_evidence(self.judged, looked.motion)),
         )
 
 

@@ -201,7 +201,7 @@ class Refiner:
                 *(lost.problem, self.sight, evidence, lost.motion, settings),
                 *(self.job.workers, tell, person.checkpoint),
             )
-        return replace(refined, beyond=lost.beyond, limbs=lost.found)
+        return replace(refined, limbs=lost.found)
 
     def finish(
         self, evidence: Evidence, pose: PoseRefinement, name: str = "refine_surface"

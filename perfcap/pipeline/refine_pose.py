@@ -42,8 +42,6 @@ class PoseRefinement:
         before: intersection over union of surface and masks under the motion given, (F,).
         after: under the refined motion as it is here, (F,).
         kept: False in frames that the refinement would have made worse; they are as given, (F,).
-        beyond: what stood out of the masks before, (F,), see ``frame_excess``; None in several
-            views.
         limbs: that were searched for and found before, see ``find_lost_limbs``.
     """
 
@@ -51,7 +49,6 @@ class PoseRefinement:
     before: NDArray[np.float64]
     after: NDArray[np.float64]
     kept: NDArray[np.bool_]
-    beyond: NDArray[np.float64] | None = None
     limbs: tuple[FoundLimb, ...] = ()
 
 

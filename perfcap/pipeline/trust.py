@@ -48,9 +48,6 @@ _BASE = 0.3  # percent of the person's height: no error is known better
 _TYPICAL_SPACE = 0.06  # m, where there is no 3D pose to differ from
 _LACKED = ("head_top", "neck", "r_toe", "l_toe")  # by COCO's joints, among others
 _LIMBS = [place for place, name in enumerate(LANDMARKS) if name not in _LACKED]
-# A limb that the images show elsewhere: half a forearm halves the trust of a frame; from 0.44 on
-# a frame is named that nothing else speaks against (experiments/trust_images.py).
-_LIMB, _OUT = 0.6, 0.4  # percent of the person's squared height
 _DAMPING = 1e-6  # relative to the largest curvature
 
 
@@ -228,14 +225,8 @@ class Trust:
             yield f"{len(self.doubtful) - _NAMED} shorter ranges are in run.json"
 
 
-def judge_frames(evidence: Tensor, beyond: Tensor | None = None) -> Trust:
-    """Trust from what is known of each frame.
-
-    Args:
-        evidence: of the motion, (F, 10), see ``frame_evidence``.
-        beyond: of one view's images, what of the posed body stands out of the silhouette, (F,),
-            percent of the squared height; see ``frame_excess``. None where images say nothing.
-    """
+def judge_frames(evidence: Tensor) -> Trust:
+    """Trust from the evidence of each frame, (F, 10)."""
     deviation, views = evidence[:, -1:], evidence[:, FEATURES.index("views")]
     alone = deviation[:, 0].isfinite() & (views < _ONE_VIEW)
     given = torch.cat((evidence[:, :-1], deviation.nan_to_num(), torch.ones_like(deviation)), -1)
@@ -244,17 +235,13 @@ def judge_frames(evidence: Tensor, beyond: Tensor | None = None) -> Trust:
         for lifted, others in ((_BAD_LIFTED, _BAD), (_ERROR_LIFTED, _ERROR))
     )
     value, error = torch.sigmoid(-bad), error.exp()
-    out = torch.zeros_like(value) if beyond is None else beyond.to(value)
-    value = value / (1 + (out / _LIMB) ** 4)
     spans = ranges(~(value >= THRESHOLD))  # what is no number is not trusted
-    doubtful = tuple((a, b, _reason(evidence[a:b].mean(0), out[a:b].mean())) for a, b in spans)
+    doubtful = tuple((a, b, _reason(evidence[a:b].mean(0))) for a, b in spans)
     return Trust(value, error, doubtful)
 
 
-def _reason(evidence: Tensor, beyond: Tensor) -> str:
+def _reason(evidence: Tensor) -> str:
     """What is most unusual about frames with this mean evidence."""
-    if float(beyond) > _OUT:
-        return "a part of the posed body lies where the images show no person"
     found = dict(zip(FEATURES, evidence.tolist(), strict=True))
     if found["least_support"] < _FEW:
         return "joints are not detected, or nothing agrees with their detections"

@@ -1,4 +1,4 @@
-"""Limbs that stand out of a silhouette: measured in the person's size, and bad for trust."""
+"""Limbs that stand out of a silhouette, measured in the person's size."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from perfcap.pipeline.beyond_masks import frame_excess
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import given_record
 from perfcap.pipeline.sight import Outline
-from perfcap.pipeline.trust import FEATURES, THRESHOLD, judge_frames
 
 HEIGHT = 200  # px
 
@@ -54,16 +53,3 @@ def test_views_are_averaged_and_empty_ones_say_nothing() -> None:
     alone, _ = frame_excess(views[:1], evidence(person()), 0)
     assert both == pytest.approx(0.5 * alone) and alone > 1
     assert frame_excess(views[:1], evidence(np.zeros_like(person())), 0) == (0, 0)
-
-
-def test_trust_falls_where_a_limb_stands_out() -> None:
-    features = torch.zeros(5, len(FEATURES), dtype=torch.float64)
-    features[:, FEATURES.index("support")] = 5.0  # good in all else
-    out = torch.tensor([0.0, 0.1, 0.3, 0.6, 3.0], dtype=torch.float64)
-    plain, found = judge_frames(features), judge_frames(features, out)
-    assert plain.value.min() > THRESHOLD and not plain.doubtful
-    assert torch.equal(found.value[0], plain.value[0])
-    assert found.value[1] > 0.99 * plain.value[1] and bool((found.value.diff() < 0).all())
-    assert (found.value < THRESHOLD).tolist() == [False, False, False, True, True]
-    ((start, stop, why),) = found.doubtful
-    assert (start, stop) == (3, 5) and "images show no person" in why
