@@ -43,8 +43,10 @@ def _make(folder: Path, made: list[Path]) -> None:
             made.append(place)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable(folder, error) from error
+        raise InputError(f"--out {unwritable(folder, error)}") from error
     except ValueError as error:  # a name that no file can have
-        raise InputError(f"{folder}: cannot be written ({error}); choose another place") from None
+        raise InputError(
+            f"--out {folder}: cannot be written ({error}); choose another place"
+        ) from None
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{folder}: the folder is not writable; choose another place")
+        raise InputError(f"--out {folder}: the folder is not writable; choose another place")
