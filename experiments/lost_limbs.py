@@ -21,7 +21,7 @@ from recordings import demo
 from report import Report, Table, data_folder
 from torch import Tensor
 from video_alone import Experiment as Videos
-from video_alone import videos
+from video_alone import Video, videos
 
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
@@ -49,13 +49,6 @@ class Experiment:
     """Whether the recordings are captured too, the shipped clip among them."""
 
 
-@dataclass(frozen=True)
-class _Video:
-    name: str
-    path: Path
-    truth: Tensor
-
-
 def run(config: Experiment) -> Report:
     """Errors of the frames in which a limb was found, with it and without the search."""
     torch.set_num_threads(1)
@@ -70,20 +63,19 @@ def run(config: Experiment) -> Report:
     return Report((Table("limbs found in silhouettes", columns, tuple(rows), 0),), (note,))
 
 
-def _videos(config: Experiment, scratch: Path) -> Iterator[_Video]:
+def _videos(config: Experiment, scratch: Path) -> Iterator[Video]:
     if config.recordings:
         known = demo()
-        yield _Video("demo", known.folder / "video.mp4", known.truth)
-        for each in videos(Videos(config.data)):
-            yield _Video(each.name, each.path, each.truth)
+        yield Video("demo", known.folder / "video.mp4", known.truth, known.rate)
+        yield from videos(Videos(config.data))
     if config.films:
         library = MotionLibrary.read(data_folder(config.data, "mocap_cmu_library"))
         size = config.frames, config.size, config.seed, True
         for film in films(scratch, library, config.films, *size):
-            yield _Video(f"film {film.name}", film.path, film.truth)
+            yield Video(f"film {film.name}", film.path, film.truth, film.rate)
 
 
-def _rows(video: _Video, out: Path) -> Iterator[tuple[str | float, ...]]:
+def _rows(video: Video, out: Path) -> Iterator[tuple[str | float, ...]]:
     call = Capture(videos=(video.path,), out=out, until="refine_pose", overlay=False)
     run_capture(call)
     seen = json.loads((out / "run.json").read_text())["refinement"]
