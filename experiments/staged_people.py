@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from filmed_people import moved
 from numpy.typing import NDArray
+from staged_cameras import HELD, Handling, shake, staged_camera
 from staged_room import empty_room, furnished, one_camera, random_lights
 from torch import Tensor
 
@@ -26,14 +27,12 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.body_model import load_body_model
 from perfcap.io.clip import Clip
 from perfcap.io.video_writer import VideoWriter
 from perfcap.render import (
     ProjectedMesh,
     Texture,
-    look_at,
     render,
     shade_ground,
     visibility,
@@ -60,7 +59,6 @@ _STEP = 2  # recorded frames between those of a video
 _TEXTURE, _CLOTH = 512, 96  # px: texture of the body, rows below it for a skirt
 _HELD, _SIDES = 0.6, 0.3  # m below the hips and to their sides, over which a skirt goes to a thigh
 _CALM = 0.15  # m, by which knees stay below the hips of who wears a skirt
-_REACH = 0.82  # of the image, that the motion fills
 _DEPTH_NOISE, _NOISE = 0.040, 0.020  # m, of 3D detections
 _KEPT = 0.8  # of that noise, from frame to frame
 
@@ -120,7 +118,13 @@ class Dressed:
 
 
 def staged(
-    folder: Path, library: MotionLibrary, number: int, frames: int, size: int, seed: int = 0
+    folder: Path,
+    library: MotionLibrary,
+    number: int,
+    frames: int,
+    size: int,
+    seed: int = 0,
+    handling: Handling | None = None,
 ) -> Staged:
     """The clip of a number; every third person wears a skirt, every third camera is held by hand.
 
@@ -131,9 +135,11 @@ def staged(
         frames: F.
         size: of the square images, px.
         seed: of a series of clips.
+        handling: of the camera, whatever the number is.
     """
     rng = np.random.default_rng([seed, number])
-    held = number % 3 == 2
+    if handling is None and number % 3 == 2:
+        handling = HELD
     person = _person(rng, skirted=number % 3 == 1)
     fitting = [r for r in library.recordings if len(r.turns) > _STEP * frames]
     if person.skirt is not None:
@@ -150,10 +156,11 @@ def staged(
         person.drawn(surface + up, hips, turn)
         for surface, hips, turn in zip(surfaces, mid_hip(joints), turns, strict=True)
     ]
-    cameras = _cameras(joints, size, rng, held)
+    cameras = staged_camera(joints, size, rng, handling, RATE)
     path = folder / f"staged{number}.mp4"
     masks = _film(path, person, drawn, joints, cameras, rng)
-    what = ", held by hand" if held else ", in a skirt" if person.skirt is not None else ""
+    dress = ", in a skirt" if person.skirt is not None else ""
+    what = dress if handling is None else f", {handling.name}"
     return Staged(
         name=f"{number}: {recording.name}{what}",
         actor=person.actor,
@@ -242,41 +249,6 @@ def _texture_places(figure: Figure, skirted: bool) -> tuple[Tensor, Tensor]:
     return torch.cat((body, cloth)), torch.cat((figure.faces_uv, faces + len(body)))
 
 
-def _cameras(joints: Tensor, size: int, rng: np.random.Generator, held: bool) -> Camera:
-    """A camera that sees the whole motion, on a stand or in a hand."""
-    points = joints.flatten(0, 1)
-    centre = 0.5 * (points.amin(0) + points.amax(0))
-    focal = float(rng.uniform(0.9, 1.6)) * size
-    reach = float((points - centre).norm(dim=-1).max()) + 0.2
-    distance = max(1.8, 2 * reach * focal / (_REACH * size))
-    heading, tilt = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(0, 18))
-    ray = [math.cos(tilt) * math.sin(heading), math.sin(tilt), math.cos(tilt) * math.cos(heading)]
-    count = len(joints) if held else 1
-    sway = 0.04 * _shake(count, rng) if held else torch.zeros(1, 3)
-    roam = 0.06 * _shake(count, rng) if held else torch.zeros(1, 3)
-    eye = centre + distance * centre.new_tensor(ray) + sway
-    eye[:, 1] = eye[:, 1].clamp(min=0.3)
-    rotation, translation = look_at(eye, centre + roam, centre.new_tensor([[0.0, 1.0, 0.0]]))
-    roll = torch.zeros(count, 3)
-    roll[:, 2] = math.radians(1.0) * (_shake(count, rng)[:, 0] if held else 0.0)
-    turn = rotvec_to_matrix(roll)
-    rotation, translation = turn @ rotation, (turn @ translation[..., None]).squeeze(-1)
-    middle = 0.5 * (size - 1)
-    lens = centre.new_tensor([[focal, 0, middle], [0, focal, middle], [0, 0, 1]])
-    parts = [lens.expand(count, 3, 3), rotation, translation]
-    parts = [part.double()[:, None] if held else part.double() for part in parts]
-    return Camera(parts[0], parts[1], parts[2], size=((size, size),))
-
-
-def _shake(count: int, rng: np.random.Generator) -> Tensor:
-    """A hand's motion along three axes, (F, 3), deviation about one."""
-    time = np.arange(count)[:, None, None] / RATE
-    often = rng.uniform(0.2, 2.5, (1, 5, 3))
-    size = rng.normal(size=(1, 5, 3)) / np.sqrt(often)
-    waves = (size * np.sin(2 * np.pi * often * time + rng.uniform(0, 6.3, (1, 5, 3)))).sum(1)
-    return torch.from_numpy(waves / np.sqrt(2.5)).float()
-
-
 def _film(
     path: Path,
     person: Dressed,
@@ -289,7 +261,7 @@ def _film(
     lighting = random_lights(rng)
     room = furnished(joints, cameras, rng)
     texture, faces, grain = person.texture, person.faces, rng.uniform(0.5, 5)
-    breath = 1 + 0.03 * _shake(len(drawn), rng)[:, 0].numpy() * (rng.random() < 0.5)
+    breath = 1 + 0.03 * shake(len(drawn), rng, RATE)[:, 0].numpy() * (rng.random() < 0.5)
     empty, masks = None, []
     with VideoWriter(path, RATE) as writer:
         for frame, surface in enumerate(drawn):

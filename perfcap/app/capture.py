@@ -151,7 +151,8 @@ def _run(
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
     given = inputs
-    inputs, views = settled(given, request.sync == "auto", request.refine_cameras)
+    held = request.cameras is None and request.camera_motion == "auto"
+    inputs, views = settled(given, request.sync == "auto", request.refine_cameras, held)
     inputs = examined(inputs, needs_images=images, detected=detected)
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
@@ -174,7 +175,8 @@ def _run(
             _save_detections(scratch, given)
         if request.cameras is None:
             seen = inputs.rig.names, inputs.clip.fps
-            save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen)
+            first = inputs.clip.start
+            save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen, first)
         wall = time.perf_counter() - started
         about = replace(inputs, warnings=(*inputs.warnings, *chosen.warnings))
         run = {"request": describe(request), "wall_s": wall, **environment(about)}

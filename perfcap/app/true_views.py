@@ -8,28 +8,36 @@ from typing import Any
 import torch
 
 from perfcap.app.inputs import Inputs
+from perfcap.app.moving_camera import find_motion
 from perfcap.errors import InputError
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.clip import Clip, LateSource
+from perfcap.pipeline.camera_motion import CameraMotion
 from perfcap.pipeline.lens import solve_lens
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 
-def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str, Any]]:
+def settled(
+    inputs: Inputs, sync: bool, refine: bool, held: bool = False
+) -> tuple[Inputs, dict[str, Any]]:
     """The inputs with clocks and cameras as a moving person shows them, and what was found.
 
     Videos are read from the nearest whole frame, joints between frames. A lens that is a guess
-    becomes the one that the motion shows, if it shows one.
+    becomes the one that what is behind the person shows, or their motion, if one of them does.
 
     Args:
         inputs: of two views or more, where clocks or places are to be found.
         sync: whether clocks are found (``--sync``).
         refine: whether cameras may stand a little elsewhere (``--refine-cameras``).
+        held: whether the one camera, which is assumed, may have been moved.
 
     Raises:
         InputError: one view, cameras that move, or a clip too short to tell.
     """
     if not (sync or refine):
+        motion = find_motion(inputs) if held else None
+        if motion is not None:
+            return _with_motion(inputs, motion)
         return _with_lens(inputs) if inputs.rig.guessed else (inputs, {})
     option = "--sync auto" if sync else "--refine-cameras"
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
@@ -51,6 +59,17 @@ def settled(inputs: Inputs, sync: bool, refine: bool) -> tuple[Inputs, dict[str,
         warnings=(*inputs.warnings, *found.sentences(names)),
     )
     return changed, found.report(names)
+
+
+def _with_motion(inputs: Inputs, motion: CameraMotion) -> tuple[Inputs, dict[str, Any]]:
+    """The inputs with a camera that moves."""
+    rig = inputs.rig
+    changed = replace(
+        inputs,
+        rig=replace(rig, cameras=motion.of_camera(rig.cameras)),
+        warnings=(*inputs.warnings, motion.sentence(rig.cameras)),
+    )
+    return changed, {"camera_motion": motion.report()}
 
 
 def _with_lens(inputs: Inputs) -> tuple[Inputs, dict[str, Any]]:

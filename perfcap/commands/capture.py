@@ -62,6 +62,9 @@ class Capture(Views):
     """auto: find by how many frames, and fractions, views are later than the first one."""
     refine_cameras: bool = False
     """Correct small errors of where cameras stand and look, from the person's motion."""
+    camera_motion: Literal["auto", "none"] = "auto"
+    """auto: find how the camera of one video without --cameras moved, by what is behind the person;
+    none: it stands still."""
     floor: Literal["auto", "none"] = "auto"
     """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
     device: str = "auto"

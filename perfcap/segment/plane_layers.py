@@ -96,7 +96,7 @@ def meet(corners: Corners, gray: Image, settings: LayerSettings) -> tuple[Corner
         The corners, with their planes, and homographies (3, 3) of shrunk pixels; none of either
         where too few agree.
     """
-    moved, found = _follow(corners.gray, gray, corners.points)
+    moved, found = follow(corners.gray, gray, corners.points)
     planes = np.full(len(moved), -1)
     matrices: list[Matrix] = []
     for _ in range(settings.planes):
@@ -135,7 +135,7 @@ def carry_on(
         guess = None
         if places is not None:
             chosen = (corners.planes == plane) & _open(places, before[1])
-            stepped, found = _follow(before[0], gray, places[chosen])
+            stepped, found = follow(before[0], gray, places[chosen])
             guess, _ = _fit(corners.points[chosen][found], stepped[found], settings)
         guesses.append(guess)
     return [
@@ -150,7 +150,7 @@ def _settled(
     """A guess, corrected by following the corners of the first frame all the way."""
     points = corners.points[corners.planes == plane]
     start = apply(guess, points)
-    moved, found = _follow(corners.gray, gray, points, start)
+    moved, found = follow(corners.gray, gray, points, start)
     near = found & (np.hypot(*(moved - start).T) < 4 * settings.tolerance)
     matrix, inside = _fit(points[near], moved[near], settings)
     enough = max(settings.least, settings.kept * int(found.sum()))
@@ -178,7 +178,7 @@ def _fit(
     return matrix, inside.ravel() > 0
 
 
-def _follow(
+def follow(
     gray: Image, other: Image, points: Points, start: Points | None = None
 ) -> tuple[Points, NDArray[np.bool_]]:
     """Where points (n, 2) are in another frame, and whether they are found (n,)."""

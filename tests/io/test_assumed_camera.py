@@ -1,7 +1,7 @@
 """The lens of a video that nobody calibrated."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import av
@@ -86,3 +86,17 @@ def test_what_was_assumed_can_be_read_again(tmp_path: Path) -> None:
     assert again.names == rig.names and again.fps == 30.0
     torch.testing.assert_close(again.cameras.intrinsics, rig.cameras.intrinsics)
     assert again.cameras.size == rig.cameras.size
+
+
+def test_a_camera_that_moves_can_be_read_again(tmp_path: Path) -> None:
+    """It is counted from the first frame of the video."""
+    known = assumed_rig(clip(), 70.0)
+    moving = known.cameras.every_frame(4)
+    shift = torch.arange(12, dtype=torch.float64).reshape(4, 1, 3)
+    moving = replace(moving, translation=moving.translation + shift)
+    save_assumed(tmp_path / "camera.json", moving, known.names, 30.0, start=2)
+    again = read_cameras(tmp_path / "camera.json").cameras
+    assert again.moving and again.size == moving.size
+    torch.testing.assert_close(again.translation[2:], moving.translation)
+    torch.testing.assert_close(again.translation[:2], moving.translation[:1].expand(2, 1, 3))
+    torch.testing.assert_close(again.intrinsics[3], moving.intrinsics[0])

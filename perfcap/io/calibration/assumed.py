@@ -89,15 +89,30 @@ def _pixels(fov: float, longer: int) -> float:
     return 0.5 * longer / math.tan(math.radians(0.5 * fov))
 
 
-def save_assumed(path: Path, cameras: Camera, names: Sequence[str], fps: float) -> None:
-    """Write a fixed camera as ``read_cameras`` reads it, to capture or draw with again."""
+def save_assumed(
+    path: Path, cameras: Camera, names: Sequence[str], fps: float, start: int = 0
+) -> None:
+    """Write a camera as ``read_cameras`` reads it, to capture or draw with again.
+
+    Args:
+        path: of the file.
+        cameras: fixed ones, or of each frame.
+        names: of the views.
+        fps: frames a second.
+        start: of the first frame in the video, which moving cameras count by; frames before it
+            have the first one's.
+    """
     views = {}
+    if cameras.moving:
+        index = torch.arange(-start, len(cameras.rotation)).clamp(min=0)
+        cameras = cameras.frames(index)
     for view, name in enumerate(names):
         height, width = cameras.size[view]
+        lens = cameras.intrinsics[..., view, :, :]
         views[name] = {
-            "K": np.round(cameras.intrinsics[view].numpy(), 6).tolist(),
-            "R": cameras.rotation[view].numpy().tolist(),
-            "t": cameras.translation[view].numpy().tolist(),
+            "K": np.round((lens[0] if cameras.moving else lens).numpy(), 6).tolist(),
+            "R": cameras.rotation[..., view, :, :].numpy().tolist(),
+            "t": cameras.translation[..., view, :].numpy().tolist(),
             "width": width,
             "height": height,
         }

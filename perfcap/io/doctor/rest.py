@@ -50,16 +50,37 @@ def examine_rest(
     """
     findings = []
     for view, name in enumerate(names):
-        moved = _moved(clip, view, rate, joints2d[:, view], confidence[:, view] > _CONFIDENT)
-        far = [each for each in moved if each > _FAR]
-        if len(moved) < _FEWEST or len(far) < max(2, _SHARE * len(moved)):
+        shift = background_shift(clip, view, rate, joints2d[:, view], confidence[:, view])
+        if shift is None:
             continue
         what = (
             f"the camera moves, but is taken to stand still (what is behind the person shifts by "
-            f"{float(np.median(far)):.1%} of the image within half a second)"
+            f"{shift:.1%} of the image within half a second)"
         )
         findings.append(Finding(Severity.WARNING, name, what, _REMEDY))
     return findings
+
+
+def background_shift(
+    clip: Frames, view: int, rate: float, joints2d: Array, confidence: Array
+) -> float | None:
+    """How far what is behind a person moves within half a second, of the longer side of the image.
+
+    Args:
+        clip: the frames.
+        view: which of its views.
+        rate: frames a second.
+        joints2d: of the person in pixels of the video, (F, 16, 2).
+        confidence: of them, (F, 16).
+
+    Returns:
+        None of a camera at rest, or of a background that shows nothing.
+    """
+    moved = _moved(clip, view, rate, joints2d, confidence > _CONFIDENT)
+    far = [each for each in moved if each > _FAR]
+    if len(moved) < _FEWEST or len(far) < max(2, _SHARE * len(moved)):
+        return None
+    return float(np.median(far))
 
 
 def _moved(
@@ -76,7 +97,8 @@ def _moved(
         if not seen[start].any():
             continue
         image = clip.read_view(view, start, start + 1)[0]
-        landmarks = find_landmarks(image, _about(joints[start, seen[start]], image), _CORNERS)
+        hidden = about_joints(joints[start, seen[start]], image.shape[:2])
+        landmarks = find_landmarks(image, hidden, _CORNERS)
         for gap in gaps:
             other = clip.read_view(view, start + gap, start + gap + 1)[0]
             matrix = register(landmarks, other, _CORNERS)
@@ -86,14 +108,15 @@ def _moved(
     return moved
 
 
-def _about(joints: Array, image: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """The box about joints (n, 2), (H, W)."""
-    low, high = joints.min(0), joints.max(0)
-    margin = _MARGIN * float((high - low).max())
-    left, top = np.maximum(low - margin, 0).astype(int)
-    right, bottom = np.maximum(high + margin + 1, 0).astype(int)
-    hidden = np.zeros(image.shape[:2], np.bool_)
-    hidden[top:bottom, left:right] = True
+def about_joints(joints: Array, size: tuple[int, ...]) -> NDArray[np.bool_]:
+    """The box about joints (n, 2) in an image of (height, width), and a margin; none of none."""
+    hidden = np.zeros(size, np.bool_)
+    if len(joints):
+        low, high = joints.min(0), joints.max(0)
+        margin = _MARGIN * float((high - low).max())
+        left, top = np.maximum(low - margin, 0).astype(int)
+        right, bottom = np.maximum(high + margin + 1, 0).astype(int)
+        hidden[top:bottom, left:right] = True
     return hidden
 
 

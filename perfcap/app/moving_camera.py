@@ -1,0 +1,63 @@
+"""Whether the camera of one video is held in a hand, and how it moved."""
+
+from __future__ import annotations
+
+import logging
+
+import torch
+
+from perfcap.app.console import progress_bars
+from perfcap.app.inputs import Inputs
+from perfcap.io.body_model import DEFAULT_BODY, load_body_model
+from perfcap.io.doctor.rest import about_joints, background_shift
+from perfcap.matchmove import CornerTracks, WaySettings, find_way
+from perfcap.pipeline.camera_motion import CameraMotion, in_metres
+
+_CONFIDENT = 0.3  # joints that say where the person is
+_LONGEST = 1800  # frames; more take gigabytes
+_BLOCK = 8  # frames that are read at once
+
+_LOG = logging.getLogger(__name__)
+
+
+def find_motion(inputs: Inputs) -> CameraMotion | None:
+    """How the camera of one video moved; None where it stands, or the background does not show it.
+
+    Args:
+        inputs: one view with an assumed camera.
+    """
+    clip, count = inputs.clip, inputs.detections.frame_count
+    joints = inputs.pixel_map.to_video(inputs.detections.joints2d)[:, 0].numpy()
+    confidence = inputs.detections.confidence2d[:, 0].numpy()
+    if background_shift(clip, 0, clip.fps, joints, confidence) is None:
+        return None
+    if count > _LONGEST:
+        _LOG.warning(
+            "the camera moves, and its way is found in %d frames at most, of %d; give --frames",
+            _LONGEST,
+            count,
+        )
+        return None
+    tracks = CornerTracks()
+    hidden = None
+    with progress_bars() as tell:
+        for start in range(0, count, _BLOCK):
+            stop = min(start + _BLOCK, count)
+            for frame, image in enumerate(clip.read_view(0, start, stop), start):
+                seen = confidence[frame] > _CONFIDENT
+                if hidden is None or seen.any():  # else where the person was last
+                    hidden = about_joints(joints[frame, seen], image.shape[:2])
+                tracks.add(image, hidden)
+            tell("camera motion", stop, count)
+    lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
+    focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
+    guessed = inputs.rig.guessed
+    way = find_way(
+        tracks.sightings(), count, (focal, *middle), clip.fps, WaySettings(), guessed=guessed
+    )
+    if way is None:
+        return None
+    like = torch.zeros((), dtype=torch.float64)
+    cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
+    actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
+    return in_metres(actor, cameras, detections, clip.fps, way)

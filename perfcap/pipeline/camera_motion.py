@@ -1,0 +1,170 @@
+"""How a camera in a hand moved: its way behind a person, as long as the person's feet show it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
+from perfcap.actor.sole_points import SIDES, SOLE_POINTS, sole_skeleton
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
+from perfcap.geometry.camera import Camera
+from perfcap.matchmove import CameraWay
+from perfcap.pipeline.config import PoseConfig
+from perfcap.pipeline.initialize import initialize
+from perfcap.pipeline.input_checks import require_kinds, require_matching
+from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.prepare import prepare, relaxed
+from perfcap.rates import frame_rate
+
+_POINTS = len(SIDES) * len(SOLE_POINTS)
+_LAG = 0.4  # s, over which a foot stands or does not
+_STILL = 0.02  # m, of a point that stands, across the line of sight
+_SPREAD, _RANGE = 0.5, 1.5  # of the log scale: its prior's deviation, and how far it is tried
+_TRIES = 241
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """The way of one camera in metres.
+
+    Attributes:
+        rotation: world to camera, (F, 3, 3); the world is the first frame's camera.
+        translation: the same, (F, 3), m.
+        factor: of the assumed focal length.
+        deviation: of its logarithm.
+        explained: share of the corners behind the person that agree.
+    """
+
+    rotation: Tensor
+    translation: Tensor
+    factor: float
+    deviation: float
+    explained: float
+
+    def of_camera(self, cameras: Camera) -> Camera:
+        """A camera that moves this way, (F, 1), from the fixed one that was assumed, (1,)."""
+        moving = cameras.every_frame(len(self.rotation))
+        lens = moving.intrinsics.clone()
+        lens[..., :2, :2] *= self.factor
+        turned = self.rotation[:, None].to(lens) @ moving.rotation
+        shifted = (self.rotation[:, None].to(lens) @ moving.translation[..., None]).squeeze(-1)
+        shifted = shifted + self.translation[:, None].to(lens)
+        return replace(moving, intrinsics=lens, rotation=turned, translation=shifted)
+
+    @property
+    def reach(self) -> float:
+        """Farthest that the camera is from where it began, m."""
+        centre = (self.rotation.mT @ self.translation[..., None]).squeeze(-1)
+        return float(centre.norm(dim=-1).max())
+
+    @property
+    def turn(self) -> float:
+        """Most that it is turned from where it began, radians."""
+        trace = self.rotation.diagonal(dim1=-2, dim2=-1).sum(-1)
+        return float(((trace.amin() - 1) / 2).clamp(-1, 1).arccos())
+
+    def report(self) -> dict[str, Any]:
+        """Plain values, for run.json."""
+        return {
+            "factor": self.factor,
+            "log_deviation": self.deviation,
+            "explained": self.explained,
+            "reach_m": self.reach,
+            "turn_degrees": math.degrees(self.turn),
+        }
+
+    def sentence(self, cameras: Camera) -> str:
+        """What a user should know; ``cameras`` are those assumed."""
+        height, width = cameras.size[0]
+        focal = float(cameras.intrinsics[0, 0, 0]) * self.factor
+        angle = 2 * math.degrees(math.atan(0.5 * max(height, width) / focal))
+        way = f"by {math.degrees(self.turn):.0f} degrees"
+        if self.reach > 0:
+            way += f" and {self.reach:.2g} m"
+        return (
+            f"the camera moves, {way} from where it began, and sees {angle:.0f} degrees: found by "
+            "what is behind the person; --camera-motion none takes it to stand still"
+        )
+
+
+@torch.no_grad()
+def in_metres(
+    actor: Actor,
+    cameras: Camera,
+    detections: Detections,
+    rate: float,
+    way: CameraWay,
+    config: PoseConfig | None = None,
+) -> CameraMotion:
+    """A way with its length: that at which feet slide least.
+
+    The background shows a way up to one factor. Where the camera moves sideways, a foot that
+    stands moves in the picture as what is behind it does not; the person's size is known.
+
+    Args:
+        actor: any person's skeleton.
+        cameras: one fixed view, with the assumed lens.
+        detections: (F, 1, 16).
+        rate: frames a second.
+        way: of F frames.
+        config: of the pose.
+
+    Raises:
+        InputError: several views, a camera that moves already, or a way of other frames.
+    """
+    require_kinds(actor=actor, cameras=cameras, detections=detections)
+    rate, detections = frame_rate(rate), detections.finite()
+    require_matching(cameras, detections, None)
+    if cameras.views != 1 or cameras.moving or len(way.rotation) != detections.frame_count:
+        raise InputError(
+            f"camera motion: {cameras.views} views{', moving' if cameras.moving else ''}, a way of "
+            f"{len(way.rotation)} frames for {detections.frame_count}; expected one fixed camera, "
+            "and a way of its frames"
+        )
+    like = detections.joints2d
+    known = CameraMotion(
+        torch.from_numpy(way.rotation).to(like),
+        torch.from_numpy(way.translation).to(like),
+        *(way.factor, way.deviation, way.explained),
+    )
+    if not way.moves:
+        return known
+    lens = cameras.to(like).intrinsics.clone()
+    lens[..., :2, :2] *= way.factor
+    fixed = replace(cameras.to(like), intrinsics=lens)
+    frames = FrameProblem.of(actor, fixed, detections, config or PoseConfig())
+    motion, seen = initialize(prepare(relaxed(frames)))
+    scale = _least_slide(_soles(actor, motion), seen, known, max(1, round(_LAG * rate)))
+    return replace(known, translation=scale * known.translation)
+
+
+def _soles(actor: Actor, motion: Motion) -> Tensor:
+    """Points under the feet, (F, 8, 3)."""
+    landmarks: Tensor = sole_skeleton(actor)(motion).landmarks
+    return landmarks[..., -_POINTS:, :]
+
+
+def _least_slide(soles: Tensor, seen: Tensor, way: CameraMotion, lag: int) -> float:
+    """The factor of a way at which points (F, N, 3) in axes of the cameras stand most.
+
+    What moves along the line of sight is not looked at: one view's depth trembles.
+    """
+    turn = way.rotation.mT
+    place = soles @ way.rotation  # world axes, from where the camera is
+    centre = (turn @ way.translation[..., None]).squeeze(-1)
+    both = seen[lag:] & seen[:-lag]
+    moved, shift = place[lag:] - place[:-lag], centre[lag:] - centre[:-lag]
+    across = way.rotation[:-lag][both][:, None, :2]  # 1 2 3 of each frame
+    moved = (across @ moved[both][..., None]).squeeze(-1)
+    shift = (across @ shift[both][:, None, :, None]).squeeze(-1)
+    logs = torch.linspace(-_RANGE, _RANGE, _TRIES).to(soles)
+    slid = (moved - logs.exp()[:, None, None, None] * shift).square().sum(-1) / _STILL**2
+    cost = (slid / (1 + slid)).flatten(1).sum(-1) / (_POINTS * lag)
+    return float(logs[(cost + 0.5 * (logs / _SPREAD).square()).argmin()].exp())

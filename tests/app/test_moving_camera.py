@@ -1,0 +1,129 @@
+"""One video without a calibration, filmed by a camera that turns, through the steps of capture."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from takes import make_take
+from torch import Tensor
+
+from perfcap.app import moving_camera
+from perfcap.app.inputs import Inputs
+from perfcap.app.true_views import settled
+from perfcap.geometry.camera import Camera
+from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.io.calibration import CameraRig, PixelMap
+from perfcap.io.clip import Clip
+from perfcap.pipeline.lens import Lens
+
+SIDE, FRAMES = 600, 45
+TURN = math.radians(12)
+
+
+def turns(most: float) -> Tensor:
+    """Of a camera that is panned, (F, 3, 3)."""
+    share = torch.linspace(0, 1, FRAMES, dtype=torch.float64)
+    vectors = torch.stack((0.1 * (6 * share).sin() * most, most * share, 0 * share), -1)
+    return rotvec_to_matrix(vectors)
+
+
+@dataclass
+class Panned:
+    """A far wall through a camera (1,) that is turned (F, 3, 3) from where it begins."""
+
+    camera: Camera
+    turned: Tensor
+    name: str = "panned"
+    lost: int = 0
+    warnings: tuple[str, ...] = ()
+    fps: float = 30.0
+    timestamps: None = None
+    total: int = FRAMES
+    size: tuple[int, int] = (SIDE, SIDE)
+    wall: NDArray[np.uint8] = field(init=False)
+
+    def __post_init__(self) -> None:
+        spots = np.random.default_rng(0).integers(40, 215, (90, 90), dtype=np.uint8)
+        large = cv2.resize(spots, (3 * SIDE, 3 * SIDE), interpolation=cv2.INTER_CUBIC)
+        self.wall = np.asarray(large, np.uint8)
+
+    def __len__(self) -> int:
+        return FRAMES
+
+    def read(self, start: int, stop: int) -> NDArray[np.uint8]:
+        lens = self.camera.intrinsics[0].numpy()
+        begin = np.array([[1, 0, -SIDE], [0, 1, -SIDE], [0, 0, 1.0]])
+        images = []
+        for turn in self.turned[start:stop].numpy():
+            matrix = lens @ turn @ np.linalg.inv(lens) @ begin
+            images.append(cv2.warpPerspective(self.wall, matrix, self.size))
+        return np.stack(images)[..., None].repeat(3, -1)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def given(most: float = TURN, guessed: bool = True) -> Inputs:
+    """A person who sways before the wall; the lens is assumed to be too wide."""
+    take = make_take(FRAMES)
+    camera = take.cameras
+    source = Panned(camera, turns(most))
+    known = camera.every_frame(FRAMES)
+    moved = replace(
+        known,
+        rotation=source.turned[:, None] @ known.rotation,
+        translation=(source.turned[:, None] @ known.translation[..., None]).squeeze(-1),
+    )
+    pixels = moved.project(take.actor.joints(take.truth))
+    detections = replace(take.detections, joints2d=pixels)
+    start = Camera(
+        camera.intrinsics,
+        torch.eye(3, dtype=torch.float64)[None],
+        torch.zeros(1, 3, dtype=torch.float64),
+        None,
+        camera.size,
+    )
+    wrong = Lens(0.6, 0.0, shown=True).of_camera(start)
+    rig = CameraRig(("panned",), wrong if guessed else start, guessed=guessed)
+    whole = PixelMap(torch.eye(3, dtype=torch.float64)[None])
+    return Inputs(Clip([source], 30.0), rig, detections, whole, ())
+
+
+def test_a_panned_camera_is_found_with_its_lens() -> None:
+    inputs = given()
+    found, views = settled(inputs, sync=False, refine=False, held=True)
+    cameras = found.rig.cameras
+    assert cameras.moving and len(cameras.rotation) == FRAMES
+    error = (cameras.rotation[:, 0] @ turns(TURN)[0] @ turns(TURN).mT).diagonal(dim1=-2, dim2=-1)
+    degrees = ((error.sum(-1) - 1) / 2).clamp(-1, 1).arccos().rad2deg()
+    assert float(degrees.max()) < 0.5
+    assert abs(math.log(views["camera_motion"]["factor"] * 0.6)) < 0.05
+    assert views["camera_motion"]["reach_m"] == 0
+    assert "the camera moves" in found.warnings[0]
+    kept, lens = settled(inputs, sync=False, refine=False, held=False)
+    assert not kept.rig.cameras.moving and "lens" in lens
+
+
+def test_a_lens_that_is_known_stays() -> None:
+    inputs = given(guessed=False)
+    found, views = settled(inputs, sync=False, refine=False, held=True)
+    assert found.rig.cameras.moving and views["camera_motion"]["factor"] == 1.0
+    assert torch.equal(found.rig.cameras.intrinsics[7], inputs.rig.cameras.intrinsics)
+
+
+def test_a_camera_at_rest_stays() -> None:
+    inputs = given(0.0)
+    found, views = settled(inputs, sync=False, refine=False, held=True)
+    assert not found.rig.cameras.moving and "camera_motion" not in views
+
+
+def test_a_way_that_is_too_long_is_not_looked_for(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(moving_camera, "_LONGEST", 40)
+    assert moving_camera.find_motion(given()) is None
+    assert "40 frames at most, of 45" in caplog.text
