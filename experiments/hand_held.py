@@ -100,7 +100,7 @@ def run(config: Experiment) -> Report:
 def _medians(rows: list[tuple[str | float, ...]]) -> Iterator[str]:
     for kind in ("found", "still", "true"):
         own = np.array([row[2:6] for row in rows if row[1] == kind], float)
-        pose, whole, slide, true = np.median(own, 0).tolist()
+        pose, whole, slide, true = np.nanmedian(own, 0).tolist()
         yield (
             f"{kind}: PA-MPJPE {pose:.1f} mm, after one similarity {whole:.1f} mm, slide "
             f"{slide:.1f} mm a frame (the truth's {true:.1f}), medians of {len(own)} videos"

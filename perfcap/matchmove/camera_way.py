@@ -243,9 +243,11 @@ def _every_frame(
     way = replace(bundle, rotation=between, translation=-np.einsum("fij,fj->fi", between, eyes))
     focal = lens[0] * math.exp(bundle.log_focal)
     way = _resected(seen, way, (focal, *lens[1:]), best.noise, moves)
+    rotation = way.rotation @ way.rotation[0].T  # the world is the first frame's camera
+    translation = way.translation - np.einsum("fij,j->fi", rotation, way.translation[0])
     factor = math.exp(bundle.log_focal)
     deviation = math.hypot(best.deviation, _LENS) if best.deviation else 0.0
-    return CameraWay(way.rotation, way.translation, factor, deviation, moves, agree)
+    return CameraWay(rotation, translation, factor, deviation, moves, agree)
 
 
 def _resected(

@@ -34,6 +34,8 @@ def test_a_camera_that_walks_is_found_with_its_lens(wild: float) -> None:
     assert abs(np.log(found.factor * WRONG)) < 0.03
     assert abs(np.log(found.factor * WRONG)) < 3 * found.deviation
     assert degrees(found, truth).max() < 0.6
+    assert np.abs(found.rotation[0] - np.eye(3)).max() < 1e-12
+    assert np.abs(found.translation[0]).max() < 1e-12
     true = centres(truth.rotation, truth.translation)
     own = centres(found.rotation, found.translation)
     scale = (own * true).sum() / (own * own).sum()
