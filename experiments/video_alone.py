@@ -21,6 +21,7 @@ from torch import Tensor
 
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
+from perfcap.io.calibration import read_cameras
 from perfcap.io.calibration.assumed import ASSUMED_FOV
 from perfcap.metrics import floor_contact, foot_skate, joint_errors
 
@@ -49,12 +50,16 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Video:
-    """A video, and the truth about its joints: (F, 16, 3) m, NaN where unknown; its axis up."""
+    """A video, and the truth about its joints: (F, 16, 3) m, NaN where unknown; its axis up.
+
+    ``upright`` is up in the axes of the true camera of the first frame, (3,).
+    """
 
     name: str
     path: Path
     truth: Tensor
     rate: float
+    upright: Tensor
     up: int = 1
 
 
@@ -74,6 +79,7 @@ def run(config: Experiment) -> Report:
         "acceleration error",
         "slide",
         "true slide",
+        "up off by degrees",
         "CPU ms a frame",
     )
     return Report((Table("a video alone", columns, tuple(rows)),), ())
@@ -84,26 +90,36 @@ def videos(config: Experiment) -> list[Video]:
     found = []
     for name in config.sequences:
         known = rendered(config.data, name)
-        found.append(Video(name, known.folder / "video.mp4", known.truth, known.rate))
+        own = known.cameras.every_frame(1).rotation[0, 0, :, 1]
+        found.append(Video(name, known.folder / "video.mp4", known.truth, known.rate, own))
     if config.views:
         real = balancing(config.data)
         folder = data_folder(config.data, _REAL) / "videos"
         for view in config.views:
             name = real.rig.names[view]
             path = sorted(folder.glob("*.mp4"))[view]  # in the order of the calibration
-            found.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate, 2))
+            own = real.cameras.rotation[view, :, 2]
+            found.append(Video(f"{_REAL}, {name}", path, real.truth, real.rate, own, 2))
     return found
 
 
 def _row(config: Experiment, video: Video, fov: float | None) -> tuple[str | float, ...]:
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) if config.keep is None else config.keep / video.path.parent.name
-        joints, spent = captured(config, video, fov, out / f"{video.name.replace(', ', '_')}")
+        folder = out / f"{video.name.replace(', ', '_')}"
+        joints, spent = captured(config, video, fov, folder)
+        lean = _lean(folder, video.upright)
     frames = min(len(joints), len(video.truth))
     errors = joint_errors(joints[:frames], video.truth[:frames].double(), video.rate)
     scores = float(errors.mpjpe_similarity), float(errors.acceleration_error)
     slides = _slides(joints[:frames], video.truth[:frames].double(), video)
-    return (video.name, fov or ASSUMED_FOV, *scores, *slides, 1e3 * spent / frames)
+    return (video.name, fov or ASSUMED_FOV, *scores, *slides, lean, 1e3 * spent / frames)
+
+
+def _lean(out: Path, upright: Tensor) -> float:
+    """Degrees between up of the capture's world and the true one, in axes of the camera."""
+    found = read_cameras(out / "assumed_camera.json").cameras.rotation.reshape(-1, 3, 3)[0, :, 1]
+    return float((found.to(upright) @ upright).clamp(-1, 1).arccos().rad2deg())
 
 
 def _slides(joints: Tensor, truth: Tensor, video: Video) -> tuple[float, float]:

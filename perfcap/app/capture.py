@@ -151,8 +151,10 @@ def _run(
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
     given = inputs
-    held = request.cameras is None and request.camera_motion == "auto"
-    inputs, views = settled(given, request.sync == "auto", request.refine_cameras, held)
+    alone, held = request.cameras is None, request.camera_motion == "auto"
+    inputs, views = settled(
+        given, request.sync == "auto", request.refine_cameras, assumed=alone, held=held
+    )
     inputs = examined(inputs, needs_images=images, detected=detected)
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
@@ -235,6 +237,7 @@ def _perform(
             until=Stage[request.until.upper()],
             solve_bones=solve_bones,
             level=request.cameras is None,
+            up=inputs.up,
             workers=workers,
             progress=tell,
             checkpoint=work,

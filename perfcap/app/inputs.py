@@ -55,6 +55,7 @@ class Inputs:
         lost: frames that should follow, but a damaged video or its detections end before.
         files: what was read, and the state of each.
         lag: frames by which images were taken later than their frame, (F, C); see ``Images``.
+        up: against gravity in the world of the cameras, (3,), where it is known.
     """
 
     clip: Clip
@@ -65,6 +66,7 @@ class Inputs:
     lost: int = 0
     files: Mapping[str, str | None] = field(default_factory=dict)
     lag: Tensor | None = None
+    up: Tensor | None = None
 
 
 def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from perfcap.app.gravity import find_up
 from perfcap.app.inputs import Inputs
 from perfcap.app.moving_camera import find_motion
 from perfcap.errors import InputError
@@ -18,7 +19,7 @@ from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 
 def settled(
-    inputs: Inputs, sync: bool, refine: bool, held: bool = False
+    inputs: Inputs, sync: bool, refine: bool, *, assumed: bool = False, held: bool = True
 ) -> tuple[Inputs, dict[str, Any]]:
     """The inputs with clocks and cameras as a moving person shows them, and what was found.
 
@@ -29,16 +30,14 @@ def settled(
         inputs: of two views or more, where clocks or places are to be found.
         sync: whether clocks are found (``--sync``).
         refine: whether cameras may stand a little elsewhere (``--refine-cameras``).
-        held: whether the one camera, which is assumed, may have been moved.
+        assumed: whether there is one view, whose camera is not calibrated: up is looked for then.
+        held: whether that camera may have been moved.
 
     Raises:
         InputError: one view, cameras that move, or a clip too short to tell.
     """
     if not (sync or refine):
-        motion = find_motion(inputs) if held else None
-        if motion is not None:
-            return _with_motion(inputs, motion)
-        return _with_lens(inputs) if inputs.rig.guessed else (inputs, {})
+        return _alone(inputs, held) if assumed else (inputs, {})
     option = "--sync auto" if sync else "--refine-cameras"
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
     like = torch.zeros((), dtype=torch.float64)
@@ -59,6 +58,20 @@ def settled(
         warnings=(*inputs.warnings, *found.sentences(names)),
     )
     return changed, found.report(names)
+
+
+def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
+    """The inputs of one view with all that pixels and poses tell of its camera."""
+    motion = find_motion(inputs) if held else None
+    found: dict[str, Any] = {}
+    if motion is not None:
+        inputs, found = _with_motion(inputs, motion)
+    elif inputs.rig.guessed:
+        inputs, found = _with_lens(inputs)
+    up = find_up(inputs)
+    if up is None:
+        return inputs, found
+    return replace(inputs, up=up), {**found, "up": up.tolist()}
 
 
 def _with_motion(inputs: Inputs, motion: CameraMotion) -> tuple[Inputs, dict[str, Any]]:

@@ -2,12 +2,16 @@
 
 from perfcap.matchmove.camera_way import CameraWay, WaySettings, find_way
 from perfcap.matchmove.corner_tracks import CornerTracks, Sightings, TrackSettings
+from perfcap.matchmove.vertical import Sight, VerticalSettings, find_vertical
 
 __all__ = [
     "CameraWay",
     "CornerTracks",
+    "Sight",
     "Sightings",
     "TrackSettings",
+    "VerticalSettings",
     "WaySettings",
+    "find_vertical",
     "find_way",
 ]

@@ -76,7 +76,7 @@ def with_standing(problem: ClipProblem, motion: Motion) -> ClipProblem:
         )
         for stretch in _stretches(motion)
     ]
-    settings = problem.rate, problem.config.contact, torch.cat(parts), problem.cameras
+    settings = problem.rate, problem.config.contact, torch.cat(parts), problem.cameras, problem.up
     return replace(problem, standing=find_standing(problem.actor, motion, *settings))
 
 

@@ -101,6 +101,7 @@ class ClipProblem:
         terms: an author's own energies by name.
         poses: recorded ones, where they are to count.
         factors: on the weights of energies, by name; learned ones may carry a graph.
+        up: against gravity, a unit vector (3,); None where feet have to show it.
     """
 
     actor: Actor
@@ -117,6 +118,7 @@ class ClipProblem:
     terms: Mapping[str, Term] = field(default_factory=dict)
     poses: Mixture | None = None
     factors: Mapping[str, Tensor] = field(default_factory=dict)
+    up: Tensor | None = None
 
     @classmethod
     def of(cls, frames: FrameProblem, rate: float) -> Self:

@@ -15,6 +15,17 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 _NECK = LANDMARKS.index("neck")
+_PARTS = (  # ends of the body's parts, and their shares of its mass
+    *(("neck", f"{side}_hip", 0.2485) for side in "rl"),
+    ("neck", "head_top", 0.081),
+    *((f"{side}_hip", f"{side}_knee", 0.100) for side in "rl"),
+    *((f"{side}_knee", f"{side}_ankle", 0.0465) for side in "rl"),
+    *((f"{side}_ankle", f"{side}_toe", 0.0145) for side in "rl"),
+    *((f"{side}_shoulder", f"{side}_elbow", 0.028) for side in "rl"),
+    *((f"{side}_elbow", f"{side}_wrist", 0.022) for side in "rl"),
+)
+_MASSES = [(LANDMARKS.index(a), LANDMARKS.index(b), share) for a, b, share in _PARTS]
+_LOWERED, _LOWER = 5, 0.1  # rounds, and m, below which another foot hardly bears weight
 _TILT = math.radians(6)  # deviation of the body's mean axis from vertical
 _LOOSE, _TIGHT = 0.05, 0.02  # m, deviations of heights below and above the plane
 _SPEED = 0.6  # m/s, on top of a clip's own noise, at which a point counts a quarter
@@ -27,6 +38,10 @@ _CAMERA_WORLD = 1e-3  # entries of a rotation by which the world's axes are not 
 _NEAREST = math.cos(math.radians(30))  # of the body's axis to an axis of the world
 _PARALLEL = 1e-9  # sine of the angle below which two directions are one
 _NEAR = 0.04  # m, from the plane: a point that it explains
+_UNSURE, _NEVER = (
+    0.15,
+    0.5,
+)  # s, of a clip's noise, farther; and m/s, noise of feet that never stand
 
 
 @dataclass(frozen=True)
@@ -37,7 +52,8 @@ class Floor:
         normal: unit vector that points up, (3,).
         height: metres.
         deviation: expected error of the normal, radians.
-        support: share of slow foot points that lie within 4 cm of it, 0 to 1.
+        support: share of slow foot points that lie within 4 cm of it, farther where feet of all
+            frames tremble, 0 to 1.
     """
 
     normal: Tensor
@@ -104,17 +120,20 @@ def find_floor(
     slow = (1 + (speed / (_SPEED + noise)).square()).square().reciprocal().flatten()
     points = soles.flatten(0, 1)
     share = slow / (rate * _SHARE * soles.shape[1] * 2 * _TIGHT**2)
+    near = _NEAR + _UNSURE * float(noise / (1 + (noise / _NEVER) ** 4))
     if normal is not None:
-        return _fit(points, slow, share, normal, _RIGID)
-    free = _fit(points, slow, share, up, _TILT)
+        return _fit(points, slow, share, normal, _RIGID, near)
+    free = _fit(points, slow, share, up, _TILT, near)
     axis = None if cameras is None else _upright_axis(cameras, up)
     if axis is None:
         return free
-    square = _fit(points, slow, share, axis, _RIGID)
+    square = _fit(points, slow, share, axis, _RIGID, near)
     return square if square.support > _AS_WELL * free.support else free
 
 
-def _fit(points: Tensor, slow: Tensor, share: Tensor, up: Tensor, deviation: float) -> Floor:
+def _fit(
+    points: Tensor, slow: Tensor, share: Tensor, up: Tensor, deviation: float, within: float
+) -> Floor:
     """The plane through points (P, 3), its normal near ``up``, by reweighted least squares."""
     centre = points.mean(0)
     points = points - centre
@@ -135,7 +154,7 @@ def _fit(points: Tensor, slow: Tensor, share: Tensor, up: Tensor, deviation: flo
         tilt, low = tilt + change[:2], low + change[2]
         normal = up + across @ tilt
         normal = normal / normal.norm()
-    near = (points @ normal - low).abs() < _NEAR
+    near = (points @ normal - low).abs() < within
     support = float((slow * near).sum() / slow.sum().clamp(min=1e-9))
     spread = torch.linalg.inv(system).diagonal()[:2].sum().clamp(min=0).sqrt()
     return Floor(normal, low + centre @ normal, float(spread), support)
@@ -156,9 +175,34 @@ def _upright_axis(cameras: Camera, up: Tensor) -> Tensor | None:
 def body_axis(landmarks: Tensor, soles: Tensor) -> Tensor:
     """Mean direction from the feet to the middle of the trunk, a unit vector (3,)."""
     hips = landmarks[:, _HIPS].mean(1)
-    axis = 0.5 * (hips + landmarks[:, _NECK]) - soles.mean(1)
-    axis = axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    mean = axis.mean(0)
+    return _mean_direction(0.5 * (hips + landmarks[:, _NECK]) - soles.mean(1))
+
+
+def weight_axis(landmarks: Tensor, soles: Tensor) -> Tensor:
+    """Mean direction from what carries a body on level ground to its centre of mass, (3,).
+
+    Who stands on one leg has their weight above it: of points under the feet (F, N, 3) those that
+    are lower along the axis count for more.
+    """
+    mass = centre_of_mass(landmarks)
+    up = _mean_direction(mass - soles.mean(1))
+    for _ in range(_LOWERED):
+        share = torch.softmax(-(soles @ up) / _LOWER, -1)
+        up = _mean_direction(mass - (share[..., None] * soles).sum(1))
+    return up
+
+
+def centre_of_mass(landmarks: Tensor) -> Tensor:
+    """Of bodies of landmarks (F, 16, 3), (F, 3), by Winter's shares of the body's parts (2009)."""
+    total = sum(share for _, _, share in _MASSES)
+    parts = [0.5 * share * (landmarks[:, a] + landmarks[:, b]) for a, b, share in _MASSES]
+    centre: Tensor = torch.stack(parts).sum(0) / total
+    return centre
+
+
+def _mean_direction(vectors: Tensor) -> Tensor:
+    """Mean of vectors (F, 3) of any length, a unit vector (3,)."""
+    mean = (vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-9)).mean(0)
     up: Tensor = mean / mean.norm().clamp(min=1e-9)
     return up
 

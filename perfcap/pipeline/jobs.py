@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, overload
 
 import torch
+from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
@@ -56,6 +57,7 @@ def capture(
     energies: Mapping[str, Term] | None = None,
     solve_bones: bool = False,
     level: bool = False,
+    up: Tensor | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
@@ -95,6 +97,8 @@ def capture(
             for an actor that is not the person.
         level: the world of the cameras means nothing, as that of one assumed camera: the result
             is in another, with y up and the floor that feet stand on at y = 0.
+        up: the direction against gravity in the world of the cameras, (3,), where it is known; else
+            the floor is as the person stands on it.
         workers: threads of the stages that look at images; all cores when not given. Results do
             not depend on it.
         progress: told how far each stage is; in a notebook a line below the cell says so if nobody
@@ -138,6 +142,7 @@ def _capture_scene(
     until: Stage | None = None,
     energies: Mapping[str, Term] | None = None,
     level: bool = False,
+    up: Tensor | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
@@ -155,6 +160,7 @@ def _capture_scene(
             *(scene, person, config or CaptureConfig(), until),
             energies=energies,
             level=level,
+            up=up,
             clock=Clock(tell if alone else _numbered(number, tell)),
             checkpoint=kept if alone else kept.of(f"person{number}"),
         )

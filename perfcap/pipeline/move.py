@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,7 @@ from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import Checkpoint, tensors
 from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
 from perfcap.pipeline.clock import Clock
+from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.initialize import initialize
@@ -46,6 +48,7 @@ def move(
     *,
     energies: Mapping[str, Term] | None,
     level: bool,
+    up: Tensor | None,
     clock: Clock,
     checkpoint: Checkpoint,
 ) -> Moved:
@@ -58,6 +61,7 @@ def move(
         until: the last stage, or all that the images allow.
         energies: an author's own.
         level: whether the result is in a world of the program's own choice.
+        up: against gravity in the world of the cameras, where it is known.
         clock: of the stages.
         checkpoint: keeps finished work.
     """
@@ -68,7 +72,7 @@ def move(
     told = scene_doubts(scene, person, until.needs_images)
     own = _own_terms(energies, until, level)
     start = _start(scene, person, config, clock, checkpoint)
-    problem, motion = replace(start.problem, terms=own), start.motion
+    problem, motion = replace(start.problem, terms=own, up=_unit(up, like)), start.motion
     windows: list[WindowReport] = []
     if until >= Stage.TRACK_MOTION:
         with clock.stage("track_motion") as tell:
@@ -76,6 +80,19 @@ def move(
     found = problem, start.problem, motion, windows, scene.images
     moved = Moved(start, person.detections, *found, until, clock, checkpoint, told)
     return _levelled(moved) if level else moved
+
+
+def _unit(up: Tensor | None, like: Tensor) -> Tensor | None:
+    """A direction (3,) of length one."""
+    if up is None:
+        return None
+    length = up.norm() if isinstance(up, Tensor) and up.shape == (3,) else None
+    if length is None or not 0 < float(length) < math.inf:
+        raise InputError(
+            f"up is {up!r:.80}; expected a tensor of three numbers, the direction against gravity"
+        )
+    unit: Tensor = (up / length).to(like)
+    return unit
 
 
 def _own_terms(
@@ -240,10 +257,13 @@ def _levelled(moved: Moved) -> Moved:
 def _to_level(problem: ClipProblem) -> Tensor:
     """Rigid transform (4, 4) from the world of a solved problem, one camera's own, to a level one.
 
-    Without a floor the camera is taken to be held level: its y points down.
+    Without a floor, and where up is not known, the camera is taken to be held level: its y points
+    down.
     """
     if problem.standing is not None:
         return problem.standing.floor.world_to_floor()
+    if problem.up is not None:
+        return Floor(problem.up, problem.up.new_zeros(()), 0.0, 0.0).world_to_floor()
     down = problem.pixel_unit.new_tensor([1.0, -1.0, -1.0, 1.0])
     return torch.diag(down)
 
@@ -252,9 +272,10 @@ def _moved_problem(problem: ClipProblem, transform: Tensor) -> ClipProblem:
     """The same problem in a world that a rigid transform (4, 4) leads to."""
     if problem.targets is not None:
         raise ValueError("targets are places in the world; move the problem before they are given")
-    standing = problem.standing
+    standing, up = problem.standing, problem.up
     return replace(
         problem,
+        up=None if up is None else transform[:3, :3] @ up,
         cameras=moved_cameras(problem.cameras, transform),
         standing=None if standing is None else _moved_standing(standing, transform),
     )

@@ -89,6 +89,7 @@ def find_standing(
     config: ContactConfig,
     precision: Tensor,
     cameras: Camera | None = None,
+    normal: Tensor | None = None,
 ) -> Standing | None:
     """The floor and the stances of a motion; None where feet stand on no floor.
 
@@ -100,11 +101,12 @@ def find_standing(
         precision: how well each frame's place is known without contact, (F, 3, 3), 1 / m^2: see
             ``translation_precision``.
         cameras: give the world's axes a meaning, where they are not a camera's own.
+        normal: of the floor, a unit vector (3,), where it is known.
     """
     skeleton = sole_skeleton(actor)
     points: Tensor = skeleton(motion).landmarks
     soles = points[:, -_POINTS:]
-    floor = find_floor(points[:, :-_POINTS], soles, rate, cameras)
+    floor = find_floor(points[:, :-_POINTS], soles, rate, cameras, normal)
     if floor.support < config.support:
         return None
     sure = contact_probability(soles, floor, rate)

@@ -95,7 +95,7 @@ def given(most: float = TURN, guessed: bool = True) -> Inputs:
 
 def test_a_panned_camera_is_found_with_its_lens() -> None:
     inputs = given()
-    found, views = settled(inputs, sync=False, refine=False, held=True)
+    found, views = settled(inputs, sync=False, refine=False, assumed=True)
     cameras = found.rig.cameras
     assert cameras.moving and len(cameras.rotation) == FRAMES
     error = (cameras.rotation[:, 0] @ turns(TURN)[0] @ turns(TURN).mT).diagonal(dim1=-2, dim2=-1)
@@ -104,20 +104,20 @@ def test_a_panned_camera_is_found_with_its_lens() -> None:
     assert abs(math.log(views["camera_motion"]["factor"] * 0.6)) < 0.05
     assert views["camera_motion"]["reach_m"] == 0
     assert "the camera moves" in found.warnings[0]
-    kept, lens = settled(inputs, sync=False, refine=False, held=False)
+    kept, lens = settled(inputs, sync=False, refine=False, assumed=True, held=False)
     assert not kept.rig.cameras.moving and "lens" in lens
 
 
 def test_a_lens_that_is_known_stays() -> None:
     inputs = given(guessed=False)
-    found, views = settled(inputs, sync=False, refine=False, held=True)
+    found, views = settled(inputs, sync=False, refine=False, assumed=True)
     assert found.rig.cameras.moving and views["camera_motion"]["factor"] == 1.0
     assert torch.equal(found.rig.cameras.intrinsics[7], inputs.rig.cameras.intrinsics)
 
 
 def test_a_camera_at_rest_stays() -> None:
     inputs = given(0.0)
-    found, views = settled(inputs, sync=False, refine=False, held=True)
+    found, views = settled(inputs, sync=False, refine=False, assumed=True)
     assert not found.rig.cameras.moving and "camera_motion" not in views
 
 

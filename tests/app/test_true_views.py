@@ -65,7 +65,7 @@ def alone(guessed: bool) -> Inputs:
 
 def test_a_guessed_lens_becomes_the_one_that_is_shown() -> None:
     given = alone(guessed=True)
-    found, views = settled(given, sync=False, refine=False)
+    found, views = settled(given, sync=False, refine=False, assumed=True)
     factor = views["lens"]["factor"]
     assert 1.6 < factor < 2.4 and views["lens"]["shown"]
     before, after = (each.rig.cameras.intrinsics for each in (given, found))
@@ -73,7 +73,7 @@ def test_a_guessed_lens_becomes_the_one_that_is_shown() -> None:
     assert torch.equal(after[..., 2], before[..., 2])
     assert "instead of the assumed" in found.warnings[0]
     kept = alone(guessed=False)
-    assert settled(kept, sync=False, refine=False) == (kept, {})
+    assert settled(kept, sync=False, refine=False, assumed=True) == (kept, {})
 
 
 def test_images_say_how_late_they_are() -> None:

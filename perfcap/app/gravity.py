@@ -1,0 +1,52 @@
+"""Which way is up in a video, by straight edges behind the person."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from perfcap.app.inputs import Inputs
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.doctor.rest import about_joints
+from perfcap.matchmove import Sight, find_vertical
+from perfcap.pipeline.floor import weight_axis
+
+_CONFIDENT = 0.3  # joints that say where the person is
+_IMAGES = 4  # evenly spread, that are looked at
+_FEWEST = 5  # 3D poses that say about which way is up
+_SOLES = [LANDMARKS.index(f"{side}_{end}") for side in "lr" for end in ("ankle", "toe")]
+
+
+def find_up(inputs: Inputs) -> Tensor | None:
+    """Against gravity in the world of one view's camera, a unit vector (3,).
+
+    3D poses say about where: people have their weight above their feet. None where there are no
+    such poses, or no straight edges that agree.
+
+    Args:
+        inputs: one view.
+    """
+    seen, cameras = inputs.detections, inputs.rig.cameras
+    if seen.joints3d is None:
+        return None
+    trusted = torch.nonzero(seen.trusted3d[:, 0]).flatten()
+    if len(trusted) < _FEWEST:
+        return None
+    count = seen.frame_count
+    turns = cameras.every_frame(count).rotation[:, 0].double()
+    placed = seen.joints3d[trusted, 0].double() @ turns[trusted]
+    start = weight_axis(placed, placed[:, _SOLES])
+    joints = inputs.pixel_map.to_video(seen.joints2d)[:, 0].numpy()
+    confident = seen.confidence2d[:, 0].numpy() > _CONFIDENT
+    mapped = inputs.pixel_map.cameras(cameras, inputs.clip.sizes).every_frame(count)
+    sights = []
+    for frame in np.unique(np.linspace(0, count - 1, _IMAGES).round().astype(int)).tolist():
+        image = inputs.clip.read_view(0, frame, frame + 1)[0]
+        hidden = about_joints(joints[frame, confident[frame]], image.shape[:2])
+        lens = mapped.intrinsics[frame, 0]
+        middle = lens[:2, 2].tolist()
+        pinhole = (float(lens[0, 0]), middle[0], middle[1])
+        sights.append(Sight(image, hidden, pinhole, turns[frame].numpy()))
+    up = find_vertical(sights, start.numpy())
+    return None if up is None else torch.from_numpy(up)
