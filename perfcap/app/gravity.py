@@ -28,15 +28,10 @@ def find_up(inputs: Inputs) -> Tensor | None:
         inputs: one view.
     """
     seen, cameras = inputs.detections, inputs.rig.cameras
-    if seen.joints3d is None:
+    start, count = upright_start(inputs), seen.frame_count
+    if start is None:
         return None
-    trusted = torch.nonzero(seen.trusted3d[:, 0]).flatten()
-    if len(trusted) < _FEWEST:
-        return None
-    count = seen.frame_count
     turns = cameras.every_frame(count).rotation[:, 0].double()
-    placed = seen.joints3d[trusted, 0].double() @ turns[trusted]
-    start = weight_axis(placed, placed[:, _SOLES])
     joints = inputs.pixel_map.to_video(seen.joints2d)[:, 0].numpy()
     confident = seen.confidence2d[:, 0].numpy() > _CONFIDENT
     mapped = inputs.pixel_map.cameras(cameras, inputs.clip.sizes).every_frame(count)
@@ -50,3 +45,16 @@ def find_up(inputs: Inputs) -> Tensor | None:
         sights.append(Sight(image, hidden, pinhole, turns[frame].numpy()))
     up = find_vertical(sights, start.numpy())
     return None if up is None else torch.from_numpy(up)
+
+
+def upright_start(inputs: Inputs) -> Tensor | None:
+    """About up in the world of one view's camera, as 3D poses show it, (3,); None without any."""
+    seen = inputs.detections
+    if seen.joints3d is None:
+        return None
+    trusted = torch.nonzero(seen.trusted3d[:, 0]).flatten()
+    if len(trusted) < _FEWEST:
+        return None
+    turns = inputs.rig.cameras.every_frame(seen.frame_count).rotation[:, 0].double()
+    placed = seen.joints3d[trusted, 0].double() @ turns[trusted]
+    return weight_axis(placed, placed[:, _SOLES])

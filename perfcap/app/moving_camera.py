@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import torch
 
 from perfcap.app.console import progress_bars
+from perfcap.app.gravity import upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.doctor.rest import about_joints, background_shift
-from perfcap.matchmove import CornerTracks, WaySettings, find_way
+from perfcap.matchmove import CornerTracks, find_ground, find_way
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 _CONFIDENT = 0.3  # joints that say where the person is
@@ -52,12 +54,13 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
     focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
     guessed = inputs.rig.guessed
-    way = find_way(
-        tracks.sightings(), count, (focal, *middle), clip.fps, WaySettings(), guessed=guessed
-    )
+    way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
     if way is None:
         return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
+    turned = replace(cameras.every_frame(count), rotation=torch.from_numpy(way.rotation)[:, None])
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
-    return in_metres(actor, cameras, detections, clip.fps, way)
+    up = upright_start(replace(inputs, rig=replace(inputs.rig, cameras=turned)))
+    ground = None if up is None else find_ground(way.points, up.numpy())
+    return in_metres(actor, cameras, detections, clip.fps, way, ground)

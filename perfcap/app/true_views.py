@@ -69,6 +69,8 @@ def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
     elif inputs.rig.guessed:
         inputs, found = _with_lens(inputs)
     up = find_up(inputs)
+    if up is None and motion is not None:
+        up = motion.up
     if up is None:
         return inputs, found
     return replace(inputs, up=up), {**found, "up": up.tolist()}

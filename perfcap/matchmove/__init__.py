@@ -2,16 +2,20 @@
 
 from perfcap.matchmove.camera_way import CameraWay, WaySettings, find_way
 from perfcap.matchmove.corner_tracks import CornerTracks, Sightings, TrackSettings
+from perfcap.matchmove.ground import Ground, GroundSettings, find_ground
 from perfcap.matchmove.vertical import Sight, VerticalSettings, find_vertical
 
 __all__ = [
     "CameraWay",
     "CornerTracks",
+    "Ground",
+    "GroundSettings",
     "Sight",
     "Sightings",
     "TrackSettings",
     "VerticalSettings",
     "WaySettings",
+    "find_ground",
     "find_vertical",
     "find_way",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 _FEWEST = 3  # key frames that see a point
+_FARTHEST = 0.02  # 1/m, nearness of points that are farther than a way can tell
 _LENS = 0.03  # deviation of a log focal length by errors that sightings do not tell
 _ALIKE = 3.0  # sightings of a corner, one after the other, whose errors are as good as one
 _ROUNDS = 20  # of a turn between two frames, and of the frames between key frames
@@ -64,6 +65,7 @@ class CameraWay:
         deviation: of its log.
         moves: whether it does more than turn.
         explained: share of the sightings that agree.
+        points: places of corners, (P, 3), of the same length; none of a camera that only turns.
     """
 
     rotation: Array
@@ -72,6 +74,7 @@ class CameraWay:
     deviation: float
     moves: bool
     explained: float
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def find_way(
@@ -247,7 +250,10 @@ def _every_frame(
     translation = way.translation - np.einsum("fij,j->fi", rotation, way.translation[0])
     factor = math.exp(bundle.log_focal)
     deviation = math.hypot(best.deviation, _LENS) if best.deviation else 0.0
-    return CameraWay(rotation, translation, factor, deviation, moves, agree)
+    near = way.nearness > (_FARTHEST if moves else math.inf)
+    points = way.direction[near] / way.nearness[near, None]
+    points = points @ way.rotation[0].T + way.translation[0]
+    return CameraWay(rotation, translation, factor, deviation, moves, agree, points)
 
 
 def _resected(

@@ -15,7 +15,7 @@ from perfcap.actor.sole_points import SIDES, SOLE_POINTS, sole_skeleton
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.matchmove import CameraWay
+from perfcap.matchmove import CameraWay, Ground
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_kinds, require_matching
@@ -27,6 +27,7 @@ _POINTS = len(SIDES) * len(SOLE_POINTS)
 _LAG = 0.4  # s, over which a foot stands or does not
 _STILL = 0.02  # m, of a point that stands, across the line of sight
 _SPREAD, _RANGE = 0.5, 1.5  # of the log scale: its prior's deviation, and how far it is tried
+_LEVEL = 0.15  # deviation of the log scale about what the ground says
 _TRIES = 241
 
 
@@ -40,6 +41,7 @@ class CameraMotion:
         factor: of the assumed focal length.
         deviation: of its logarithm.
         explained: share of the corners behind the person that agree.
+        up: normal of the ground, (3,), where it was among these corners.
     """
 
     rotation: Tensor
@@ -47,6 +49,7 @@ class CameraMotion:
     factor: float
     deviation: float
     explained: float
+    up: Tensor | None = None
 
     def of_camera(self, cameras: Camera) -> Camera:
         """A camera that moves this way, (F, 1), from the fixed one that was assumed, (1,)."""
@@ -101,12 +104,14 @@ def in_metres(
     detections: Detections,
     rate: float,
     way: CameraWay,
+    ground: Ground | None = None,
     config: PoseConfig | None = None,
 ) -> CameraMotion:
-    """A way with its length: that at which feet slide least.
+    """A way with its length: that at which feet stand on the ground and slide least.
 
-    The background shows a way up to one factor. Where the camera moves sideways, a foot that
-    stands moves in the picture as what is behind it does not; the person's size is known.
+    The background shows a way up to one factor, but the person's size is known. The camera is as
+    high above the ground as above the lower foot; and where it moves sideways, a foot that stands
+    moves in the picture as what is behind it does not.
 
     Args:
         actor: any person's skeleton.
@@ -114,6 +119,7 @@ def in_metres(
         detections: (F, 1, 16).
         rate: frames a second.
         way: of F frames.
+        ground: among what it passes, where it is known.
         config: of the pose.
 
     Raises:
@@ -133,6 +139,7 @@ def in_metres(
         torch.from_numpy(way.rotation).to(like),
         torch.from_numpy(way.translation).to(like),
         *(way.factor, way.deviation, way.explained),
+        None if ground is None else torch.from_numpy(ground.normal),
     )
     if not way.moves:
         return known
@@ -141,7 +148,12 @@ def in_metres(
     fixed = replace(cameras.to(like), intrinsics=lens)
     frames = FrameProblem.of(actor, fixed, detections, config or PoseConfig())
     motion, seen = initialize(prepare(relaxed(frames)))
-    scale = _least_slide(_soles(actor, motion), seen, known, max(1, round(_LAG * rate)))
+    soles = _soles(actor, motion)
+    about, spread = 0.0, _SPREAD
+    if ground is not None:
+        about, spread = _as_high(soles[seen], known, seen, ground), _LEVEL
+    lag = max(1, round(_LAG * rate))
+    scale = _least_slide(soles, seen, known, lag, (about, spread))
     return replace(known, translation=scale * known.translation)
 
 
@@ -151,20 +163,41 @@ def _soles(actor: Actor, motion: Motion) -> Tensor:
     return landmarks[..., -_POINTS:, :]
 
 
-def _least_slide(soles: Tensor, seen: Tensor, way: CameraMotion, lag: int) -> float:
+def _as_high(soles: Tensor, way: CameraMotion, seen: Tensor, ground: Ground) -> float:
+    """Log of the factor at which the lower of points (S, N, 3) is on the ground, in the median."""
+    normal = torch.from_numpy(ground.normal).to(soles)
+    rotation = way.rotation[seen]
+    centre = -(rotation.mT @ way.translation[seen][..., None]).squeeze(-1)
+    above = -(soles @ rotation @ normal).amin(-1)  # m, of the camera above the lower foot
+    known = centre @ normal - ground.height
+    ratio = (above / known)[(above > 0) & (known > 0)]
+    return float(ratio.log().median()) if len(ratio) else 0.0
+
+
+def _least_slide(
+    soles: Tensor, seen: Tensor, way: CameraMotion, lag: int, prior: tuple[float, float]
+) -> float:
     """The factor of a way at which points (F, N, 3) in axes of the cameras stand most.
 
     What moves along the line of sight is not looked at: one view's depth trembles.
+
+    Args:
+        soles: points under the feet.
+        seen: frames that count, (F,).
+        way: of the camera, with a wrong length.
+        lag: frames over which a point stands.
+        prior: mean and deviation of the log factor.
     """
     turn = way.rotation.mT
     place = soles @ way.rotation  # world axes, from where the camera is
-    centre = (turn @ way.translation[..., None]).squeeze(-1)
+    centre = (turn @ way.translation[..., None]).squeeze(-1)  # minus where the camera stands
     both = seen[lag:] & seen[:-lag]
     moved, shift = place[lag:] - place[:-lag], centre[lag:] - centre[:-lag]
     across = way.rotation[:-lag][both][:, None, :2]  # 1 2 3 of each frame
     moved = (across @ moved[both][..., None]).squeeze(-1)
     shift = (across @ shift[both][:, None, :, None]).squeeze(-1)
-    logs = torch.linspace(-_RANGE, _RANGE, _TRIES).to(soles)
+    logs = prior[0] + torch.linspace(-_RANGE, _RANGE, _TRIES).to(soles)
     slid = (moved - logs.exp()[:, None, None, None] * shift).square().sum(-1) / _STILL**2
     cost = (slid / (1 + slid)).flatten(1).sum(-1) / (_POINTS * lag)
-    return float(logs[(cost + 0.5 * (logs / _SPREAD).square()).argmin()].exp())
+    held = 0.5 * ((logs - prior[0]) / prior[1]).square()
+    return float(logs[(cost + held).argmin()].exp())

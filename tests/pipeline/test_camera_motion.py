@@ -9,9 +9,10 @@ import torch
 from synthetic import actor
 from takes import Take, detect, handheld, make_take
 
+from perfcap.actor.sole_points import sole_skeleton
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.matchmove import CameraWay
+from perfcap.matchmove import CameraWay, Ground
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 FRAMES = 60
@@ -57,6 +58,26 @@ def test_feet_that_stand_tell_how_long_a_way_is(scale: float) -> None:
     ratio = float(found.translation.norm() / np.linalg.norm(true))
     assert abs(math.log(ratio)) < 0.15
     assert found.factor == way.factor and np.array_equal(found.rotation, way.rotation)
+
+
+def test_the_ground_tells_it_of_a_camera_that_hardly_walks() -> None:
+    """As high above the lower foot as above the ground, where feet show next to nothing."""
+    take = taken()
+    way = way_of(take.cameras, 0.5)
+    near = replace(way, translation=0.02 * way.translation)
+    first = take.cameras.frames(torch.tensor([0]))
+    up = first.rotation[0, 0] @ torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    soles = sole_skeleton(take.actor)(take.truth).landmarks[:1, -8:]
+    lowest = float((first.to_camera(soles)[0, 0] @ up).amin())
+    ground = Ground(up.numpy(), 0.01 * lowest)  # a unit of which 100 are a metre
+    given = assumed(take.cameras)
+    wrong = replace(way, translation=0.01 * way_of(take.cameras, 1.0).translation)
+    found = in_metres(actor(), given, take.detections, take.rate, wrong, ground)
+    true = way_of(take.cameras, 1.0).translation
+    assert abs(math.log(float(found.translation.norm() / np.linalg.norm(true)))) < 0.1
+    assert found.up is not None and torch.equal(found.up, up)
+    blind = in_metres(actor(), given, take.detections, take.rate, near)
+    assert float(blind.translation.norm()) < 0.2 * np.linalg.norm(true)
 
 
 def test_the_camera_that_moves_is_the_true_one() -> None:

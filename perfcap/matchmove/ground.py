@@ -1,0 +1,99 @@
+"""The ground among points of the background: a level plane below the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perfcap.setting_checks import Settings
+
+Array = NDArray[np.float64]
+
+_DRAWN = 2000  # planes through three points that are tried
+_ROUNDS = 10  # of the fit
+
+
+@dataclass(frozen=True)
+class GroundSettings(Settings):
+    """How the ground is found.
+
+    Attributes:
+        cone: degrees about the start, in which its normal lies.
+        within: distance of points from the plane by that from the camera, at which they agree.
+        least: points that must.
+        share: of all points that must.
+        spread: of them along each direction of the plane, deviations by their mean distance.
+    """
+
+    cone: float = 15.0
+    within: float = 0.015
+    least: int = 25
+    share: float = 0.1
+    spread: float = 0.08
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The plane ``normal . x = height``.
+
+    Attributes:
+        normal: up, a unit vector (3,).
+        height: negative, in the unit of the points: the camera is at the origin.
+    """
+
+    normal: Array
+    height: float
+
+
+def find_ground(
+    points: Array, start: Array, settings: GroundSettings | None = None, seed: int = 0
+) -> Ground | None:
+    """The plane below the origin, nearly level, on which most points are (RANSAC).
+
+    Args:
+        points: (P, 3), seen from near the origin.
+        start: about up, a unit vector (3,).
+        settings: of the search.
+        seed: of the planes that are tried.
+
+    Returns:
+        None where too few points agree, or they lie on a line.
+    """
+    settings = settings or GroundSettings()
+    if len(points) < settings.least:
+        return None
+    away = settings.within * np.linalg.norm(points, axis=1)
+    rng = np.random.default_rng(seed)
+    drawn = points[rng.integers(0, len(points), (_DRAWN, 3))]
+    normals = np.cross(drawn[:, 1] - drawn[:, 0], drawn[:, 2] - drawn[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals[length > 0] / length[length > 0, None]
+    normals *= np.where(normals @ start < 0, -1, 1)[:, None]
+    heights = (normals * drawn[length > 0, 0]).sum(-1)
+    likely = (normals @ start > math.cos(math.radians(settings.cone))) & (heights < 0)
+    if not likely.any():
+        return None
+    normals, heights = normals[likely], heights[likely]
+    agree = np.abs(points @ normals.T - heights) < away[:, None]
+    best = int(agree.sum(0).argmax())
+    normal, height = normals[best], float(heights[best])
+    for _ in range(_ROUNDS):
+        weight = 1 / np.square(1 + np.square((points @ normal - height) / away)) / away**2
+        middle = weight @ points / weight.sum()
+        spread = (points - middle).T @ (weight[:, None] * (points - middle))
+        _, axes = np.linalg.eigh(spread)
+        normal = axes[:, 0] * (1 if axes[:, 0] @ start > 0 else -1)
+        height = float(normal @ middle)
+    near = np.abs(points @ normal - height) < away
+    if near.sum() < max(settings.least, settings.share * len(points)) or height >= 0:
+        return None
+    if normal @ start < math.cos(math.radians(settings.cone)):
+        return None
+    own = points[near]
+    along = np.linalg.svd(own - own.mean(0), compute_uv=False)[1] / math.sqrt(len(own))
+    if along < settings.spread * np.linalg.norm(own, axis=1).mean():
+        return None
+    return Ground(normal, height)
