@@ -26,7 +26,8 @@ def check(path: Path, joint_set: JointSet, first: int = 0) -> None:
 
 def shares(values: np.ndarray) -> np.ndarray:
     """Pixels as parts of the image, whose left edge is half a pixel before the first centre."""
-    return (values + np.array([0.5, 0.5, 0])) / np.array([SIZE[1], SIZE[0], 1])
+    found: np.ndarray = (values + np.array([0.5, 0.5, 0])) / np.array([SIZE[1], SIZE[0], 1])
+    return found
 
 
 def landmarks(values: np.ndarray) -> list[Any]:

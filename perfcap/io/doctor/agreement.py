@@ -70,7 +70,10 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
         return findings + _scale(points) + examine_sides("detections", points)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
-    remedy = "check that calibration, videos and detections belong together; calibrate again"
+    remedy = (
+        "check that calibration, videos and detections belong together and come in one order; "
+        "calibrate again"
+    )
     return [
         *_behind(given.sampled(), rig.names),
         Finding(Severity.ERROR, "cameras", what, remedy),
