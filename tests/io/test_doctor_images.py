@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import pytest
 import torch
-from doctored_views import VIEWS, detections, one, rig
+from doctored_views import NAMES, VIEWS, detections, one, rig
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.io.doctor import examine_agreement
+from perfcap.io.doctor.agreement import best_mistake
+from perfcap.io.doctor.evidence import Scene
 
 SIZE = 1000  # of both sides
 
@@ -63,3 +65,12 @@ def test_cameras_without_sizes_are_examined_too() -> None:
     bare = replace(bare, cameras=replace(bare.cameras, size=()))
     assert examine_agreement(bare, detections()) == []
     assert "sees the person" in one(examine_agreement(bare, spoiled(range(1), mirrored))).what
+
+
+def test_no_image_is_named_where_views_disagree_still() -> None:
+    """Two people who were mixed up fit better in a mirror image, but not well."""
+    scene = Scene(rig().cameras, spoiled(range(1), mirrored))
+    named, rest = best_mistake(scene, list(NAMES), bad=1000.0)
+    assert "mirror" in named.what
+    other, _ = best_mistake(scene, list(NAMES), bad=0.5 * rest)
+    assert not other.settles
