@@ -7,8 +7,9 @@ from typing import Any, cast
 import pytest
 
 from perfcap.app.auto_actor import Casting
-from perfcap.app.capture_request import Capture, casting_of
+from perfcap.app.capture_request import casting_of
 from perfcap.app.personal_body import PersonalBody
+from perfcap.commands.capture import Capture
 
 
 def body() -> PersonalBody:
