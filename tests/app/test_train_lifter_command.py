@@ -49,6 +49,11 @@ def test_trains_exports_and_starts_from_what_it_wrote(
         load_checkpoint(path).part("average") for path in (best, tmp_path / "b/best.safetensors")
     )
     assert all((first[name] - second[name]).abs().max() < 1e-6 for name in first)
+    assert perfcap([*call, tmp_path / "b", *slow, "--resume"]).code == 0
+    last = tmp_path / "a" / "last.safetensors"
+    for other in (("--start", last, *slow[2:]), slow[2:]):
+        refused = perfcap([*call, tmp_path / "b", *other, "--resume"]).refused()
+        assert "another configuration or --start" in refused
     wider = perfcap([*call, tmp_path / "c", "--start", best, "--lifter.channels", 12])
     assert "is of another network" in wider.refused()
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
