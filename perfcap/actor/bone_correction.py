@@ -136,7 +136,8 @@ def unit_of(name: str, height: float) -> float:
         return 1.0
     raise InputError(
         f"actor {name!r}: is {height:.4g} units tall, which no unit makes the height of a person "
-        f"({SHORTEST} to {TALLEST} m); state metres_per_unit in a mapping file (--mapping)"
+        f"({SHORTEST} to {TALLEST} m); state metres_per_unit in a mapping file (--mapping of "
+        "perfcap actor build)"
     )
 
 

@@ -190,7 +190,8 @@ def _placed(template: Template, found: Mapping[str, int]) -> dict[str, int]:
     if abs(cosine) < SURE:
         raise InputError(
             f"actor {template.name!r}: its feet do not tell left from right, and its bones have no "
-            "known names; name them in a mapping file and give it as --mapping"
+            "known names; name them in a mapping file and give it as --mapping to "
+            "perfcap actor build"
         )
     return joints if cosine > 0 else other
 
@@ -210,7 +211,8 @@ def _spine(template: Template, joints: Mapping[str, int]) -> int:
             f"actor {template.name!r}: no bone for spine, because none is between "
             f"{template.bone_names[joints['pelvis']]} (pelvis) and "
             f"{template.bone_names[joints['neck']]} (neck); add one in Blender, or name another "
-            "pelvis or neck in a mapping file and give it as --mapping"
+            "pelvis or neck in a mapping file and give it as --mapping to "
+            "perfcap actor build"
         )
     places = template.bone_rest[:, :3, 3]
     start, way = places[joints["pelvis"]], places[joints["neck"]] - places[joints["pelvis"]]
@@ -234,7 +236,7 @@ def _require(template: Template, joints: Mapping[str, int], names: Sequence[str]
         raise InputError(
             f"actor {template.name!r}: no bone found for {', '.join(missing)} among {bones}{more}; "
             f'write lines like {missing[0]} = "name of the bone" into a file and give it as '
-            "--mapping"
+            "--mapping to perfcap actor build"
         )
 
 
@@ -246,7 +248,8 @@ def _require_distinct(template: Template, joints: Mapping[str, int]) -> None:
         if len(names) > 1:
             raise InputError(
                 f"actor {template.name!r}: bone {template.bone_names[bone]} is {', '.join(names)}; "
-                "expected a bone for each: name another one in a mapping file (--mapping)"
+                "expected a bone for each: name another one in a mapping file (--mapping of "
+                "perfcap actor build)"
             )
 
 

@@ -41,6 +41,7 @@ class Casting:
         masks: folders of silhouettes, one a view.
         look: whether images may be looked at: silhouettes are found in several views of them.
         preset: of the capture.
+        alone: whether one person is captured, whose height can be given.
     """
 
     actor: str
@@ -48,6 +49,7 @@ class Casting:
     masks: Sequence[Path] = ()
     look: bool = False
     preset: str = "default"
+    alone: bool = True
 
     def source(self) -> ActorFile:
         """The file that the actor is made from; the body model's for ``auto``.
@@ -126,7 +128,7 @@ def cast(
     template = replace(body.template, name=_NAME).rounded()
     found = body.fit.measurements
     note = f"--actor {AUTO}: a body {found.height:.2f} m tall was fitted to the {body.evidence}"
-    more = body.doubts()
+    more = body.doubts(alone=casting.alone)
     if casting.height is None and inputs.clip.views == 1:
         note, more = f"{note}; {_ONE_CAMERA}", ()
     actor = Actor(template).to(torch.zeros((), dtype=torch.float64))

@@ -144,13 +144,19 @@ def wants_bones(choice: str, generic: bool, detections: Detections) -> bool:
 def made_up(performance: Performance, first: int) -> Iterator[str]:
     """Frames without a capture, for a person; ``first`` is the number of the first frame."""
     for start, stop in performance.gaps:
-        yield (
-            f"frames {first + start} to {first + stop - 1}: nobody is detected; they are "
-            "interpolated"
-        )
+        which, they = _spanned(first + start, first + stop)
+        yield f"{which}: nobody is detected; {they} interpolated"
     if performance.lost:
         start, stop = first + performance.frames, first + performance.frames + performance.lost
-        yield f"frames {start} to {stop - 1}: are missing in the video or its detections"
+        which, they = _spanned(start, stop)
+        yield f"{which}: {they} missing in the video or its detections"
+
+
+def _spanned(start: int, stop: int) -> tuple[str, str]:
+    """Frames in words, the last one of which is ``stop - 1``, and the pronoun and verb for them."""
+    if stop - start == 1:
+        return f"frame {start}", "it is"
+    return f"frames {start} to {stop - 1}", "they are"
 
 
 def _words(finding: Finding) -> str:

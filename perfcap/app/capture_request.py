@@ -144,8 +144,9 @@ def keeps_detections(request: Capture) -> bool:
 
 def casting_of(request: Capture, actor: str) -> Casting:
     """How an actor is found; of several people by joints alone, images show all of them at once."""
-    look = Stage[request.until.upper()].needs_images and not request.everybody
-    return Casting(actor, request.height, request.masks, look, request.preset)
+    alone = not request.everybody
+    look = Stage[request.until.upper()].needs_images and alone
+    return Casting(actor, request.height, request.masks, look, request.preset, alone)
 
 
 def settings_of(request: Capture) -> CaptureConfig:

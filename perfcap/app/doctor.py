@@ -23,9 +23,10 @@ def run_doctor(request: Doctor) -> int:
         cameras, videos = found.cameras, found.videos
         detections = detections or found.detections
     if cameras is None and (detections or videos or request.video_map):
+        alone = "; one video needs none: perfcap capture assumes a lens, and checks the same"
         raise InputError(
             "--cameras: is missing; expected the calibration that detections and videos are "
-            "checked against"
+            f"checked against{alone if len(videos) == 1 else ''}"
         )
     findings = list(examine_installation())
     if cameras is not None:

@@ -193,11 +193,15 @@ class PersonalBody:
         save_measures(folder, self.fit.measurements, self.fit.deviations, self.source)
         save_fit_sheet(folder / picture, self.model, self.fit, self.chosen)
 
-    def doubts(self) -> tuple[str, ...]:
-        """What a user should know about it, one sentence each."""
-        return tuple(self._doubts())
+    def doubts(self, *, alone: bool = True) -> tuple[str, ...]:
+        """What a user should know about it, one sentence each.
 
-    def _doubts(self) -> Iterator[str]:
+        Args:
+            alone: whether there is one person, for whom ``--height`` can be given.
+        """
+        return tuple(self._doubts(alone))
+
+    def _doubts(self, alone: bool) -> Iterator[str]:
         views, fit = self.chosen.clip.views, self.fit
         if views == 1 and self.height is None:
             yield (
@@ -205,7 +209,8 @@ class PersonalBody:
                 "a guess, give --height"
             )
         elif fit.deviations.height > _DOUBTFUL:
-            yield f"the height is known to {100 * fit.deviations.height:.0f} cm only; give --height"
+            known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
+            yield f"{known}; give --height" if alone else known
         tall = fit.measurements.height
         if not _TALL[0] < tall < _TALL[1]:
             yield (

@@ -16,7 +16,7 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
-from perfcap.train.checkpoint import require_unseen, start_from
+from perfcap.train.checkpoint import described_start, require_unseen, start_from
 from perfcap.train.config import LifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter, LifterCommittee
@@ -60,7 +60,7 @@ def run_train_lifter(request: TrainLifter) -> int:
             task,
             config.loop,
             out,
-            asdict(config) | {"motion": library.digest},
+            asdict(config) | {"motion": library.digest} | described_start(request.start),
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(out) if first else None,

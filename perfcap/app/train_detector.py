@@ -18,7 +18,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.card import write_detector_card
 from perfcap.train.cast import Cast
-from perfcap.train.checkpoint import require_unseen, start_from
+from perfcap.train.checkpoint import described_start, require_unseen, start_from
 from perfcap.train.config import TrainDetectorConfig
 from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
@@ -67,7 +67,7 @@ def run_train_detector(request: TrainDetector) -> int:
             task,
             config.loop,
             request.out,
-            asdict(config) | learned_from,
+            asdict(config) | learned_from | described_start(request.start),
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(request.out) if first else None,

@@ -135,6 +135,13 @@ def find_truth(path: Path) -> Path:
     for name in _TRUTH_NAMES:
         if (path / name).is_file():
             return path / name
+    if (path / MOTION).is_file():
+        raise InputError(
+            f"--truth {path}: is the folder of a capture, no truth; to compare two captures give "
+            f"{path / MOTION}, or type perfcap view FIRST SECOND"
+        )
+    if path.is_dir():
+        raise InputError(f"--truth {path}: holds no {' and no '.join(_TRUTH_NAMES)}")
     raise InputError(f"--truth {path}: no such file; expected an npz or a folder with truth.npz")
 
 

@@ -26,6 +26,7 @@ from perfcap.io.gltf_document import require_readable_kind
 from perfcap.io.robot import is_robot, load_robot
 
 _LOG = logging.getLogger(__name__)
+_BARE = frozenset({".obj", ".ply", ".stl"})
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,12 @@ def find_actor(name: str | Path) -> ActorFile:
     """A shipped actor by name, a ``.glb``/``.gltf`` file, or a folder that holds ``actor.glb``.
 
     Raises:
-        InputError: there is no such actor, or it is FBX or the like.
+        InputError: there is no such actor, or it is FBX or the like, or a mesh without bones.
     """
     path = Path(name)
     if path.is_file():
         require_readable_kind(path)
+        _require_character(path)
         return ActorFile(path, generic=False)
     folder = path if path.is_dir() else models_folder() / "actors" / path.name
     if not (folder / MESH).is_file() and (folder / "capture.glb").is_file():
@@ -68,12 +70,27 @@ def find_actor(name: str | Path) -> ActorFile:
             f"--actor {name}: holds a capture; give its {path / 'capture.glb'} for the person in it"
         )
     if not (folder / MESH).is_file():
+        missing = f"holds no such file as {MESH}" if path.is_dir() else "no such file"
         known = sorted(p.parent.name for p in (models_folder() / "actors").glob(f"*/{MESH}"))
         raise InputError(
-            f"--actor {name}: no such file, and no shipped actor has that name; expected a skinned "
+            f"--actor {name}: {missing}, and no shipped actor has that name; expected a skinned "
             f".glb, a folder with {MESH}, or one of {', '.join(known)}"
         )
     return ActorFile(folder / MESH, read_manifest(folder / MANIFEST).generic)
+
+
+def _require_character(path: Path) -> None:
+    kind = path.suffix.lower()
+    if kind in _BARE:
+        raise InputError(
+            f"--actor {path}: is a mesh without bones; perfcap actor build {path} --out FOLDER "
+            "gives it some, and FOLDER is an actor"
+        )
+    if kind == ".bvh":
+        raise InputError(
+            f"--actor {path}: is a motion without a body; expected a skinned .glb (perfcap "
+            "retarget puts the motion on one)"
+        )
 
 
 @dataclass(frozen=True, eq=False)

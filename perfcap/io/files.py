@@ -63,8 +63,9 @@ def read_text(path: Path, what: str, limit: int = TEXT_LIMIT) -> str:
 
 def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
     """The value of a JSON file. ``NaN`` and ``Infinity`` are read, as detectors write them."""
+    text = read_text(path, what, limit)  # refused by itself: an InputError is a ValueError
     try:
-        return json.loads(read_text(path, what, limit))
+        return json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); expected {what}; "

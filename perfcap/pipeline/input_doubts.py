@@ -39,6 +39,7 @@ _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
 _CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
+_EXCHANGED = 0.7  # of the difference that is left; where more is, neither fits
 _OTHER = 0.05  # of bone lengths, by which people who have one actor differ
 _NONE = 0.01  # m: these are no legs
 _TRIMS = 6  # rounds in which triangulation lets outliers go
@@ -244,7 +245,8 @@ def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
     off = bone_difference(own[:, None], shown)
     for i, j in combinations(range(len(told)), 2):
         given, other = (((a.square() + b.square()) / 2).sqrt() for a, b in _pairs(off, i, j))
-        if float(other) + _CLEARLY < float(given) and not _solved(scene.people[i], scene.people[j]):
+        better = float(other) < min(float(given) - _CLEARLY, _EXCHANGED * float(given))
+        if better and not _solved(scene.people[i], scene.people[j]):
             for k in (i, j):
                 told[k] += (
                     f"the actors of people {i + 1} and {j + 1} look exchanged: bones differ by "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 from collections.abc import Collection, Mapping
@@ -95,6 +96,16 @@ def start_from(model: nn.Module, path: Path) -> None:
             "the sizes that it was trained with; a detector may have more blocks"
         )
     model.load_state_dict(own | weights)
+
+
+def described_start(path: Path | None) -> dict[str, str]:
+    """What a training's description says of the weights it began with: nothing where it had none,
+    else their digest, so that it is not resumed as if it had begun with others.
+    """
+    if path is None:
+        return {}
+    with path.open("rb") as file:
+        return {"start": hashlib.file_digest(file, "sha256").hexdigest()}
 
 
 def require_unseen(path: Path, people: Collection[str], motion: str) -> None:

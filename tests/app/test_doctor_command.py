@@ -174,3 +174,10 @@ def test_joints_in_pixels_of_the_video(
     call = ["doctor", take.video, *files, "--video-map", tmp_path / "map.json"]
     assert "0 errors, 0 other" in perfcap([*call, "--detections-in", "video"]).out
     assert "in a video of half the size" in perfcap(call).out
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_videos_without_cameras(count: int, perfcap: Command) -> None:
+    refused = perfcap(["doctor", *["dance.mp4"] * count]).refused()
+    assert "--cameras: is missing" in refused
+    assert ("one video needs none: perfcap capture" in refused) == (count == 1)

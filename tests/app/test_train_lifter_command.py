@@ -26,7 +26,7 @@ def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path:
     assert perfcap([*call, library]).code == 0
     assert perfcap([*call, library, "--resume"]).code == 0
     other = write_library(tmp_path / "other", frames=21)
-    assert "or of other motion" in perfcap([*call, other, "--resume"]).refused()
+    assert "of other motion" in perfcap([*call, other, "--resume"]).refused()
 
 
 def test_trains_exports_and_starts_from_what_it_wrote(
@@ -49,6 +49,11 @@ def test_trains_exports_and_starts_from_what_it_wrote(
         load_checkpoint(path).part("average") for path in (best, tmp_path / "b/best.safetensors")
     )
     assert all((first[name] - second[name]).abs().max() < 1e-6 for name in first)
+    assert perfcap([*call, tmp_path / "b", *slow, "--resume"]).code == 0
+    last = tmp_path / "a" / "last.safetensors"
+    for other in (("--start", last, *slow[2:]), slow[2:]):
+        refused = perfcap([*call, tmp_path / "b", *other, "--resume"]).refused()
+        assert "another configuration or --start" in refused
     wider = perfcap([*call, tmp_path / "c", "--start", best, "--lifter.channels", 12])
     assert "is of another network" in wider.refused()
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()

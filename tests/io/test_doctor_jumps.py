@@ -37,9 +37,9 @@ def test_one_person_does_not_jump(speed: float, noise: float) -> None:
 @pytest.mark.parametrize("frame", [5, 30, 50])
 def test_somebody_else_from_a_frame_on(apart: float, frame: int) -> None:
     mixed = torch.cat((body(100)[:frame], body(100 + apart, seed=1)[frame:]))
-    assert f"(frames {frame}, counted from 0)" in told(mixed)
+    assert f"(frames {frame} of the capture, counted from 0)" in told(mixed)
     moved = mixed * 3.7 + 40  # of larger images
-    assert f"(frames {frame}, counted from 0)" in told(moved)
+    assert f"(frames {frame} of the capture, counted from 0)" in told(moved)
 
 
 def test_sides_and_single_joints_that_jump_are_nobody_else() -> None:
@@ -56,7 +56,7 @@ def test_whoever_is_found_elsewhere() -> None:
     unseen[20:32] = 0
     assert not told(body(100), unseen)  # bridged
     other = torch.cat((body(100)[:30], body(700, seed=1)[30:]))
-    assert "(frames 32, counted from 0)" in told(other, unseen)
+    assert "(frames 32 of the capture, counted from 0)" in told(other, unseen)
 
 
 def test_nobody_at_all() -> None:

@@ -150,3 +150,15 @@ def test_one_actor_for_people_of_other_sizes_is_told() -> None:
         assert "people 1 and 2 have one actor, but the bones of person" in "".join(lines)
     solved = tuple(replace(each, solve_bones=True) for each in shared)
     assert not any(exchanged_actors(replace(whole, people=solved)))
+
+
+def test_actors_of_neither_are_not_said_to_be_exchanged() -> None:
+    """Bodies that were fitted to each of them in three frames were: 13.2 % off, 12.2 exchanged."""
+    whole = scene()
+    groups = len(whole.people[0].actor.skeleton.group_names)
+    odd = 0.15 * (-1.0) ** torch.arange(groups, dtype=torch.float64)
+    one, other = (each.actor.resized(odd) for each in whole.people)
+    ill = tuple(
+        replace(each, actor=actor) for each, actor in zip(whole.people, (other, one), strict=True)
+    )
+    assert not any(exchanged_actors(replace(whole, people=ill)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import torch
+from torch import Tensor
 
 from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
@@ -16,7 +17,8 @@ from perfcap.geometry.camera import Camera
 
 _LOOKED_AT = 24  # images, of a frame and view each
 _FEWEST = 4  # frames
-_BETTER = 1.2  # times as well; of right views no such change was more than 0.83 times as good
+_SHORTEST = 6  # frames of a clip; right views of fewer fitted better when exchanged, now and then
+_BETTER = 1.2  # times as well
 _SIZES = {2.0: "half", 1.5: "two thirds of", 2 / 3: "one and a half times", 0.5: "twice"}
 _OTHER_SIDE = list(LANDMARKS16.mirrored())
 
@@ -32,19 +34,32 @@ def view_doubts(
         config: sizes.
     """
     frames, views = candidates.joints2d.shape[1:3]
+    if frames < _SHORTEST:
+        return ()
     count = min(frames, max(_FEWEST, _LOOKED_AT // views))
     index = torch.linspace(0, frames - 1, count).round().long()
     cameras, some = cameras.frames(index), candidates.frames(index)
-    given = _fit(Sightings.of(cameras, some, config))
-    fits = {
-        what: _fit(Sightings.of(cameras, other, config)) for what, other in _without_mistake(some)
+    as_given = {scale: _as_given(cameras, some, config, scale) for scale in (1.0, *_SIZES)}
+    better = {
+        what: fit
+        for what, other, scale in _without_mistake(some)
+        if (fit := _fit(Sightings.of(cameras, other, config))) > _BETTER * as_given[scale]
     }
-    what = max(fits, key=fits.__getitem__)
-    return (what,) if fits[what] > _BETTER * given else ()
+    return (max(better, key=better.__getitem__),) if better else ()
 
 
-def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections]]:
-    """Each mistake in words, and the candidates if it was made."""
+def _as_given(
+    cameras: Camera, candidates: Detections, config: AssociationConfig, scale: float
+) -> float:
+    """The fit without a change, but to people who are ``1 / scale`` as large, and so are errors:
+    else any detections fit better the smaller they are.
+    """
+    larger = replace(config, same=config.same / scale)
+    return _fit(Sightings.of(cameras, candidates, larger))
+
+
+def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections, float]]:
+    """Each mistake in words, the candidates if it was made, and how much larger people then are."""
     views = candidates.views
     for first, second in combinations(range(views), 2):
         order = list(range(views))
@@ -53,6 +68,7 @@ def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections]]
             f"views {first} and {second}, counted from 0, look exchanged: give detections, videos "
             "and cameras in one order",
             candidates.select(order),
+            1.0,
         )
     for view in range(views):
         which = f"view {view} (counted from 0)" if views > 2 else "one of the views"
@@ -63,6 +79,7 @@ def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections]]
             f"left and right joints look swapped in {which}: check for a mirrored "
             "video (front camera) or swapped joint names",
             replace(candidates, joints2d=joints, confidence2d=confidence),
+            1.0,
         )
 
     for scale, size in _SIZES.items():
@@ -70,15 +87,26 @@ def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections]]
             f"detections look as if they were in pixels of videos of {size} the size: give them in "
             f"pixels of the calibration, {scale:.3g} times theirs",
             replace(candidates, joints2d=scale * candidates.joints2d),
+            scale,
         )
 
 
 def _fit(sightings: Sightings) -> float:
-    """How many detections are of people, each counted by how well its rays cross, 0 to 1."""
+    """How many detections are of people, each counted by how well its rays cross, 0 to 1.
+
+    Rays of fewer views cross better whatever they show, and are judged as those of all views.
+    """
     groups = group_views(sightings)
     if not len(groups.frames):
         return 0.0
     members = torch.from_numpy(groups.members)
     misfit = sightings.cross(torch.from_numpy(groups.frames), members).misfit
-    share = (1 - misfit / sightings.config.same).clamp(min=0)
-    return float((share * (members >= 0).sum(1)).sum() / sightings.there.sum())
+    seen = (members >= 0).sum(1)
+    views = torch.tensor(members.shape[1])
+    share = (1 - misfit * _spread(seen) / _spread(views) / sightings.config.same).clamp(min=0)
+    return float((share * seen).sum() / sightings.there.sum())
+
+
+def _spread(views: Tensor) -> Tensor:
+    """Of places about where rays cross: a view gives two numbers, a point takes three."""
+    return (2 * views / (2 * views - 3)).sqrt()

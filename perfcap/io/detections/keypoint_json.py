@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing, are_shares
 from perfcap.io.detections.network import is_network_json, read_network_json
@@ -53,10 +54,32 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
     if frames is not None and not numbered:  # results list nobody, so empty frames end unseen
         listed += [[]] * (frames - len(listed))
     joint_set = choose_joint_set(str(path), listed)
+    _require_names(path, data, joint_set)
     warnings = []
     if frames is not None and first < min(by_frame) and (numbered or first == 0):
         warnings.append(f"{path}: frame numbers start at {min(by_frame)}; counted from {first}")
     return Listing(str(path), joint_set, listed, tuple(warnings))
+
+
+def _require_names(path: Path, data: Any, joint_set: JointSet) -> None:
+    """Refuse MMPose's predictions of another data set whose number of keypoints is the same.
+
+    Raises:
+        InputError: ``meta_info`` has one of our landmarks in another place than the joint set.
+    """
+    held = data.get("meta_info") if isinstance(data, dict) else None
+    meta = held if isinstance(held, dict) else {}
+    held = meta.get("keypoint_id2name")
+    names = held if isinstance(held, dict) else {}
+    for index, joint in enumerate(joint_set.joints):
+        name = names.get(str(index))
+        called = canonical_name(name) if isinstance(name, str) else joint
+        if called != joint and called in LANDMARKS:
+            raise InputError(
+                f"{path}: keypoint {index} is {name!r:.40} (data set "
+                f"{meta.get('dataset_name')!r:.40}), expected {joint} of {joint_set.name}; detect "
+                "with a model of COCO, COCO-WholeBody or Halpe"
+            )
 
 
 def _entries(path: Path, data: Any) -> Entries:
@@ -119,7 +142,7 @@ def _first_number(by_frame: Mapping[int, Any], frames: int | None) -> int:
 #
 # There is no one form: people write what their library hands them, frame by frame. A frame is a
 # person, a list of people, or an object that holds one of these under a usual key; a person is a
-# list of ``{x, y, ...}``.
+# list of ``{x, y, ...}``, or an object of the lists of them.
 
 _FRAMES = "frames"
 _HOLDERS = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "poses",
@@ -131,16 +154,20 @@ _MOST_JOINTS = 1000
 
 def holds_landmarks(data: Any) -> bool:
     """Whether the first thing that is in a value is a landmark with coordinates of its own."""
-    for _ in range(_DEEPEST):
-        if isinstance(data, dict):
-            if _is_landmark(data):
-                return True
-            data = _of_frames(data) if _of_frames(data) is not None else _held(data)
-        elif isinstance(data, list):
-            data = next((each for each in data if each), None)
-        else:
-            return False
-    return isinstance(data, dict) and _is_landmark(data)
+    return _is_landmark(_first(data, 0))
+
+
+def _first(data: Any, depth: int) -> Any:
+    """What is in the first list or object that is not empty; None where all are."""
+    if depth > _DEEPEST or _is_landmark(data):
+        return data
+    if isinstance(data, dict):
+        frames = _of_frames(data)
+        return _first(_held(data) if frames is None else frames, depth + 1)
+    if isinstance(data, list):
+        found = (_first(each, depth + 1) for each in data)
+        return next((each for each in found if each is not None), None)
+    return data
 
 
 def read_landmarks(path: Path, data: Any) -> Listing:
@@ -187,6 +214,8 @@ def _people(path: Path, frame: int, value: Any, depth: int) -> list[Array]:
     """The people (J, 3) of a frame; nothing, empty lists and objects without people are nobody."""
     if not value:
         return []
+    if _is_landmark(value):
+        return [_person(path, frame, _apart(path, frame, value))]
     if isinstance(value, dict):
         return _people(path, frame, _held(value), depth + 1) if depth < _DEEPEST else []
     if not isinstance(value, list) or depth >= _DEEPEST:
@@ -208,6 +237,16 @@ def _person(path: Path, frame: int, landmarks: list[Any]) -> Array:
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: frame {frame} has landmarks that are no numbers") from error
     return person
+
+
+def _apart(path: Path, frame: int, columns: Mapping[str, Any]) -> list[Any]:
+    """Landmarks of a person whose x, y and ``visible`` are lists of them all, as Ultralytics'."""
+    lists = [columns["x"], columns["y"], columns.get("visible")]
+    if lists[2] is None and isinstance(lists[0], list):
+        lists[2] = [1.0] * len(lists[0])
+    if not all(isinstance(each, list) for each in lists) or len({len(each) for each in lists}) > 1:
+        raise InputError(f"{path}: frame {frame} has x, y and visible that are no equal lists")
+    return [{"x": x, "y": y, "visibility": sure} for x, y, sure in zip(*lists, strict=True)]
 
 
 def _sureness(landmark: Mapping[str, Any]) -> Any:

@@ -22,6 +22,9 @@ _ROWS_FIRST = "movenet"  # in the name: rows before columns
 _UNREADABLE = (OSError, ValueError, EOFError, OverflowError, MemoryError, SyntaxError, TypeError,
                LookupError, struct.error, tokenize.TokenError)  # fmt: skip
 _BODY = 33  # MediaPipe's landmarks of the body, before those of hands and face
+_DEEP = 4  # numbers of each: x, y, z, visibility
+_UNSEEN = -1.0  # what some write for a joint without confidence
+_BELOW_ZERO = 0.05, 0.1  # least of a confidence, networks round; share of joints that may be below
 _WITH_BODY = (75, 543, 553)
 
 
@@ -33,10 +36,11 @@ def read_keypoint_npy(path: Path) -> list[Listing]:
 
     Args:
         path: ``[F,J,3]`` or ``[F,P,J,3]``, pixels or shares of the image, with confidence; without,
-            finite numbers are taken for seen. ``[C,F,J,2]`` where the name says ``numCams``.
+            finite numbers are taken for seen. MediaPipe's ``[F,33,4]`` have a depth between, which
+            is left out. ``[C,F,J,2]`` where the name says ``numCams``.
 
     Raises:
-        InputError: it is damaged, holds objects, or has another shape.
+        InputError: it is damaged, holds objects, has another shape, or depths for confidences.
     """
     values = _load(path)
     name = path.name.lower()
@@ -48,15 +52,31 @@ def read_keypoint_npy(path: Path) -> list[Listing]:
         return [_listing(f"{path}: view {c + 1}", view[:, None]) for c, view in enumerate(body)]
     if values.ndim == 5 and values.shape[1] == 1:
         values = values[:, 0]
+    shape = values.shape
     if values.ndim == 3:
         values = values[:, None]
+    if values.ndim == 4 and values.shape[2:] == (_BODY, _DEEP):
+        values = values[..., [0, 1, 3]]
     if values.ndim != 4 or values.shape[-1] not in (2, 3) or values.shape[1] > MAX_PEOPLE:
-        raise InputError(f"{path}: has shape {values.shape}, expected {_EXPECTED}")
+        raise InputError(f"{path}: has shape {shape}, expected {_EXPECTED}")
     if _ROWS_FIRST in name:
         values = values[..., [1, 0, 2][: values.shape[-1]]]
     if values.shape[2] in _WITH_BODY:
         values = values[:, :, :_BODY]
+    if values.shape[-1] == 3:
+        _require_confidence(path, values[..., 2])
     return [_listing(str(path), values)]
+
+
+def _require_confidence(path: Path, third: Array) -> None:
+    known = third[np.isfinite(third)]
+    least, share = _BELOW_ZERO
+    if known.size and float(((known < -least) & (known != _UNSEEN)).mean()) > share:
+        raise InputError(
+            f"{path}: the third number of each joint is {known.min():.3g} to {known.max():.3g}, "
+            "expected a confidence, 0 to 1; where it is a depth, as MediaPipe's z, give x, y and "
+            "visibility"
+        )
 
 
 def _listing(where: str, values: Array) -> Listing:

@@ -70,7 +70,10 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
         return findings + _scale(points) + examine_sides("detections", points)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
-    remedy = "check that calibration, videos and detections belong together; calibrate again"
+    remedy = (
+        "check that calibration, videos and detections belong together and come in one order; "
+        "calibrate again"
+    )
     return [
         *_behind(given.sampled(), rig.names),
         Finding(Severity.ERROR, "cameras", what, remedy),
@@ -84,7 +87,7 @@ def _explain(
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
-    best, left = _best_mistake(scene, names)
+    best, left = best_mistake(scene, names, BAD * height)
     late = late_view(scene, names)
     in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
     if late is not None and in_time < min(left, now):
@@ -106,9 +109,16 @@ def _explain(
     return finding, scene.select(rest), [names[view] for view in rest]
 
 
-def _best_mistake(scene: Scene, names: list[str]) -> tuple[Hypothesis, float]:
+def best_mistake(scene: Scene, names: list[str], bad: float) -> tuple[Hypothesis, float]:
+    """The mistake without which views disagree least, and by how much, pixels; above ``bad`` they
+    do not agree.
+    """
     candidates = list(hypotheses(names, range(len(names))))
     left = [disagreement(candidate.undo(scene).sampled()) for candidate in candidates]
+    left = [
+        math.inf if candidate.settles and rest > bad else rest
+        for candidate, rest in zip(candidates, left, strict=True)
+    ]
     lowest = min(range(len(left)), key=left.__getitem__)
     return candidates[lowest], left[lowest]
 

@@ -30,17 +30,29 @@ _TURN = (-1.0, -1.0, 1.0)  # between OpenCV's and PyTorch3D's
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A mistake: whose, what it looks like, what to do, and the change that undoes it."""
+    """A mistake: whose, what it looks like, what to do, and the change that undoes it.
+
+    One that ``settles`` is believed only if views agree without it: people who are mixed up fit a
+    little better in many another image.
+    """
 
     subject: str
     what: str
     remedy: str
     undo: Callable[[Scene], Scene]
+    settles: bool = False
 
 
 def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
     """All mistakes looked for, of all cameras, of pairs and of single views, but late views."""
     yield from _conventions()
+    yield Hypothesis(
+        "detections",
+        "look as if x and y were exchanged",
+        "give columns (x) before rows (y)",
+        partial(_redrawn, views=views, change=_rows_first),
+        settles=True,
+    )
     for scale in SCALES:
         yield Hypothesis(
             "detections",
@@ -67,7 +79,11 @@ def _conventions() -> Iterator[Hypothesis]:
         (inverse, "invert them", _inverted),
         (f"in {opengl}, expected OpenCV", "flip y and z of the camera axes", _flipped),
         (f"camera-to-world in {opengl}", "flip, then invert", _inverted_and_flipped),
-        ("in axes with x left and y up, expected OpenCV", "flip x and y", _turned),
+        (
+            "in axes with x left and y up, expected OpenCV",
+            "flip x and y, unless joints are of videos that are upside down",
+            _turned,
+        ),
         ("as if t were the place of the camera", "give t = -R place", _placed),
         ("as if R alone were transposed", "transpose R and leave t", _transposed),
     )
@@ -87,6 +103,18 @@ def _single(name: str, view: int) -> Iterator[Hypothesis]:
         "check for a mirrored video (front camera) or swapped joint names",
         partial(_mirrored, view=view),
     )
+    for what, change in (
+        ("in a mirror image, as some front cameras make", _mirror_image),
+        ("in an image that is upside down", _half_turn),
+        ("with x and y exchanged", _rows_first),
+    ):
+        yield Hypothesis(
+            name,
+            f"detections look as if made {what}",
+            "detect in the video that was calibrated, x before y",
+            partial(_redrawn, views=(view,), change=change),
+            settles=True,
+        )
     for scale in SCALES:
         yield Hypothesis(
             name,
@@ -179,6 +207,34 @@ def _mirrored(scene: Scene, view: int) -> Scene:
     joints[:, view] = joints[:, view][:, _MIRROR]
     confidence[:, view] = confidence[:, view][:, _MIRROR]
     return _with_joints(scene, joints, confidence)
+
+
+_Redraw = Callable[[Tensor, tuple[int, int]], Tensor]
+"""Of a view's joints and confidences (F, 16, 3), of an image (height, width): as in another one."""
+
+
+def _mirror_image(seen: Tensor, size: tuple[int, int]) -> Tensor:
+    """In a mirror image detectors take left for right."""
+    x, y, confidence = seen[:, _MIRROR].unbind(-1)
+    return torch.stack((size[1] - 1 - x, y, confidence), -1)
+
+
+def _half_turn(seen: Tensor, size: tuple[int, int]) -> Tensor:
+    x, y, confidence = seen.unbind(-1)
+    return torch.stack((size[1] - 1 - x, size[0] - 1 - y, confidence), -1)
+
+
+def _rows_first(seen: Tensor, size: tuple[int, int]) -> Tensor:
+    return seen[..., [1, 0, 2]]
+
+
+def _redrawn(scene: Scene, views: Sequence[int], change: _Redraw) -> Scene:
+    """Joints of another image of some views; as they are where sizes are not known."""
+    sizes, found = scene.cameras.size, scene.detections
+    seen = torch.cat((found.joints2d, found.confidence2d[..., None]), -1)
+    for view in views if sizes else ():
+        seen[:, view] = change(seen[:, view], sizes[view])
+    return _with_joints(scene, seen[..., :2], seen[..., 2])
 
 
 def _exchanged(scene: Scene, first: int, second: int) -> Scene:

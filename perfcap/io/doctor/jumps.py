@@ -35,7 +35,9 @@ def examine_jumps(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding
     if not frames:
         return []
     where = ranges(sorted(set(frames)))
-    what = f"the joints jump from one place to another (frames {where}, counted from 0)"
+    what = (
+        f"the joints jump from one place to another (frames {where} of the capture, counted from 0)"
+    )
     remedy = (
         "do they go over to somebody else there, or does the video cut? give --box or --person, "
         "detections of one person, or a part with --frames"
