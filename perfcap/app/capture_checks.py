@@ -105,7 +105,9 @@ def doubts(
     fitting = detected or not alone
     findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=fitting)
     findings += examine_take(
-        inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map, detected=detected
+        *(inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map),
+        detected=detected,
+        rests=inputs.rests,
     )
     return _sentences(findings)
 

@@ -56,6 +56,7 @@ class Inputs:
         files: what was read, and the state of each.
         lag: frames by which images were taken later than their frame, (F, C); see ``Images``.
         up: against gravity in the world of the cameras, (3,), where it is known.
+        rests: whether the images have shown already that no camera moves.
     """
 
     clip: Clip
@@ -67,6 +68,7 @@ class Inputs:
     files: Mapping[str, str | None] = field(default_factory=dict)
     lag: Tensor | None = None
     up: Tensor | None = None
+    rests: bool = False
 
 
 def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Inputs:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from perfcap.app.console import progress_bars
 from perfcap.app.gravity import upright_start
@@ -15,6 +17,8 @@ from perfcap.io.doctor.rest import about_joints, background_shift
 from perfcap.matchmove import CornerTracks, find_ground, find_way
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
+Array = NDArray[np.float64]
+
 _CONFIDENT = 0.3  # joints that say where the person is
 _LONGEST = 1800  # frames; more take gigabytes
 _BLOCK = 8  # frames that are read at once
@@ -22,17 +26,26 @@ _BLOCK = 8  # frames that are read at once
 _LOG = logging.getLogger(__name__)
 
 
+def camera_moves(inputs: Inputs) -> bool:
+    """Whether what is behind the person moves in one view."""
+    shift = background_shift(inputs.clip, 0, inputs.clip.fps, *_joints(inputs))
+    return shift is not None
+
+
+def _joints(inputs: Inputs) -> tuple[Array, Array]:
+    """Of one view, pixels of the video (F, 16, 2), and their confidence (F, 16)."""
+    pixels = inputs.pixel_map.to_video(inputs.detections.joints2d)[:, 0]
+    return pixels.numpy(), inputs.detections.confidence2d[:, 0].numpy()
+
+
 def find_motion(inputs: Inputs) -> CameraMotion | None:
-    """How the camera of one video moved; None where it stands, or the background does not show it.
+    """How the camera of one video moved; None where the background does not show it.
 
     Args:
         inputs: one view with an assumed camera.
     """
     clip, count = inputs.clip, inputs.detections.frame_count
-    joints = inputs.pixel_map.to_video(inputs.detections.joints2d)[:, 0].numpy()
-    confidence = inputs.detections.confidence2d[:, 0].numpy()
-    if background_shift(clip, 0, clip.fps, joints, confidence) is None:
-        return None
+    joints, confidence = _joints(inputs)
     if count > _LONGEST:
         _LOG.warning(
             "the camera moves, and its way is found in %d frames at most, of %d; give --frames",

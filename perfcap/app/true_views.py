@@ -9,7 +9,7 @@ import torch
 
 from perfcap.app.gravity import find_up
 from perfcap.app.inputs import Inputs
-from perfcap.app.moving_camera import find_motion
+from perfcap.app.moving_camera import camera_moves, find_motion
 from perfcap.errors import InputError
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.clip import Clip, LateSource
@@ -62,7 +62,9 @@ def settled(
 
 def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
     """The inputs of one view with all that pixels and poses tell of its camera."""
-    motion = find_motion(inputs) if held else None
+    moves = held and camera_moves(inputs)
+    inputs = replace(inputs, rests=held and not moves)
+    motion = find_motion(inputs) if moves else None
     found: dict[str, Any] = {}
     if motion is not None:
         inputs, found = _with_motion(inputs, motion)

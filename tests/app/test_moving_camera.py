@@ -105,7 +105,7 @@ def test_a_panned_camera_is_found_with_its_lens() -> None:
     assert views["camera_motion"]["reach_m"] == 0
     assert "the camera moves" in found.warnings[0]
     kept, lens = settled(inputs, sync=False, refine=False, assumed=True, held=False)
-    assert not kept.rig.cameras.moving and "lens" in lens
+    assert not kept.rig.cameras.moving and "lens" in lens and not kept.rests
 
 
 def test_a_lens_that_is_known_stays() -> None:
@@ -118,7 +118,7 @@ def test_a_lens_that_is_known_stays() -> None:
 def test_a_camera_at_rest_stays() -> None:
     inputs = given(0.0)
     found, views = settled(inputs, sync=False, refine=False, assumed=True)
-    assert not found.rig.cameras.moving and "camera_motion" not in views
+    assert not found.rig.cameras.moving and "camera_motion" not in views and found.rests
 
 
 def test_a_way_that_is_too_long_is_not_looked_for(

@@ -86,6 +86,7 @@ def examine_take(
     clip: Clip | None,
     pixel_map: PixelMap | None,
     detected: bool = False,
+    rests: bool = False,
 ) -> list[Finding]:
     """Whether cameras, joints and video belong together, of what is read already.
 
@@ -95,14 +96,14 @@ def examine_take(
         clip: the same frames and views; None of no video.
         pixel_map: from the clip's pixels to the calibration's.
         detected: whether the joints were found in this very video.
+        rests: whether it is known that no camera moves.
     """
     findings = examine_agreement(rig, detections)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)
-        moved = examine_rest(
-            clip, rig.names, clip.fps, there.numpy(), detections.confidence2d.numpy()
-        )
+        seen = there.numpy(), detections.confidence2d.numpy()
+        moved = [] if rests else examine_rest(clip, rig.names, clip.fps, *seen)
         # what else pixels show supposes a camera at rest
         findings += moved
         if not moved and not detected:
