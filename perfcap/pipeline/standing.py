@@ -27,6 +27,7 @@ from perfcap.solve.energy import Energy
 from perfcap.solve.kernels import GemanMcClure
 
 _POINTS = 2 * len(SOLE_POINTS)
+_KNOWN = 0.6  # share of the support that is enough where the normal is known
 _SPLITS = 2  # rounds in which stances are split
 
 
@@ -107,7 +108,8 @@ def find_standing(
     points: Tensor = skeleton(motion).landmarks
     soles = points[:, -_POINTS:]
     floor = find_floor(points[:, :-_POINTS], soles, rate, cameras, normal)
-    if floor.support < config.support:
+    enough = config.support if normal is None else _KNOWN * config.support
+    if floor.support < enough:
         return None
     sure = contact_probability(soles, floor, rate)
     return stand_where(skeleton, soles, floor, sure, rate, config, precision)

@@ -189,6 +189,26 @@ def test_who_is_in_the_air_stands_nowhere() -> None:
     assert found is None or float((found.feet > 0.5).double().mean()) < 0.1
 
 
+def test_less_support_is_enough_where_up_is_known() -> None:
+    person, motion = actor(), swaying()
+    away = torch.zeros(motion.frames, 3, dtype=F64)
+    away[:, 1] = 0.35 * torch.linspace(-0.3, 1, motion.frames, dtype=F64).clamp(min=0)
+    rising = replace(motion, translation=motion.translation + away)
+    points = sole_skeleton(person)(rising).landmarks
+    known = find_floor(points[:, :-8], points[:, -8:], 30.0, normal=UP).support
+    free = find_floor(points[:, :-8], points[:, -8:], 30.0).support
+    assert 0.2 < known < 0.52 and free < 1.2 * known
+    precision = 1e4 * torch.eye(3, dtype=F64).expand(motion.frames, 3, 3)
+    for wanted, normal, stands in (
+        (1.3 * known, None, False),
+        (1.3 * known, UP, True),
+        (1.9 * known, UP, False),
+    ):
+        config = ContactConfig(support=wanted)
+        found = find_standing(person, rising, 30.0, config, precision, normal=normal)
+        assert (found is not None) == stands
+
+
 def test_the_published_preset_has_no_contact() -> None:
     assert not MONOPERFCAP.pose.contact.enabled
 
