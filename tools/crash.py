@@ -34,6 +34,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 for _folder in ("tests", "tests/pipeline"):
     sys.path.insert(0, str(_ROOT / _folder))
 
+import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 import torch  # noqa: E402
 from takes import (  # noqa: E402
@@ -51,23 +52,27 @@ from test_checkpoint import FRAMES, SIDE, film  # noqa: E402
 from perfcap.actor.actor import Actor  # noqa: E402
 from perfcap.cli import main as perfcap  # noqa: E402
 from perfcap.io import models_folder  # noqa: E402
+from perfcap.io.clip import Clip  # noqa: E402
 from perfcap.io.journal import Journal, Record  # noqa: E402
 from perfcap.io.video_writer import VideoWriter  # noqa: E402
 
 CHANGES = ("replace", "mkdir", "unlink", "rmdir", "fsync")
 SAID = Path(tempfile.gettempdir()) / f"crash-{os.getpid()}.txt"  # by the last command
+_LONE = 24  # frames of a video that comes alone
 TIMED = ("wall_s", "stages", "peak_memory_mib")  # of run.json
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The files of a take and the command that captures it."""
+    """The files of a take and the command that captures it; no views: a video and nothing else."""
 
     folder: Path
     views: int
 
     def call(self, out: Path, *more: str) -> list[str]:
         """Arguments of ``perfcap``."""
+        if not self.views:
+            return ["capture", str(self.folder / "alone.mp4"), "--out", str(out), *more]
         names = [f"cam{view}" for view in range(self.views)]
         videos = [str(self.folder / f"{name}.mp4") for name in names]
         detections = [str(self.folder / f"{name}.npz") for name in names]
@@ -77,7 +82,21 @@ class Scene:
         return ["capture", *videos, *files, "--detections", *detections, "--out", str(out), *more]
 
 
+def make_lone_scene(folder: Path) -> Scene:
+    """The shipped clip, half as large, as a camera films it that is turned to the side."""
+    folder.mkdir(parents=True)
+    clip = Clip.open(models_folder() / "demo" / "video.mp4")
+    with VideoWriter(folder / "alone.mp4", clip.fps) as writer:
+        for frame in range(_LONE):
+            image = clip.read_view(0, frame, frame + 1)[0]
+            small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+            writer.write(np.ascontiguousarray(small[20:340, 10 + frame : 310 + frame]))
+    return Scene(folder, 0)
+
+
 def make_scene(folder: Path, views: int) -> Scene:
+    if not views:
+        return make_lone_scene(folder)
     actor = Actor(marked_template())
     take = make_take(FRAMES, views=views, actor=actor)
     cameras = shrunk(take.cameras, (SIDE, SIDE))
@@ -320,7 +339,9 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=100, help="kills")
     parser.add_argument("--steps", type=int, default=12, help="sizes of disks, and of inodes")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--views", type=int, nargs="+", default=[1, 4])
+    parser.add_argument(
+        "--views", type=int, nargs="+", default=[1, 4], help="0: a video and nothing else"
+    )
     parser.add_argument("--frames", type=int, default=120, help="of 'cost'")
     options = parser.parse_args()
     bad = 0
