@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.app.console import progress_bars
-from perfcap.app.gravity import upright_start
+from perfcap.app.gravity import find_up, upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.doctor.rest import about_joints, background_shift
@@ -20,6 +21,7 @@ from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 Array = NDArray[np.float64]
 
 _CONFIDENT = 0.3  # joints that say where the person is
+_EDGES, _BODIES = math.radians(1), math.radians(6)  # deviations of up, as edges and poses show it
 _LONGEST = 1800  # frames; more take gigabytes
 _BLOCK = 8  # frames that are read at once
 
@@ -72,8 +74,13 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
         return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
-    turned = replace(cameras.every_frame(count), rotation=torch.from_numpy(way.rotation)[:, None])
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
-    up = upright_start(replace(inputs, rig=replace(inputs.rig, cameras=turned)))
-    ground = None if up is None else find_ground(way.points, up.numpy())
-    return in_metres(actor, cameras, detections, clip.fps, way, ground)
+    turned = replace(way, translation=0 * way.translation, moves=False)
+    motion = in_metres(actor, cameras, detections, clip.fps, turned)
+    seen = replace(inputs, rig=replace(inputs.rig, cameras=motion.of_camera(cameras)))
+    up, ground = find_up(seen), None
+    about = upright_start(seen) if up is None else up
+    if about is not None:
+        ground = find_ground(way.points, about.numpy(), _BODIES if up is None else _EDGES)
+    found = in_metres(actor, cameras, detections, clip.fps, way, ground)
+    return found if up is None else replace(found, up=up)

@@ -70,9 +70,7 @@ def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
         inputs, found = _with_motion(inputs, motion)
     elif inputs.rig.guessed:
         inputs, found = _with_lens(inputs)
-    up = find_up(inputs)
-    if up is None and motion is not None:
-        up = motion.up
+    up = find_up(inputs) if motion is None else motion.up
     if up is None:
         return inputs, found
     return replace(inputs, up=up), {**found, "up": up.tolist()}

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 _DRAWN = 2000  # planes through three points that are tried
 _ROUNDS = 10  # of the fit
+_ALIKE = 5.0  # neighbouring points whose errors are as good as one
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class GroundSettings(Settings):
     within: float = 0.015
     least: int = 25
     share: float = 0.1
-    spread: float = 0.08
+    spread: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -42,20 +43,27 @@ class Ground:
     Attributes:
         normal: up, a unit vector (3,).
         height: negative, in the unit of the points: the camera is at the origin.
+        deviation: expected error of the normal, radians.
     """
 
     normal: Array
     height: float
+    deviation: float
 
 
 def find_ground(
-    points: Array, start: Array, settings: GroundSettings | None = None, seed: int = 0
+    points: Array,
+    start: Array,
+    deviation: float,
+    settings: GroundSettings | None = None,
+    seed: int = 0,
 ) -> Ground | None:
     """The plane below the origin, nearly level, on which most points are (RANSAC).
 
     Args:
         points: (P, 3), seen from near the origin.
         start: about up, a unit vector (3,).
+        deviation: of up about it, radians: points that are all far away hardly tell a tilt.
         settings: of the search.
         seed: of the planes that are tried.
 
@@ -79,14 +87,8 @@ def find_ground(
     normals, heights = normals[likely], heights[likely]
     agree = np.abs(points @ normals.T - heights) < away[:, None]
     best = int(agree.sum(0).argmax())
-    normal, height = normals[best], float(heights[best])
-    for _ in range(_ROUNDS):
-        weight = 1 / np.square(1 + np.square((points @ normal - height) / away)) / away**2
-        middle = weight @ points / weight.sum()
-        spread = (points - middle).T @ (weight[:, None] * (points - middle))
-        _, axes = np.linalg.eigh(spread)
-        normal = axes[:, 0] * (1 if axes[:, 0] @ start > 0 else -1)
-        height = float(normal @ middle)
+    guess = normals[best], float(heights[best])
+    normal, height, tilt = _fitted(points, *guess, start, deviation, away)
     near = np.abs(points @ normal - height) < away
     if near.sum() < max(settings.least, settings.share * len(points)) or height >= 0:
         return None
@@ -96,4 +98,27 @@ def find_ground(
     along = np.linalg.svd(own - own.mean(0), compute_uv=False)[1] / math.sqrt(len(own))
     if along < settings.spread * np.linalg.norm(own, axis=1).mean():
         return None
-    return Ground(normal, height)
+    return Ground(normal, height, tilt)
+
+
+def _fitted(
+    points: Array, normal: Array, height: float, start: Array, deviation: float, away: Array
+) -> tuple[Array, float, float]:
+    """Normal, held about a start, height and tilt's deviation of the plane that points agree on."""
+    axis = np.cross(start, np.eye(3)[int(np.abs(start).argmin())])
+    axis /= np.linalg.norm(axis)
+    across = np.stack((axis, np.cross(start, axis)), -1)
+    tilt = normal @ across / (normal @ start)
+    height /= float(normal @ start)
+    rows = np.column_stack((points @ across, -np.ones(len(points))))
+    prior = np.array([deviation**-2, deviation**-2, 0.0])
+    for _ in range(_ROUNDS):
+        error = (points @ start + rows @ np.append(tilt, height)) / away
+        weight = 1 / np.square(1 + np.square(error)) / away**2 / _ALIKE
+        matrix = rows.T @ (weight[:, None] * rows) + np.diag(prior)
+        found = np.linalg.solve(matrix, -rows.T @ (weight * (points @ start)))
+        tilt, height = found[:2], float(found[2])
+    length = math.sqrt(1 + float(tilt @ tilt))
+    unit: Array = (start + across @ tilt) / length
+    spread = np.linalg.inv(matrix).diagonal()[:2].mean()
+    return unit, height / length, math.sqrt(spread)

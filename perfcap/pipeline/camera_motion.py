@@ -27,7 +27,7 @@ _POINTS = len(SIDES) * len(SOLE_POINTS)
 _LAG = 0.4  # s, over which a foot stands or does not
 _STILL = 0.02  # m, of a point that stands, across the line of sight
 _SPREAD, _RANGE = 0.5, 1.5  # of the log scale: its prior's deviation, and how far it is tried
-_LEVEL = 0.15  # deviation of the log scale about what the ground says
+_LEVEL = 0.1  # deviation of the log scale about what an exact ground says
 _TRIES = 241
 
 
@@ -151,7 +151,7 @@ def in_metres(
     soles = _soles(actor, motion)
     about, spread = 0.0, _SPREAD
     if ground is not None:
-        about, spread = _as_high(soles[seen], known, seen, ground), _LEVEL
+        about, spread = _as_high(soles[seen], known, seen, ground)
     lag = max(1, round(_LAG * rate))
     scale = _least_slide(soles, seen, known, lag, (about, spread))
     return replace(known, translation=scale * known.translation)
@@ -163,15 +163,24 @@ def _soles(actor: Actor, motion: Motion) -> Tensor:
     return landmarks[..., -_POINTS:, :]
 
 
-def _as_high(soles: Tensor, way: CameraMotion, seen: Tensor, ground: Ground) -> float:
-    """Log of the factor at which the lower of points (S, N, 3) is on the ground, in the median."""
+def _as_high(soles: Tensor, way: CameraMotion, seen: Tensor, ground: Ground) -> tuple[float, float]:
+    """Log of the factor at which the lower of points (S, N, 3) is on the ground, and deviation.
+
+    The median over frames. A tilt of the ground matters the more, the flatter it is looked at.
+    """
     normal = torch.from_numpy(ground.normal).to(soles)
     rotation = way.rotation[seen]
     centre = -(rotation.mT @ way.translation[seen][..., None]).squeeze(-1)
-    above = -(soles @ rotation @ normal).amin(-1)  # m, of the camera above the lower foot
+    lowest = -(soles @ rotation @ normal)
+    above, which = lowest.amax(-1), lowest.argmax(-1)  # m, of the camera above the lower foot
     known = centre @ normal - ground.height
-    ratio = (above / known)[(above > 0) & (known > 0)]
-    return float(ratio.log().median()) if len(ratio) else 0.0
+    good = (above > 0) & (known > 0)
+    if not bool(good.any()):
+        return 0.0, _SPREAD
+    far = soles[torch.arange(len(soles)), which].norm(dim=-1)
+    steep = float((above / far)[good].median())
+    about = float((above / known)[good].log().median())
+    return about, min(_SPREAD, math.hypot(_LEVEL, ground.deviation / max(steep, 1e-3)))
 
 
 def _least_slide(

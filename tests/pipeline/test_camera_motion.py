@@ -69,7 +69,7 @@ def test_the_ground_tells_it_of_a_camera_that_hardly_walks() -> None:
     up = first.rotation[0, 0] @ torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
     soles = sole_skeleton(take.actor)(take.truth).landmarks[:1, -8:]
     lowest = float((first.to_camera(soles)[0, 0] @ up).amin())
-    ground = Ground(up.numpy(), 0.01 * lowest)  # a unit of which 100 are a metre
+    ground = Ground(up.numpy(), 0.01 * lowest, 0.01)  # a unit of which 100 are a metre
     given = assumed(take.cameras)
     wrong = replace(way, translation=0.01 * way_of(take.cameras, 1.0).translation)
     found = in_metres(actor(), given, take.detections, take.rate, wrong, ground)
