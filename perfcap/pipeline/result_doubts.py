@@ -113,6 +113,9 @@ def doubts(looked: Looked) -> Iterator[str]:
     if refinement is None:
         return
     yield from _of_frames(refinement.evidence)
+    if refinement.views is not None:
+        moved = refinement.views.sentences(refinement.views.numbers)
+        yield from (f"by silhouettes, {sentence}" for sentence in moved)
     for limb in dict.fromkeys(each.words for each in refinement.pose.limbs):
         frames = sum(e.stop - e.start for e in refinement.pose.limbs if e.words == limb)
         yield (
