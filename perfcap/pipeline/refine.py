@@ -27,7 +27,7 @@ from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.lost_limbs import find_lost_limbs
 from perfcap.pipeline.presets import CaptureConfig
-from perfcap.pipeline.refine_cameras import can_refine_cameras, refine_cameras
+from perfcap.pipeline.refine_cameras import can_refine_cameras, mask_offsets, refine_cameras
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
 from perfcap.pipeline.sight import Sight
@@ -58,6 +58,8 @@ class Refinement:
         mesh: what may be wrong with the actor's mesh, counted by name.
         tracking: how the person was followed from frame to frame, where they were.
         views: where cameras stand, where silhouettes moved them.
+        offsets: how far masks lie beside the posed body in each view, (C, 2), see
+            ``mask_offsets``; None of one view, cameras that move, several people.
     """
 
     motion: Motion
@@ -68,6 +70,7 @@ class Refinement:
     mesh: Mapping[str, int]
     tracking: Tracking | None = None
     views: ViewErrors | None = None
+    offsets: NDArray[np.float64] | None = None
 
     @property
     def doubtful_masks(self) -> NDArray[np.int64]:
@@ -101,6 +104,9 @@ class Refinement:
             report["tracking"] = self.tracking.report()
         if self.views is not None:
             report["cameras"] = self.views.report(self.views.numbers)
+        if self.offsets is not None:
+            pairs = self.offsets.round(2).tolist()
+            report["mask_offsets"] = [None if np.isnan(x).any() else x for x in pairs]
         doubtful = {"doubtful_masks": (self.doubtful_masks + first_frame).tolist()}
         return {**report, **self.evidence.report(first_frame), **doubtful, "mesh": self.mesh}
 
@@ -151,7 +157,11 @@ def refine(person: Moving, job: ImageJob) -> Refinement:
     own = own if views is None else own.seen_by(views)
     pose = own.pose(evidence)
     evidence = own.extract("extract_silhouettes_again", pose.motion, settings.again)
-    return replace(own.finish(evidence, pose), views=views)
+    found = replace(own.finish(evidence, pose), views=views)
+    if not can_refine_cameras(own.sight):
+        return found
+    posed = SkinnedSurface(own.actor, pose.motion)
+    return replace(found, offsets=mask_offsets(posed, own.sight, evidence))
 
 
 @dataclass(frozen=True)

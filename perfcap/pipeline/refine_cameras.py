@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
@@ -25,7 +27,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.objective import angle_bounds, kernel
 from perfcap.pipeline.sight import Sight
-from perfcap.pipeline.surface import SkinnedSurface
+from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.surface_config import RefineCamerasConfig
 from perfcap.pipeline.track_motion import Progress
 from perfcap.pipeline.uncertain_problem import CORRELATION
@@ -82,6 +84,49 @@ def refine_cameras(
 
     cameras, deviation = checkpoint.kept("refine_cameras").once(tensors(motion.angles), found)
     return ViewErrors(cameras=cameras, cameras_deviation=deviation)
+
+
+_LOOKED_AT = 12  # frames that tell whether masks lie beside the body
+
+
+def mask_offsets(surface: SurfaceFrames, sight: Sight, evidence: Evidence) -> NDArray[np.float64]:
+    """How far the middles of masks lie beside those of a surface, (C, 2), percent of its height.
+
+    To the right and down, the median of frames spread over the clip, but for what is common to all
+    views: clothes and hair weigh as much in each. NaN in views without a mask.
+
+    Args:
+        surface: of F frames.
+        sight: C cameras in the pixels of the masks.
+        evidence: the masks.
+    """
+    chosen = np.unique(np.linspace(0, surface.frames - 1, _LOOKED_AT).round().astype(int)).tolist()
+    apart = np.full((len(chosen), sight.views, 2), np.nan)
+    for row, frame in zip(apart, chosen, strict=True):
+        span = slice(frame, frame + 1)
+        (drawn,) = sight.outlines(surface[span], span)
+        for view, (outline, mask) in enumerate(zip(drawn, evidence.masks(frame), strict=True)):
+            row[view] = _middle(mask) - _middle(outline.mask)
+    apart /= evidence.pixel_unit.numpy(force=True)[:, None]
+    known = np.isfinite(apart).all(-1).any(0)
+    middle = np.full((sight.views, 2), np.nan)
+    if known.any():
+        middle[known] = np.nanmedian(apart[:, known], 0)
+        middle[known] -= middle[known].mean(0)
+    return middle
+
+
+def _middle(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Column and row of the middle of a mask (H, W), px; NaN where it is empty."""
+    size = np.count_nonzero(mask)
+    if not size:
+        return np.full(2, np.nan)
+    return (
+        np.array(
+            [np.arange(n) @ mask.sum(axis) for axis, n in ((0, mask.shape[1]), (1, mask.shape[0]))]
+        )
+        / size
+    )
 
 
 class _Problem:

@@ -21,7 +21,8 @@ from perfcap.pipeline.evidence import Evidence
 from perfcap.pipeline.extract_silhouettes import given_record
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.objective import FrameProblem
-from perfcap.pipeline.refine_cameras import can_refine_cameras, refine_cameras
+from perfcap.pipeline.refine_cameras import can_refine_cameras, mask_offsets, refine_cameras
+from perfcap.pipeline.result_doubts import offset_doubts
 from perfcap.pipeline.sight import Mask, Sight
 from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.pipeline.surface_config import RefineCamerasConfig
@@ -108,6 +109,38 @@ def test_views_that_say_nothing_stay_where_they_are() -> None:
     assert bool((found.cameras_deviation[1] >= 0.99 * stated).all())
 
 
+def test_masks_beside_the_body_are_measured_and_named() -> None:
+    truth, _, sight, evidence = filmed()
+    surface = SkinnedSurface(ACTOR, truth)
+    right = mask_offsets(surface, sight, evidence)
+    assert right.shape == (VIEWS, 2) and float(np.abs(right).max()) < 0.1
+    assert not list(offset_doubts(right))
+    # a camera that looks 12 px too far up sees the body that much too low, the mask above it
+    height, focal = evidence.heights[1], float(sight.cameras.intrinsics[1, 1, 1])
+    step = torch.zeros(VIEWS, 6, dtype=F64)
+    step[1, 0] = -12 / focal
+    wrong = mask_offsets(surface, sight.through(sight.cameras.nudged(step)), evidence)
+    percent = 100 * 12 / height
+    assert wrong[1] == pytest.approx([0, -percent * 2 / 3], abs=0.15)
+    assert wrong[0] == pytest.approx([0, percent / 3], abs=0.15)
+    (line,) = offset_doubts(wrong)
+    assert "% of its height in view 1," in line
+    assert "--refine-cameras" in line
+
+
+def test_views_without_masks_lie_nowhere() -> None:
+    truth, problem, sight, evidence = filmed()
+    none = given_record(np.zeros(sight.cameras.size[0], bool))
+    records = [[evidence.record(f, v) for f in range(FRAMES)] for v in range(VIEWS)]
+    records[1] = [none] * FRAMES
+    blind = Evidence.collect(records, 100 * problem.pixel_unit)
+    found = mask_offsets(SkinnedSurface(ACTOR, truth), sight, blind)
+    assert np.isnan(found[1]).all() and np.abs(found[[0, 2]]).max() < 0.1
+    nothing = Evidence.collect([[none] * FRAMES] * VIEWS, 100 * problem.pixel_unit)
+    assert np.isnan(mask_offsets(SkinnedSurface(ACTOR, truth), sight, nothing)).all()
+    assert not list(offset_doubts(found))
+
+
 def test_one_view_and_cameras_that_move_have_none_to_agree_with() -> None:
     _, _, sight, _ = filmed()
     assert can_refine_cameras(sight)
@@ -160,6 +193,7 @@ def test_a_capture_ends_with_the_cameras_it_found(views: int) -> None:
         return found.cameras, found.refinement.views, report
 
     cameras, moved, report = captured(config)
+    assert ("mask_offsets" in report) == (views > 1)
     if views == 1:
         assert moved is None and torch.equal(cameras.rotation, stated.rotation)
         return
@@ -171,3 +205,5 @@ def test_a_capture_ends_with_the_cameras_it_found(views: int) -> None:
     plain, none, other = captured(CaptureConfig())
     assert none is None and "cameras" not in other and plain is not cameras
     assert torch.equal(plain.rotation, stated.rotation)
+    assert len(other["mask_offsets"]) == VIEWS
+    assert any("lie beside the captured body" in line for line in other["warnings"])
