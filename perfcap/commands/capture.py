@@ -61,7 +61,8 @@ class Capture(Views):
     sync: Literal["auto", "none"] = "none"
     """auto: find by how many frames, and fractions, views are later than the first one."""
     refine_cameras: bool = False
-    """Correct small errors of where cameras stand and look, from the person's motion."""
+    """Correct small errors of where cameras stand and look, from the person's motion and, where
+    images are looked at, silhouettes."""
     floor: Literal["auto", "none"] = "auto"
     """Keep standing feet still and above the floor; none: for stairs, beams and climbing."""
     device: str = "auto"
