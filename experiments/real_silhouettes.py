@@ -26,9 +26,12 @@ from perfcap.metrics import mask_overlap
 from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.sight import Mask, Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
+from perfcap.pipeline.surface_config import RefineCamerasConfig
+from perfcap.pipeline.view_errors import solve_views
 
 _LABELS = Path(__file__).parents[1] / "tests" / "labels" / "pose2sim_balancing"
 
@@ -45,6 +48,8 @@ class Experiment:
     """The man's own body, as ``perfcap actor fit`` writes it; the generic actor if not given."""
     network: str = NO_SEGMENTER
     """Of person masks, as one more cue; none if not given."""
+    refine_cameras: bool = False
+    """Let joints, and then silhouettes, put the four cameras where they stand."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,8 @@ def run(config: Experiment) -> Report:
     real = balancing(config.data)
     if config.actor is not None:
         real = replace(real, actor=load_actor(config.actor))
+    if config.refine_cameras:
+        real = replace(real, rig=replace(real.rig, cameras=by_joints(real)))
     clip, pixel_map = clip_of(real)
     segmenter = None
     if config.network != NO_SEGMENTER:
@@ -75,7 +82,8 @@ def run(config: Experiment) -> Report:
     labels = labels_of(clip.sizes)
     views = list(range(real.cameras.views))
     solve_bones = config.actor is None
-    together = _capture(real, images, views, real, solve_bones)
+    settings = CaptureConfig(refine_cameras=RefineCamerasConfig(config.refine_cameras))
+    together = _capture(real, images, views, real, solve_bones, settings)
     rows = _rows("four views", together, images.cameras, views, labels)
     for view in config.alone:
         name = real.rig.names[view]
@@ -93,12 +101,19 @@ def labels_of(sizes: Sequence[tuple[int, int]]) -> list[dict[int, Mask]]:
     ]
 
 
+def by_joints(recording: Recording) -> Camera:
+    """Cameras where joints have them, as ``perfcap capture --refine-cameras`` begins."""
+    given = recording.actor, recording.cameras, recording.detections, recording.rate
+    return solve_views(*given, sync=False, refine=True).of_cameras(recording.cameras)
+
+
 def _capture(
     real: Recording,
     images: Images,
     views: list[int],
     source: Recording | Performance,
     solve_bones: bool = False,
+    settings: CaptureConfig | None = None,
 ) -> Performance:
     reader, cameras = _Some(images, views), images.cameras.select(views)
     some = Images(reader, cameras, segmenter=images.segmenter)
@@ -107,6 +122,7 @@ def _capture(
         real.cameras.select(views),
         real.detections.select(views),
         real.rate,
+        settings,
         images=some,
         solve_bones=solve_bones,
     )
@@ -120,6 +136,8 @@ def _rows(
     labels: list[dict[int, Mask]],
 ) -> list[tuple[object, ...]]:
     assert found.refinement is not None and found.surface is not None
+    if found.refinement.views is not None:
+        cameras = found.refinement.views.of_cameras(cameras)
     before = capture(
         found.actor, found.cameras, found.detections, found.rate, until=Stage.TRACK_MOTION
     )

@@ -125,7 +125,7 @@ class MissingLimb:
 
 def _distance(view: View, faces: NDArray[np.int64]) -> Plane:
     """Pixels to a part of the model, (H, W)."""
-    size = view.labels.mask.shape
+    size = view.size
     pixels, depth = torch.from_numpy(view.pixels), torch.from_numpy(view.depth)
     drawn = rasterize(pixels, depth, torch.from_numpy(faces), (size[0], size[1])).mask.numpy()
     away: Plane = cv2.distanceTransform(1 - drawn.astype(np.uint8), cv2.DIST_L2, 5)

@@ -39,6 +39,8 @@ class Experiment:
     """Folder of the recordings."""
     sequences: tuple[str, ...] = ("dev_tight", "dev_skirt")
     """Of ``rendered``."""
+    stages: tuple[str, ...] = tuple(stage.name.lower() for stage in Stage)
+    """Each captured anew up to there; every one if not given."""
     preset: str = "default"
     """Settings of the capture."""
     every: int = 2
@@ -54,7 +56,7 @@ def run(config: Experiment) -> Report:
         recording = rendered(config.data, name)
         truth = SurfaceTruth.read(recording)
         rows, curves = [], []
-        for stage in Stage:
+        for stage in (Stage[each.upper()] for each in config.stages):
             found = _capture(recording, stage, config)
             row, errors = _score(stage.name.lower(), recording, truth, found, config.every)
             rows.append(row)

@@ -150,8 +150,11 @@ def casting_of(request: Capture, actor: str) -> Casting:
 
 
 def settings_of(request: Capture) -> CaptureConfig:
-    """The preset, without contact and floor where the request says so."""
+    """The preset, with cameras or without contact and floor where the request says so."""
     preset = PRESETS[request.preset]
+    if request.refine_cameras:
+        cameras = replace(preset.refine_cameras, enabled=True)
+        preset = replace(preset, refine_cameras=cameras)
     if request.floor == "auto":
         return preset
     contact = replace(preset.pose.contact, enabled=False)

@@ -14,6 +14,7 @@ from perfcap.pipeline.floor import weight_axis
 
 _CONFIDENT = 0.3  # joints that say where the person is
 _IMAGES = 4  # evenly spread, that are looked at
+_ALIKE = 0.97  # length of the mean of the bodies' axes: they stand and walk
 _FEWEST = 5  # 3D poses that say about which way is up
 _SOLES = [LANDMARKS.index(f"{side}_{end}") for side in "lr" for end in ("ankle", "toe")]
 
@@ -48,7 +49,10 @@ def find_up(inputs: Inputs) -> Tensor | None:
 
 
 def upright_start(inputs: Inputs) -> Tensor | None:
-    """About up in the world of one view's camera, as 3D poses show it, (3,); None without any."""
+    """About up in the world of one view's camera, as 3D poses show it, (3,).
+
+    None without any, or of who bends, climbs or lies: their axis is another in every frame.
+    """
     seen = inputs.detections
     if seen.joints3d is None:
         return None
@@ -57,4 +61,5 @@ def upright_start(inputs: Inputs) -> Tensor | None:
         return None
     turns = inputs.rig.cameras.every_frame(seen.frame_count).rotation[:, 0].double()
     placed = seen.joints3d[trusted, 0].double() @ turns[trusted]
-    return weight_axis(placed, placed[:, _SOLES])
+    up, alike = weight_axis(placed, placed[:, _SOLES])
+    return up if alike > _ALIKE else None

@@ -61,7 +61,8 @@ class Capture(Views):
     sync: Literal["auto", "none"] = "none"
     """auto: find by how many frames, and fractions, views are later than the first one."""
     refine_cameras: bool = False
-    """Correct small errors of where cameras stand and look, from the person's motion."""
+    """Correct small errors of where cameras stand and look, from the person's motion and, where
+    images are looked at, silhouettes."""
     camera_motion: Literal["auto", "none"] = "auto"
     """auto: find how the camera of one video without --cameras moved, by what is behind the person;
     none: it stands still."""

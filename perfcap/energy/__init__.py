@@ -13,6 +13,7 @@ from perfcap.energy.silhouette_overlap import SilhouetteOverlap
 from perfcap.energy.skin_contact import SkinContact
 from perfcap.energy.tether import Tether
 from perfcap.energy.trajectory import Trajectory, TrajectoryChange
+from perfcap.energy.uncertain_contours import UncertainContours
 from perfcap.energy.uncertain_views import UncertainViews
 
 __all__ = [
@@ -33,5 +34,6 @@ __all__ = [
     "Tether",
     "Trajectory",
     "TrajectoryChange",
+    "UncertainContours",
     "UncertainViews",
 ]

@@ -83,7 +83,9 @@ class ContourAlignment(Energy[Any]):
 
     def residual(self, state: Any) -> Residual:
         """(*b, F, C * P, 1)."""
-        seen = [(camera, camera.to_camera(x)) for camera, x in self._by_view(self.points(state))]
+        seen = [
+            (camera, camera.to_camera(x)) for camera, x in self._by_view(self.points(state), state)
+        ]
         pixels = torch.cat([camera.project_camera(local) for camera, local in seen], -3)
         return self._residual(pixels, torch.cat([local for _, local in seen], -3))
 
@@ -91,17 +93,21 @@ class ContourAlignment(Energy[Any]):
         """Closed form where the points have one: derivative of the camera times theirs."""
         if not hasattr(self.points, "linearize"):
             return super().linearize(state)
-        residual, rows = self._linearize(self.points(state))
+        residual, rows = self._linearize(self.points(state), state)
         _, of_frame, of_shared = self.points.linearize(state, rows.unsqueeze(-2))
         return Linearization(residual, of_frame, of_shared)
 
     def linearize_blocks(self, state: Any) -> BlockLinearization:
         """Closed form for points that each see a few blocks of a frame's unknowns."""
-        residual, rows = self._linearize(self.points(state))
+        residual, rows = self._linearize(self.points(state), state)
         _, blocks, jacobian = self.points.linearize_blocks(state, rows.unsqueeze(-2))
         return BlockLinearization(residual, blocks, jacobian)
 
-    def _by_view(self, points: Tensor) -> list[tuple[Camera, Tensor]]:
+    def _standing(self, state: Any) -> list[Camera]:
+        """The camera of each view."""
+        return self.views
+
+    def _by_view(self, points: Tensor, state: Any) -> list[tuple[Camera, Tensor]]:
         """The points of each view, (*b, F, P, 3), with its camera."""
         frames, each, count = self.confidence.shape[-3:]
         if points.shape[-3:-1] != (frames, each * count):
@@ -110,11 +116,11 @@ class ContourAlignment(Energy[Any]):
                 f"{(frames, each, count)}; expected (*b, F, C P, 3) of the same frames"
             )
         views = points.reshape(*points.shape[:-2], *self.confidence.shape[-2:], 3).unbind(-3)
-        return list(zip(self.views, views, strict=True))
+        return list(zip(self._standing(state), views, strict=True))
 
-    def _linearize(self, points: Tensor) -> tuple[Residual, Tensor]:
+    def _linearize(self, points: Tensor, state: Any) -> tuple[Residual, Tensor]:
         """Residual, and its derivative in the points, (*b, F, C * P, 3)."""
-        seen = self._by_view(points)
+        seen = self._by_view(points, state)
         pixels, slopes = zip(*(camera.linearize(x) for camera, x in seen), strict=True)
         local = torch.cat([camera.to_camera(x) for camera, x in seen], -3)
         slope, normal = torch.cat(slopes, -4), self.normal.unsqueeze(-2)  # *b F C P 2 3

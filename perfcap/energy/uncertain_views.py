@@ -19,7 +19,7 @@ from perfcap.energy._arguments import (
 )
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import rotvec_to_matrix, skew
+from perfcap.geometry.rotation import left_jacobian, rotvec_to_matrix, skew
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -30,7 +30,6 @@ CAMERAS = "cameras"
 LENS = "lens"
 """Shared: log of the factor by which the focal length of each view is longer, (C,)."""
 
-_SMALL = 1e-3  # radians: below, the first terms of a series are exact
 _BLOCKS = {CLOCK: 1, CAMERAS: 6, LENS: 1}  # unknowns a view
 
 
@@ -177,7 +176,7 @@ class UncertainViews(Energy[Motion]):
         if CAMERAS in motion.shared:
             turn, shift = motion.shared[CAMERAS].reshape(-1, 2, 3).unbind(-2)
             still = local - shift[:, None]  # turned, not shifted: what the rotation moves
-            lever = -skew(still) @ _left_jacobian(turn)[:, None]  # F C N 3 3
+            lever = -skew(still) @ left_jacobian(turn)[:, None]  # F C N 3 3
             own = scale.unsqueeze(-1) * torch.cat((slope @ lever, slope), -1)  # F C N 2 6
             spread = own.unsqueeze(-2) * views[:, None, None, :, None]  # F C N 2 C 6
             found[CAMERAS] = spread.flatten(-2).flatten(1, 2)
@@ -237,14 +236,3 @@ def smooth_at(detections: Detections, clock: Tensor) -> tuple[Tensor, Tensor, Te
     pixels, speed = (torch.einsum("fct,fctnk->fcnk", w, values) for w in (weight, slope))
     known = (sure > 0).all(-2) & inside[..., None]
     return pixels, torch.einsum("fct,fctn->fcn", weight, sure) * known, speed
-
-
-def _left_jacobian(vectors: Tensor) -> Tensor:
-    """How a rotation turns, in its own axes after it, as its vector (C, 3) changes; (C, 3, 3)."""
-    angle = vectors.norm(dim=-1)[:, None, None]
-    small, square = angle < _SMALL, angle.square()
-    safe = torch.where(small, torch.ones_like(angle), angle)
-    first = torch.where(small, 0.5 - square / 24, (1 - safe.cos()) / safe.square())
-    second = torch.where(small, 1 / 6 - square / 120, (safe - safe.sin()) / safe**3)
-    turn = skew(vectors)
-    return torch.eye(3).to(vectors) + first * turn + second * turn @ turn

@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.geometry.plain import is_plain
 from perfcap.geometry.record import Record
+from perfcap.geometry.rotation import rotvec_to_matrix
 
 # A point nearer than this is projected as if it were this far: finite, and still pulled forward.
 NEAR = 0.05  # m
@@ -208,6 +209,18 @@ class Camera(Record):
     def to(self, like: Tensor) -> Self:
         """The same cameras with the type and device of a tensor."""
         return self.map(lambda each: each.to(like))
+
+    def nudged(self, step: Tensor) -> Self:
+        """Cameras that see ``exp(w) (R x + t) + s`` of what was ``R x + t``.
+
+        Args:
+            step: rotation vector w and shift s of each view in its own axes, (C, 6): radians,
+                metres.
+        """
+        turn, shift = step.to(self.translation).reshape(-1, 2, 3).unbind(-2)
+        matrix = rotvec_to_matrix(turn)
+        moved = (matrix @ self.translation[..., None])[..., 0] + shift
+        return replace(self, rotation=matrix @ self.rotation, translation=moved)
 
     @property
     def centre(self) -> Tensor:

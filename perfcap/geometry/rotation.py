@@ -13,6 +13,8 @@ from torch import Tensor
 
 from perfcap.geometry.plain import is_plain
 
+_SHORT = 1e-3  # radians: below, the first terms of a series are exact
+
 
 def rotvec_to_quaternion(rotvec: Tensor) -> Tensor:
     """Unit quaternion (*b, 4) of a rotation vector (*b, 3)."""
@@ -89,6 +91,17 @@ def skew(vector: Tensor) -> Tensor:
     x, y, z = vector.unbind(-1)
     zero = torch.zeros_like(x)
     return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).reshape(*x.shape, 3, 3)
+
+
+def left_jacobian(vectors: Tensor) -> Tensor:
+    """How a rotation turns, in its own axes after it, as its vector (N, 3) changes; (N, 3, 3)."""
+    angle = vectors.norm(dim=-1)[:, None, None]
+    small, square = angle < _SHORT, angle.square()
+    safe = torch.where(small, torch.ones_like(angle), angle)
+    first = torch.where(small, 0.5 - square / 24, (1 - safe.cos()) / safe.square())
+    second = torch.where(small, 1 / 6 - square / 120, (safe - safe.sin()) / safe**3)
+    turn = skew(vectors)
+    return torch.eye(3).to(vectors) + first * turn + second * turn @ turn
 
 
 def aligned(quaternions: Tensor) -> Tensor:

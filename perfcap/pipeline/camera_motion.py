@@ -27,7 +27,7 @@ _POINTS = len(SIDES) * len(SOLE_POINTS)
 _LAG = 0.4  # s, over which a foot stands or does not
 _STILL = 0.02  # m, of a point that stands, across the line of sight
 _SPREAD, _RANGE = 0.5, 1.5  # of the log scale: its prior's deviation, and how far it is tried
-_LEVEL = 0.1  # deviation of the log scale about what an exact ground says
+_LEVEL = 0.25  # deviation of the log scale about what an exact ground says: one view's depth
 _TRIES = 241
 
 

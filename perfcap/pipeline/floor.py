@@ -175,21 +175,28 @@ def _upright_axis(cameras: Camera, up: Tensor) -> Tensor | None:
 def body_axis(landmarks: Tensor, soles: Tensor) -> Tensor:
     """Mean direction from the feet to the middle of the trunk, a unit vector (3,)."""
     hips = landmarks[:, _HIPS].mean(1)
-    return _mean_direction(0.5 * (hips + landmarks[:, _NECK]) - soles.mean(1))
+    return _unit(_mean_direction(0.5 * (hips + landmarks[:, _NECK]) - soles.mean(1)))
 
 
-def weight_axis(landmarks: Tensor, soles: Tensor) -> Tensor:
-    """Mean direction from what carries a body on level ground to its centre of mass, (3,).
+def weight_axis(landmarks: Tensor, soles: Tensor) -> tuple[Tensor, float]:
+    """Mean direction from what carries a body on level ground to its centre of mass.
 
-    Who stands on one leg has their weight above it: of points under the feet (F, N, 3) those that
-    are lower along the axis count for more.
+    Who stands on one leg has their weight above it: of points under the feet those that are lower
+    along the axis count for more.
+
+    Args:
+        landmarks: (F, 16, 3).
+        soles: points under the feet, (F, N, 3).
+
+    Returns:
+        A unit vector (3,), and how alike the frames' directions are: the length of their mean.
     """
     mass = centre_of_mass(landmarks)
-    up = _mean_direction(mass - soles.mean(1))
+    mean = _mean_direction(mass - soles.mean(1))
     for _ in range(_LOWERED):
-        share = torch.softmax(-(soles @ up) / _LOWER, -1)
-        up = _mean_direction(mass - (share[..., None] * soles).sum(1))
-    return up
+        share = torch.softmax(-(soles @ _unit(mean)) / _LOWER, -1)
+        mean = _mean_direction(mass - (share[..., None] * soles).sum(1))
+    return _unit(mean), float(mean.norm())
 
 
 def centre_of_mass(landmarks: Tensor) -> Tensor:
@@ -201,10 +208,14 @@ def centre_of_mass(landmarks: Tensor) -> Tensor:
 
 
 def _mean_direction(vectors: Tensor) -> Tensor:
-    """Mean of vectors (F, 3) of any length, a unit vector (3,)."""
-    mean = (vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-9)).mean(0)
-    up: Tensor = mean / mean.norm().clamp(min=1e-9)
-    return up
+    """Mean of the directions of vectors (F, 3), (3,); shorter than one where they differ."""
+    mean: Tensor = (vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=1e-9)).mean(0)
+    return mean
+
+
+def _unit(vector: Tensor) -> Tensor:
+    unit: Tensor = vector / vector.norm().clamp(min=1e-9)
+    return unit
 
 
 def velocity(points: Tensor, rate: float) -> Tensor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from perfcap.actor.motion import Motion
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.keep_apart import keep_apart
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import (
@@ -38,6 +39,13 @@ class Looked:
     surface: SurfaceFrames | None = None
     contours: ContourRefinement | None = None
     refinement: Refinement | None = None
+
+    def seen_by(self, problem: ClipProblem) -> ClipProblem:
+        """The problem of a motion with the cameras that images put elsewhere."""
+        views = None if self.refinement is None else self.refinement.views
+        if views is None:
+            return problem
+        return replace(problem, cameras=views.of_cameras(problem.cameras))
 
 
 def look(people: Sequence[Moving], job: ImageJob) -> tuple[Looked, ...]:

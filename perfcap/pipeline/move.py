@@ -145,7 +145,11 @@ class Moved:
 
     def performance(self, looked: Looked) -> Performance:
         """The result, with what images added."""
-        start, problem = self.start, self.problem
+        start, problem, judged = (
+            self.start,
+            looked.seen_by(self.problem),
+            looked.seen_by(self.judged),
+        )
         return Performance(
             actor=problem.actor,
             cameras=problem.cameras,
@@ -168,7 +172,7 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_frames(frame_evidence(self.judged, looked.motion)),
+            trust=judge_frames(frame_evidence(judged, looked.motion)),
         )
 
 

@@ -13,6 +13,7 @@ from perfcap.pipeline.surface_config import (
     MONOPERFCAP_REFINE_POSE,
     MONOPERFCAP_REFINE_SURFACE,
     MONOPERFCAP_SILHOUETTES,
+    RefineCamerasConfig,
     RefinePoseConfig,
     RefineSurfaceConfig,
     SilhouetteConfig,
@@ -26,6 +27,7 @@ class CaptureConfig(Settings):
 
     ``contours`` are met before silhouettes are looked for; without ``segment`` they never are.
     With ``frames``, people are followed from the first frame on instead of refined all at once.
+    ``refine_cameras`` lets silhouettes of several fixed views move these, for one person.
     ``lost_limbs`` are searched for in the silhouettes of one view. ``apart`` keeps the skins of
     several people apart.
     """
@@ -34,6 +36,7 @@ class CaptureConfig(Settings):
     contours: ContoursConfig = field(default_factory=ContoursConfig)
     segment: bool = True
     silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    refine_cameras: RefineCamerasConfig = field(default_factory=RefineCamerasConfig)
     lost_limbs: LostLimbsConfig = field(default_factory=LostLimbsConfig)
     refine_pose: RefinePoseConfig = field(default_factory=RefinePoseConfig)
     refine_surface: RefineSurfaceConfig = field(default_factory=RefineSurfaceConfig)

@@ -27,12 +27,14 @@ from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.lost_limbs import find_lost_limbs
 from perfcap.pipeline.presets import CaptureConfig
+from perfcap.pipeline.refine_cameras import can_refine_cameras, mask_offsets, refine_cameras
 from perfcap.pipeline.refine_pose import PoseRefinement, refine_pose
 from perfcap.pipeline.refine_surface import SurfaceRefinement, refine_surface
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.surface import SkinnedSurface, SurfaceFrames
 from perfcap.pipeline.track_motion import Progress
+from perfcap.pipeline.view_errors import ViewErrors
 from perfcap.segment import SequenceSettings
 
 # a context in which a stage runs, by name; it gives what to tell progress to
@@ -55,6 +57,9 @@ class Refinement:
         vertices: of every frame.
         mesh: what may be wrong with the actor's mesh, counted by name.
         tracking: how the person was followed from frame to frame, where they were.
+        views: where cameras stand, where silhouettes moved them.
+        offsets: how far masks lie beside the posed body in each view, (C, 2), see
+            ``mask_offsets``; None of one view, cameras that move, several people.
     """
 
     motion: Motion
@@ -64,6 +69,8 @@ class Refinement:
     vertices: SurfaceFrames
     mesh: Mapping[str, int]
     tracking: Tracking | None = None
+    views: ViewErrors | None = None
+    offsets: NDArray[np.float64] | None = None
 
     @property
     def doubtful_masks(self) -> NDArray[np.int64]:
@@ -95,6 +102,11 @@ class Refinement:
             report["lost_limbs"] = [each.report(first_frame) for each in self.pose.limbs]
         if self.tracking is not None:
             report["tracking"] = self.tracking.report()
+        if self.views is not None:
+            report["cameras"] = self.views.report(self.views.numbers)
+        if self.offsets is not None:
+            pairs = self.offsets.round(2).tolist()
+            report["mask_offsets"] = [None if np.isnan(x).any() else x for x in pairs]
         doubtful = {"doubtful_masks": (self.doubtful_masks + first_frame).tolist()}
         return {**report, **self.evidence.report(first_frame), **doubtful, "mesh": self.mesh}
 
@@ -141,9 +153,15 @@ def refine(person: Moving, job: ImageJob) -> Refinement:
     """Silhouettes, pose refinement, silhouettes again, surface refinement (Xu 2018, Sec. 5)."""
     own, settings = Refiner.of(person, job), job.config.silhouettes
     evidence = own.extract("extract_silhouettes", person.motion, settings.first)
+    views = own.cameras(evidence)
+    own = own if views is None else own.seen_by(views)
     pose = own.pose(evidence)
     evidence = own.extract("extract_silhouettes_again", pose.motion, settings.again)
-    return own.finish(evidence, pose)
+    found = replace(own.finish(evidence, pose), views=views)
+    if not can_refine_cameras(own.sight):
+        return found
+    posed = SkinnedSurface(own.actor, pose.motion)
+    return replace(found, offsets=mask_offsets(posed, own.sight, evidence))
 
 
 @dataclass(frozen=True)
@@ -175,6 +193,26 @@ class Refiner:
     def actor(self) -> Actor:
         """The person's."""
         return self.person.problem.actor
+
+    def seen_by(self, views: ViewErrors) -> Refiner:
+        """The same with cameras as they stand."""
+        problem, images = self.person.problem, self.job.images
+        problem = replace(problem, cameras=views.of_cameras(problem.cameras))
+        images = replace(images, cameras=views.of_cameras(images.cameras))
+        sight = self.sight.through(views.of_cameras(self.sight.cameras))
+        person, job = replace(self.person, problem=problem), replace(self.job, images=images)
+        return replace(self, person=person, job=job, sight=sight)
+
+    def cameras(self, evidence: Evidence) -> ViewErrors | None:
+        """Where cameras stand by silhouettes; None where that is not asked for, or not to know."""
+        settings = self.job.config.refine_cameras
+        if not settings.enabled or not can_refine_cameras(self.sight):
+            return None
+        with self.person.stage("refine_cameras") as tell:
+            return refine_cameras(
+                *(self.person.problem, self.sight, evidence, self.person.motion, settings),
+                *(self.job.workers, tell, self.person.checkpoint),
+            )
 
     def extract(self, name: str, motion: Motion, settings: SequenceSettings) -> Evidence:
         """Silhouettes about a motion, (F,)."""

@@ -25,6 +25,7 @@ FASTEST = 12.5
 
 _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _ELSEWHERE = 0.5  # usual overlap with a network that finds as much wrongly as rightly
+_BESIDE = 1.0  # percent of the height; cameras that stand as stated have 0.5 at most
 _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
@@ -113,6 +114,11 @@ def doubts(looked: Looked) -> Iterator[str]:
     if refinement is None:
         return
     yield from _of_frames(refinement.evidence)
+    if refinement.views is not None:
+        moved = refinement.views.sentences(refinement.views.numbers)
+        yield from (f"by silhouettes, {sentence}" for sentence in moved)
+    elif refinement.offsets is not None:
+        yield from offset_doubts(refinement.offsets)
     for limb in dict.fromkeys(each.words for each in refinement.pose.limbs):
         frames = sum(e.stop - e.start for e in refinement.pose.limbs if e.words == limb)
         yield (
@@ -131,6 +137,17 @@ def doubts(looked: Looked) -> Iterator[str]:
                 f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
                 "is kept, or filled in from frames around them"
             )
+
+
+def offset_doubts(offsets: NDArray[np.float64]) -> Iterator[str]:
+    """Whether masks lie beside the body (C, 2), percent of its height, each view its own way."""
+    far = np.linalg.norm(np.nan_to_num(offsets), axis=-1)
+    if (far > _BESIDE).any():
+        yield (
+            f"silhouettes lie beside the captured body all the time, by {far.max():.1f} % of its "
+            f"height in view {far.argmax()}, counted from 0, and elsewhere in other views: the "
+            "calibration may be slightly wrong; --refine-cameras puts cameras where they agree"
+        )
 
 
 def overlap_doubts(overlap: NDArray[np.float64]) -> Iterator[str]:

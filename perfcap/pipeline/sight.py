@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -109,6 +110,12 @@ class Sight:
     def views(self) -> int:
         """C."""
         return self.cameras.views
+
+    def through(self, cameras: Camera) -> Sight:
+        """The same mesh as other cameras see it."""
+        other = copy(self)
+        other.cameras = cameras
+        return other
 
     def look(
         self, vertices: Tensor, frames: slice, views: Sequence[int] | None = None

@@ -66,6 +66,38 @@ class RefinePoseConfig(Settings):
 
 
 @dataclass(frozen=True)
+class RefineCamerasConfig(Settings):
+    """Fixed cameras that may stand a little elsewhere, by the silhouettes in them; off by default.
+
+    Attributes:
+        enabled: whether they may.
+        frames: of the clip, spread over it, whose silhouettes are looked at.
+        rounds: correspondence searches.
+        max_steps: of each round.
+        turn: deviation of the directions of cameras from what is stated, radians.
+        shift: deviation of their places, metres.
+        contour: alignment of contours.
+        stabilization: weight of the joints' mean squared distance from where the motion has them.
+        deviation: m, that counts as one in it.
+    """
+
+    enabled: bool = False
+    frames: int = 24
+    rounds: int = 4
+    max_steps: int = 5
+    turn: float = 0.01
+    shift: float = 0.03
+    contour: ContourConfig = field(default_factory=ContourConfig)
+    stabilization: float = 0.1
+    deviation: float = 0.03
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_counts(self, "frames", "rounds", "max_steps")
+        require_sizes(self, "turn", "shift", "deviation")
+
+
+@dataclass(frozen=True)
 class RefineSurfaceConfig(Settings):
     """Silhouette-based surface refinement (Xu 2018, Eq. 16 to 18)."""
 

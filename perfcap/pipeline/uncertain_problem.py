@@ -17,7 +17,7 @@ from perfcap.pipeline.objective import FrameProblem, kernel, neutral_angles, tra
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.covariance import shared_covariance
 
-_CORRELATION = 8.0  # frames over which the errors of detectors stay alike; they are no news
+CORRELATION = 8.0  # frames over which the errors of detectors stay alike; they are no news
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class UncertainProblem:
         """
         objective = self._objective(state, {**self.priors, **(fixed or {})})
         covariance = shared_covariance(objective, state)
-        root = (_CORRELATION * covariance.diagonal(dim1=-2, dim2=-1)).sqrt()
+        root = (CORRELATION * covariance.diagonal(dim1=-2, dim2=-1)).sqrt()
         sizes = state.shared_sizes
         return dict(zip(sizes, torch.split(root, list(sizes.values())), strict=True))
 

@@ -15,7 +15,6 @@ from perfcap.detect.detections import Detections, at_clock
 from perfcap.energy.uncertain_views import CAMERAS, CLOCK
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
@@ -72,14 +71,15 @@ class ViewErrors:
     cameras: Tensor | None = None
     cameras_deviation: Tensor | None = None
 
+    @property
+    def numbers(self) -> list[str]:
+        """Names of the views where they have no others, from 0."""
+        known = self.clock if self.cameras is None else self.cameras
+        return [f"view {number}" for number in range(0 if known is None else len(known))]
+
     def of_cameras(self, cameras: Camera) -> Camera:
         """Cameras as they stand."""
-        if self.cameras is None:
-            return cameras
-        turn, shift = self.cameras.to(cameras.translation).reshape(-1, 2, 3).unbind(-2)
-        matrix = rotvec_to_matrix(turn)
-        moved = (matrix @ cameras.translation[..., None])[..., 0] + shift
-        return replace(cameras, rotation=matrix @ cameras.rotation, translation=moved)
+        return cameras if self.cameras is None else cameras.nudged(self.cameras)
 
     def of_detections(self, detections: Detections) -> Detections:
         """Detections in the time of the first view."""

@@ -5,8 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
@@ -94,6 +97,7 @@ class _Finder:
         self.folder = result.folder
         self.rate = result.rate
         self.request = request
+        self.report = result.report
         self.names = names
         numbers = result.frame_numbers[rows]
         self.frames = slice(int(numbers[0]), int(numbers[-1]) + 1)
@@ -220,7 +224,21 @@ class _Finder:
         cameras = rig.cameras
         if cameras.moving and cameras.intrinsics.shape[0] < self.frames.stop:
             raise InputError(f"{path}: has {cameras.intrinsics.shape[0]} frames, less than needed")
-        return replace(rig, cameras=cameras.frames(self.frames))
+        return replace(rig, cameras=self._as_found(cameras.frames(self.frames)))
+
+    def _as_found(self, cameras: Camera) -> Camera:
+        """Cameras where the capture had them in the end: by joints, then by silhouettes."""
+        refinement = _mapping(self.report.get("refinement"))
+        for part in (self.report.get("view_errors"), refinement.get("cameras")):
+            found = _mapping(_mapping(part).get("camera_turn_shift")).values()
+            steps = [_mapping(each).get("value") for each in found]
+            if not steps or cameras.moving:
+                continue
+            if len(steps) != cameras.views or not all(map(_is_step, steps)):
+                self.notes.append("Where the cameras were found to stand cannot be read.")
+                continue
+            cameras = cameras.nudged(torch.tensor(steps, dtype=torch.float64))
+        return cameras
 
     def _maps(self) -> Any:
         text = self.request.get("video_map")
@@ -243,3 +261,10 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 
 def _texts(value: Any) -> list[str]:
     return [each for each in value if isinstance(each, str)] if isinstance(value, list) else []
+
+
+def _is_step(value: Any) -> bool:
+    """Whether something read is a rotation vector and a shift, six numbers."""
+    if not isinstance(value, list) or len(value) != 6:
+        return False
+    return all(isinstance(each, int | float) and isfinite(each) for each in value)
