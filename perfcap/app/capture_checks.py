@@ -92,7 +92,7 @@ def doubts(
         inputs: of the capture.
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
-        alone: whether nobody else was detected; of several people see ``places``.
+        alone: whether nobody else is captured; of several people see ``places``.
 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
@@ -103,10 +103,11 @@ def doubts(
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     findings += examine_cameras(inputs.rig)
     fitting = detected or not alone
-    findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=fitting)
-    findings += examine_take(
-        inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map, detected=detected
+    findings += examine_detections(
+        inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=alone
     )
+    take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
+    findings += examine_take(*take, detected=detected, alone=alone)
     return _sentences(findings)
 
 

@@ -86,6 +86,7 @@ def examine_take(
     clip: Clip | None,
     pixel_map: PixelMap | None,
     detected: bool = False,
+    alone: bool = True,
 ) -> list[Finding]:
     """Whether cameras, joints and video belong together, of what is read already.
 
@@ -95,8 +96,9 @@ def examine_take(
         clip: the same frames and views; None of no video.
         pixel_map: from the clip's pixels to the calibration's.
         detected: whether the joints were found in this very video.
+        alone: whether nobody else is followed.
     """
-    findings = examine_agreement(rig, detections)
+    findings = examine_agreement(rig, detections, alone=alone)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)
