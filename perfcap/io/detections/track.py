@@ -124,7 +124,7 @@ def parse_instance(path: object, instance: Any) -> Array:
         raise InputError(f"{where} has no keypoints; expected keypoints and keypoint_scores")
     try:
         points = np.asarray(instance["keypoints"], np.float64)
-        scores = np.asarray(instance.get("keypoint_scores", ()), np.float64)
+        scores = np.asarray(instance.get("keypoint_scores", instance.get("scores", ())), np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where} has keypoints that are not numbers") from error
     if points.ndim != 2 or points.shape[1] != 2 or scores.shape != points.shape[:1]:
