@@ -24,6 +24,10 @@ from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
 _LOG = logging.getLogger(__name__)
+_OTHERS = (
+    "; where several people are seen, networks may follow another one in each view: --people 1 "
+    "follows the same one in all"
+)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 
 
@@ -38,7 +42,7 @@ def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
     Raises:
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
-    refuse_wrong(inputs)
+    refuse_wrong(inputs, detected)
     more = doubts(inputs, needs_images=needs_images, detected=detected)
     for line in inputs.warnings:
         _LOG.warning("%s", line)
@@ -52,8 +56,12 @@ def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:
     return replace(inputs, warnings=(*inputs.warnings, *lines))
 
 
-def refuse_wrong(inputs: Inputs) -> None:
+def refuse_wrong(inputs: Inputs, detected: bool = False) -> None:
     """Refuse what would be captured wrongly everywhere: units, axes, pixels.
+
+    Args:
+        inputs: of the capture.
+        detected: whether networks followed one person in each view, who may be another in the next.
 
     Raises:
         InputError: the inputs are such.
@@ -61,7 +69,10 @@ def refuse_wrong(inputs: Inputs) -> None:
     refuse_wrong_cameras(inputs.rig)
     found = examine_detections(inputs.rig, inputs.detections)
     agreement = examine_agreement(inputs.rig, inputs.detections)
-    found += [each for each in agreement if each.subject in _WHOLE]
+    also = _OTHERS if detected else ""
+    found += [
+        replace(each, remedy=f"{each.remedy}{also}") for each in agreement if each.subject in _WHOLE
+    ]
     _refuse(found)
 
 

@@ -18,6 +18,9 @@ Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 
+_MANY, _GONE = 20, 0.2  # corners of a frame, and share that goes on, of pictures that are others
+
+
 @dataclass(frozen=True)
 class TrackSettings(Settings):
     """How corners are followed.
@@ -55,6 +58,17 @@ class Sightings:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def cuts(self, frames: int) -> list[int]:
+        """Those of ``frames`` before which hardly any corner goes on, though both show many."""
+        count = np.bincount(self.frame, minlength=frames)
+        order = np.lexsort((self.frame, self.point))
+        point, frame = self.point[order], self.frame[order]
+        on = (np.diff(point) == 0) & (np.diff(frame) == 1)
+        kept = np.bincount(frame[1:][on], minlength=frames)
+        both = np.minimum(count[1:], count[:-1])
+        found = (both >= _MANY) & (kept[1:] < _GONE * both)
+        return [int(each) + 1 for each in np.flatnonzero(found)]
 
     def part(self, chosen: Mask) -> Sightings:
         """The rows that are True."""

@@ -69,6 +69,20 @@ def test_views_of_different_people_are_refused() -> None:
         refuse_wrong(inputs_of(mixed))
 
 
+def test_networks_may_follow_different_people() -> None:
+    """Cameras that are right were said to be transposed, and nothing else."""
+    first, other = make_take(20, views=3), make_take(20, views=3, turns=2.0)
+    pixels = first.detections.joints2d.clone()
+    pixels[:, 1] = other.detections.joints2d[:, 1].flip(0) + 90
+    pixels[:, 2] = other.detections.joints2d[:, 2] - 120
+    mixed = inputs_of(replace(first.detections, joints2d=pixels, joints3d=None))
+    with pytest.raises(InputError, match=r"--people 1 follows the same one in all$"):
+        refuse_wrong(mixed, detected=True)
+    with pytest.raises(InputError) as refused:
+        refuse_wrong(mixed)
+    assert "--people" not in str(refused.value)
+
+
 def test_a_preset_of_several_views_is_named_for_one() -> None:
     for preset in ("liu2013", "muvs2017"):
         assert any("several views" in line for line in preset_doubts(preset, 1))

@@ -76,3 +76,14 @@ def test_corners_of_a_cut_do_not_go_on() -> None:
     points = [set(seen.point[seen.frame == frame].tolist()) for frame in range(4)]
     assert len(points[0] & points[1]) > 40 and len(points[2] & points[3]) > 40
     assert len(points[1] & points[2]) < 5
+
+
+def test_cuts_are_frames_before_which_all_corners_are_new() -> None:
+    """A hidden picture shows none, before or after, and is no cut."""
+    tracks = CornerTracks(TrackSettings(corners=80))
+    for frame in range(3 * FRAMES):
+        middle = 1.5 * SIDE - (frame % FRAMES) * STEP
+        picture = cv2.getRectSubPix(wall(frame // FRAMES), (SIDE, SIDE), middle.tolist())
+        hidden = np.full((SIDE, SIDE), frame == 2 * FRAMES + 3)
+        tracks.add(picture[..., None].repeat(3, -1), hidden)
+    assert tracks.sightings().cuts(3 * FRAMES) == [FRAMES, 2 * FRAMES]

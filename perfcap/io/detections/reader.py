@@ -172,8 +172,8 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
     if path.suffix.lower() in _TABLES:
         raise InputError(
             f"{path}: is not a detections file I know, but a table, as DeepLabCut and SLEAP write "
-            "them; write x, y and likelihood of a person's joints, in the order of COCO's 17, as .npy [F,17,3], or with "
-            "names of your own as .npz (joints2d, confidence2d, joint_names)"
+            "them; write x, y and likelihood of a person's joints, in the order of COCO's 17, as "
+            ".npy [F,17,3], or with their names as .npz (joints2d, confidence2d, joint_names)"
         )
     raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")
 

@@ -118,7 +118,10 @@ def _headlong(detections: Detections) -> list[Finding]:
     if not shares or min(shares) < _LYING:
         return []
     what = f"the person stands on their head in every view, in {min(shares):.0%} of the frames"
-    remedy = "if they do not, check names and order of joints (the joint set) and axes: y down"
+    remedy = (
+        "if they do not, check whether videos are upside down, names and order of joints (the "
+        "joint set), and axes: y down"
+    )
     return [Finding(Severity.WARNING, "detections", what, remedy)]
 
 
