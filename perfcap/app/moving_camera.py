@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -60,10 +61,9 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
     focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
     guessed = inputs.rig.guessed
-    sightings = tracks.sightings()
-    way = find_way(sightings, count, (focal, *middle), clip.fps, guessed=guessed)
+    way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
     if way is None:
-        _tell_cuts(sightings.cuts(count), clip.start, count)
+        _tell_cuts(tracks.cuts(), clip.start, count)
         return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
@@ -74,15 +74,15 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     return in_metres(actor, cameras, detections, clip.fps, way, ground)
 
 
-def _tell_cuts(cuts: list[int], first: int, count: int) -> None:
+def _tell_cuts(cuts: Sequence[int], first: int, count: int) -> None:
     """Shots of a video that is cut, the longest of which can be captured on its own."""
     if not cuts:
         return
     start, stop = max(pairwise((0, *cuts, count)), key=lambda shot: shot[1] - shot[0])
     where = ", ".join(str(first + cut) for cut in cuts[:_NAMED])
     _LOG.warning(
-        "the video cuts before frame %s%s: one shot can be captured at a time; the longest is "
-        "--frames %d:%d",
+        "the video cuts, or the camera swings, before frame %s%s: one shot can be captured at a "
+        "time; the longest is --frames %d:%d",
         where,
         ", ..." if len(cuts) > _NAMED else "",
         first + start,

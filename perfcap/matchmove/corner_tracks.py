@@ -18,7 +18,7 @@ Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 
-_MANY, _GONE = 20, 0.2  # corners of a frame, and share that goes on, of pictures that are others
+_MANY, _GONE = 20, 0.2  # corners of a frame, and share of them that the next shows, of a cut
 
 
 @dataclass(frozen=True)
@@ -59,17 +59,6 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.frame)
 
-    def cuts(self, frames: int) -> list[int]:
-        """Those of ``frames`` before which hardly any corner goes on, though both show many."""
-        count = np.bincount(self.frame, minlength=frames)
-        order = np.lexsort((self.frame, self.point))
-        point, frame = self.point[order], self.frame[order]
-        on = (np.diff(point) == 0) & (np.diff(frame) == 1)
-        kept = np.bincount(frame[1:][on], minlength=frames)
-        both = np.minimum(count[1:], count[:-1])
-        found = (both >= _MANY) & (kept[1:] < _GONE * both)
-        return [int(each) + 1 for each in np.flatnonzero(found)]
-
     def part(self, chosen: Mask) -> Sightings:
         """The rows that are True."""
         return Sightings(self.frame[chosen], self.point[chosen], self.pixels[chosen], self.scale)
@@ -86,6 +75,7 @@ class CornerTracks:
         self._numbers = np.zeros(0, np.int64)
         self._count = self._frames = 0
         self._rows: list[tuple[Whole, Whole, Array]] = []
+        self._cuts: list[int] = []
 
     def add(self, image: Image, hidden: Mask) -> None:
         """Follow corners into the next frame.
@@ -98,10 +88,11 @@ class CornerTracks:
         gray = shrink(image, self._scale)
         size = gray.shape[::-1]
         closed = cv2.resize(hidden.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-        if self._gray is not None:
-            self._carry(gray, closed)
+        other = self._gray is not None and self._carry(gray, closed)
         if len(self._points) < self._settings.kept * self._settings.corners:
             self._look(gray, closed)
+        if other and len(self._points) >= _MANY:
+            self._cuts.append(self._frames)
         frame = np.full(len(self._numbers), self._frames)
         self._rows.append((frame, self._numbers, self._points.astype(np.float64)))
         self._gray, self._frames = gray, self._frames + 1
@@ -114,16 +105,26 @@ class CornerTracks:
         frame, point, pixels = (np.concatenate(part) for part in zip(*self._rows, strict=True))
         return Sightings(frame, point, pixels, self._scale)
 
-    def _carry(self, gray: Image, closed: Mask) -> None:
-        """Where the corners are now; those that do not find back are lost."""
+    def cuts(self) -> tuple[int, ...]:
+        """Frames that show many corners, but hardly any of those of the frame before."""
+        return tuple(self._cuts)
+
+    def _carry(self, gray: Image, closed: Mask) -> bool:
+        """Where the corners are now; those that do not find back are lost.
+
+        Returns:
+            Whether that is nearly all of many.
+        """
         assert self._gray is not None
         moved, found = follow(self._gray, gray, self._points)
         back, again = follow(gray, self._gray, moved)
         home = np.hypot(*(back - self._points).T) < self._settings.returned
         ok = found & again & home
+        other = len(ok) >= _MANY and float(ok.mean()) < _GONE
         at = np.rint(moved[ok]).astype(np.int64)
         ok[ok] = ~closed[at[:, 1], at[:, 0]]
         self._points, self._numbers = moved[ok], self._numbers[ok]
+        return other
 
     def _look(self, gray: Image, closed: Mask) -> None:
         """New corners, away from those that are followed."""

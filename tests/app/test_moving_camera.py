@@ -145,7 +145,7 @@ def test_a_video_that_cuts_is_captured_in_shots(caplog: pytest.LogCaptureFixture
 
     source.read = cut  # type: ignore[method-assign]
     assert moving_camera.find_motion(inputs) is None
-    assert "cuts before frame 30: one shot" in caplog.text
+    assert "the video cuts, or the camera swings, before frame 30: one shot" in caplog.text
     assert "the longest is --frames 0:30" in caplog.text
 
 

@@ -99,12 +99,14 @@ def test_easy_vitpose(tmp_path: Path, expected: torch.Tensor) -> None:
         read(write(tmp_path / "a.json", data))
 
 
-def test_scores_of_transformers(tmp_path: Path, expected: torch.Tensor) -> None:
+def test_vitpose_of_transformers_and_of_its_authors(tmp_path: Path, expected: torch.Tensor) -> None:
     data = [
         [{"keypoints": each[:, :2].tolist(), "scores": each[:, 2].tolist(), "bbox": [0, 0, 1, 1]}]
         for each in keypoints()
     ]
     torch.testing.assert_close(read(write(tmp_path / "a.json", data)), expected)
+    data = [[{"keypoints": each.tolist(), "bbox": [0, 0, 1, 1, 0.9]}] for each in keypoints()]
+    torch.testing.assert_close(read(write(tmp_path / "b.json", data)), expected)
 
 
 def test_mmpose_of_single_images(tmp_path: Path, expected: torch.Tensor) -> None:
@@ -130,13 +132,14 @@ def test_labels_of_ultralytics(
 ) -> None:
     shares = keypoints() / [SIZE[1], SIZE[0], 1]
     shares = shares[..., : 3 if scored else 2]
-    folder = tmp_path / "labels"
-    folder.mkdir()
+    run = tmp_path / "predict"
+    folder = run / "labels" if more else run
+    folder.mkdir(parents=True)
     for f, each in enumerate(shares):
         if f not in (1, FRAMES - 1):  # nobody there, no file
             line = " ".join(map(str, (0, 0.5, 0.5, 0.1, 0.2, *flat(each), *more)))
             (folder / f"dance_{f + 1}.txt").write_text(line + "\n")
-    found, _ = read_detections(folder, views=1, frames=FRAMES, sizes=[SIZE])
+    found, _ = read_detections(run, views=1, frames=FRAMES, sizes=[SIZE])
     seen = found.views_with_person().new_tensor([f not in (1, FRAMES - 1) for f in range(FRAMES)])
     assert ((found.confidence2d[:, 0] > 0).any(-1) == seen).all()
     torch.testing.assert_close(

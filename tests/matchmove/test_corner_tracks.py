@@ -79,11 +79,11 @@ def test_corners_of_a_cut_do_not_go_on() -> None:
 
 
 def test_cuts_are_frames_before_which_all_corners_are_new() -> None:
-    """A hidden picture shows none, before or after, and is no cut."""
+    """Corners that people hide go on behind them, and are no cut."""
     tracks = CornerTracks(TrackSettings(corners=80))
     for frame in range(3 * FRAMES):
         middle = 1.5 * SIDE - (frame % FRAMES) * STEP
         picture = cv2.getRectSubPix(wall(frame // FRAMES), (SIDE, SIDE), middle.tolist())
         hidden = np.full((SIDE, SIDE), frame == 2 * FRAMES + 3)
         tracks.add(picture[..., None].repeat(3, -1), hidden)
-    assert tracks.sightings().cuts(3 * FRAMES) == [FRAMES, 2 * FRAMES]
+    assert tracks.cuts() == (FRAMES, 2 * FRAMES)

@@ -222,6 +222,6 @@ def _strangers(
     for view, frames in enumerate(alone.tolist()):
         if frames > _OFTEN * len(sightings.there):
             yield (
-                f"{view_words([view], names)} lists somebody in {frames} frames whom no other "
+                f"{view_words([view], names)} lists somebody in {frames} frame{'s' * (frames > 1)} whom no other "
                 "view confirms; left out"
             )

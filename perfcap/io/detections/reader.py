@@ -18,7 +18,7 @@ from perfcap.io.detections.network import PICKLES, holds_network, read_network_n
 from perfcap.io.detections.npz import read_npz
 from perfcap.io.detections.openpose import read_openpose
 from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
-from perfcap.io.detections.yolo_txt import holds_labels, read_labels
+from perfcap.io.detections.yolo_txt import labels_in, read_labels
 from perfcap.io.view_names import match_views
 
 _TABLES = frozenset({".csv", ".h5", ".hdf5", ".slp", ".xlsx", ".parquet", ".mat"})
@@ -152,8 +152,8 @@ def _shared_length(
 def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[Track | Listing]:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
-    if path.is_dir() and holds_labels(path):
-        return [read_labels(path, frames)]
+    if path.is_dir() and (labels := labels_in(path)) is not None:
+        return [read_labels(labels, frames)]
     if path.is_dir():
         return [read_openpose(path, frames)]
     if path.suffix.lower() == ".npz":

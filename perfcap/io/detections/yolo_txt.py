@@ -22,10 +22,16 @@ _BOX = 5  # numbers before the keypoints: class, middle, width, height
 _MORE = 2  # numbers that may follow: confidence of the box, track
 
 
-def holds_labels(folder: Path) -> bool:
-    """Whether a folder has text files and no JSON."""
-    suffixes = {path.suffix.lower() for path in folder.iterdir() if path.name[0] != "."}
-    return ".txt" in suffixes and ".json" not in suffixes
+def labels_in(folder: Path) -> Path | None:
+    """The folder that has text files and no JSON: this one, or ``labels`` of a run; else None."""
+    for place in (folder, folder / "labels"):
+        inside = place.iterdir() if place.is_dir() else ()
+        suffixes = {path.suffix.lower() for path in inside if path.name[0] != "."}
+        if ".json" in suffixes:
+            return None
+        if ".txt" in suffixes:
+            return place
+    return None
 
 
 def read_labels(folder: Path, video_frames: int | None = None) -> Listing:
