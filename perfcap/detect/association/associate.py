@@ -221,7 +221,8 @@ def _strangers(
     alone = (sightings.there & ~owned).any(-1).sum(0)
     for view, frames in enumerate(alone.tolist()):
         if frames > _OFTEN * len(sightings.there):
+            span = "1 frame" if frames == 1 else f"{frames} frames"
             yield (
-                f"{view_words([view], names)} lists somebody in {frames} frame{'s' * (frames > 1)} whom no other "
-                "view confirms; left out"
+                f"{view_words([view], names)} lists somebody in {span} whom no other view confirms; "
+                "left out"
             )
