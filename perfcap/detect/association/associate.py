@@ -223,6 +223,6 @@ def _strangers(
         if frames > _OFTEN * len(sightings.there):
             span = "1 frame" if frames == 1 else f"{frames} frames"
             yield (
-                f"{view_words([view], names)} lists somebody in {span} whom no other view confirms; "
-                "left out"
+                f"{view_words([view], names)} lists somebody in {span} whom no other view "
+                "confirms; left out"
             )
