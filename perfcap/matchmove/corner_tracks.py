@@ -18,6 +18,7 @@ Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 
+_SHOWN = 0.1  # of a frame, beside people; what is left of less may have gone out of the picture
 _MANY, _GONE = 20, 0.2  # corners of a frame, and share of them that the next shows, of a cut
 
 
@@ -76,6 +77,7 @@ class CornerTracks:
         self._count = self._frames = 0
         self._rows: list[tuple[Whole, Whole, Array]] = []
         self._cuts: list[int] = []
+        self._shown = 0.0
 
     def add(self, image: Image, hidden: Mask) -> None:
         """Follow corners into the next frame.
@@ -91,8 +93,10 @@ class CornerTracks:
         other = self._gray is not None and self._carry(gray, closed)
         if len(self._points) < self._settings.kept * self._settings.corners:
             self._look(gray, closed)
-        if other and len(self._points) >= _MANY:
+        shown = float(1 - closed.mean())
+        if other and len(self._points) >= _MANY and min(shown, self._shown) >= _SHOWN:
             self._cuts.append(self._frames)
+        self._shown = shown
         frame = np.full(len(self._numbers), self._frames)
         self._rows.append((frame, self._numbers, self._points.astype(np.float64)))
         self._gray, self._frames = gray, self._frames + 1

@@ -87,3 +87,14 @@ def test_cuts_are_frames_before_which_all_corners_are_new() -> None:
         hidden = np.full((SIDE, SIDE), frame == 2 * FRAMES + 3)
         tracks.add(picture[..., None].repeat(3, -1), hidden)
     assert tracks.cuts() == (FRAMES, 2 * FRAMES)
+
+
+def test_a_strip_that_goes_out_of_the_picture_is_no_cut() -> None:
+    """All that a crowd leaves open, at the edge of a picture that is panned fast."""
+    tracks = CornerTracks(TrackSettings(corners=80, side=SIDE))
+    for frame in range(FRAMES):
+        picture = cv2.getRectSubPix(wall(), (SIDE, SIDE), [SIDE + 25 * frame, 1.5 * SIDE])
+        hidden = np.zeros((SIDE, SIDE), np.bool_)
+        hidden[:, 18:] = frame < 3
+        tracks.add(picture[..., None].repeat(3, -1), hidden)
+    assert tracks.cuts() == ()
