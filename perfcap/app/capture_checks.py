@@ -31,19 +31,22 @@ _OTHERS = (
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 
 
-def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
+def examined(
+    inputs: Inputs, *, needs_images: bool, detected: bool, people: bool | None = None
+) -> Inputs:
     """The inputs with all there is to say of them, which is said before any work is done.
 
     Args:
         inputs: of the capture.
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
+        people: whether ``--people`` is given; None where there is no such option to advise.
 
     Raises:
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
-    refuse_wrong(inputs, detected)
-    more = doubts(inputs, needs_images=needs_images, detected=detected)
+    refuse_wrong(inputs, detected and people is False)
+    more = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     return told(inputs, more)
@@ -56,12 +59,13 @@ def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:
     return replace(inputs, warnings=(*inputs.warnings, *lines))
 
 
-def refuse_wrong(inputs: Inputs, detected: bool = False) -> None:
+def refuse_wrong(inputs: Inputs, apart: bool = False) -> None:
     """Refuse what would be captured wrongly everywhere: units, axes, pixels.
 
     Args:
         inputs: of the capture.
-        detected: whether networks followed one person in each view, who may be another in the next.
+        apart: whether networks followed one person in each view, who may be another in the next,
+            and ``--people`` would have been better.
 
     Raises:
         InputError: the inputs are such.
@@ -69,7 +73,7 @@ def refuse_wrong(inputs: Inputs, detected: bool = False) -> None:
     refuse_wrong_cameras(inputs.rig)
     found = examine_detections(inputs.rig, inputs.detections)
     agreement = examine_agreement(inputs.rig, inputs.detections)
-    also = _OTHERS if detected else ""
+    also = _OTHERS if apart else ""
     found += [
         replace(each, remedy=f"{each.remedy}{also}") for each in agreement if each.subject in _WHOLE
     ]
@@ -92,7 +96,12 @@ def _refuse(found: Sequence[Finding]) -> None:
 
 
 def doubts(
-    inputs: Inputs, *, needs_images: bool, detected: bool, alone: bool = True
+    inputs: Inputs,
+    *,
+    needs_images: bool,
+    detected: bool,
+    alone: bool = True,
+    people: bool | None = None,
 ) -> tuple[str, ...]:
     """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
 
@@ -104,6 +113,7 @@ def doubts(
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
         alone: whether nobody else is captured; of several people see ``places``.
+        people: as of ``examined``.
 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
@@ -115,10 +125,10 @@ def doubts(
     findings += examine_cameras(inputs.rig)
     fitting = detected or not alone
     findings += examine_detections(
-        inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=alone
+        inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=not people
     )
     take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
-    findings += examine_take(*take, detected=detected, alone=alone)
+    findings += examine_take(*take, detected=detected, alone=people is False)
     return _sentences(findings)
 
 

@@ -198,7 +198,8 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
 def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
     """What may be wrong with the inputs; of one person, where it is not of all."""
     lines = [
-        doubts(each, needs_images=images, detected=detected, alone=False) for each in everybody
+        doubts(each, needs_images=images, detected=detected, alone=False, people=True)
+        for each in everybody
     ]
     common = set(lines[0]).intersection(*lines[1:])
     found = [] if detected else [*places(inputs)]
