@@ -150,7 +150,7 @@ def test_a_video_that_cuts_is_captured_in_shots(caplog: pytest.LogCaptureFixture
 
 
 def test_no_corner_is_followed_at_bars_beside_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their edges stand still: the lens of a pillarboxed clip came out twice as long."""
+    """Their edges stand still: the lens of a pillarboxed clip came out longer still."""
     inputs = given()
     source = inputs.clip.sources[0]
     assert isinstance(source, Panned)
