@@ -24,22 +24,29 @@ from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
 _LOG = logging.getLogger(__name__)
+_OTHERS = (
+    "; where several people are seen, networks may follow another one in each view: --people 1 "
+    "follows the same one in all"
+)
 _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 
 
-def examined(inputs: Inputs, *, needs_images: bool, detected: bool) -> Inputs:
+def examined(
+    inputs: Inputs, *, needs_images: bool, detected: bool, people: bool | None = None
+) -> Inputs:
     """The inputs with all there is to say of them, which is said before any work is done.
 
     Args:
         inputs: of the capture.
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
+        people: whether ``--people`` is given; None where there is no such option to advise.
 
     Raises:
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
-    refuse_wrong(inputs)
-    more = doubts(inputs, needs_images=needs_images, detected=detected)
+    refuse_wrong(inputs, detected and people is False)
+    more = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     return told(inputs, more)
@@ -52,8 +59,13 @@ def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:
     return replace(inputs, warnings=(*inputs.warnings, *lines))
 
 
-def refuse_wrong(inputs: Inputs) -> None:
+def refuse_wrong(inputs: Inputs, apart: bool = False) -> None:
     """Refuse what would be captured wrongly everywhere: units, axes, pixels.
+
+    Args:
+        inputs: of the capture.
+        apart: whether networks followed one person in each view, who may be another in the next,
+            and ``--people`` would have been better.
 
     Raises:
         InputError: the inputs are such.
@@ -61,7 +73,10 @@ def refuse_wrong(inputs: Inputs) -> None:
     refuse_wrong_cameras(inputs.rig)
     found = examine_detections(inputs.rig, inputs.detections)
     agreement = examine_agreement(inputs.rig, inputs.detections)
-    found += [each for each in agreement if each.subject in _WHOLE]
+    also = _OTHERS if apart else ""
+    found += [
+        replace(each, remedy=f"{each.remedy}{also}") for each in agreement if each.subject in _WHOLE
+    ]
     _refuse(found)
 
 
@@ -81,7 +96,12 @@ def _refuse(found: Sequence[Finding]) -> None:
 
 
 def doubts(
-    inputs: Inputs, *, needs_images: bool, detected: bool, alone: bool = True
+    inputs: Inputs,
+    *,
+    needs_images: bool,
+    detected: bool,
+    alone: bool = True,
+    people: bool | None = None,
 ) -> tuple[str, ...]:
     """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
 
@@ -92,7 +112,8 @@ def doubts(
         inputs: of the capture.
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
-        alone: whether nobody else was detected; of several people see ``places``.
+        alone: whether nobody else is captured; of several people see ``places``.
+        people: as of ``examined``.
 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
@@ -103,12 +124,11 @@ def doubts(
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     findings += examine_cameras(inputs.rig)
     fitting = detected or not alone
-    findings += examine_detections(inputs.rig, inputs.detections, coverage=False, detected=fitting)
-    findings += examine_take(
-        *(inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map),
-        detected=detected,
-        rests=inputs.rests,
+    findings += examine_detections(
+        inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=not people
     )
+    take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
+    findings += examine_take(*take, detected=detected, alone=people is False, rests=inputs.rests)
     return _sentences(findings)
 
 

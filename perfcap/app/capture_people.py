@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -26,7 +27,7 @@ from perfcap.app.match_people import UNMATCHED, Matching, match_actors
 from perfcap.app.memory_budget import threads_within
 from perfcap.app.people_files import CapturedScene, write_scene
 from perfcap.commands.capture import AUTO, Capture
-from perfcap.detect.association import Association, associate
+from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
 from perfcap.io.mask_files import view_folders
@@ -125,14 +126,16 @@ def find_people(request: Capture, inputs: Inputs) -> Association:
     """
     refuse_wrong_cameras(inputs.rig)
     parts = inputs.rig.cameras, inputs.detections, inputs.clip.fps
+    config = AssociationConfig(resized=not request.detectors)
+    who = partial(associate, *parts, config=config, names=inputs.rig.names)
     if len(request.actor) == 1:
-        return associate(*parts, people=request.head_count)
+        return who(people=request.head_count)
     wanted = len(request.actor)
     try:
-        found = associate(*parts)
+        found = who()
     except InputError:
         found = None
-    return found if found and len(found.people) >= wanted else associate(*parts, people=wanted)
+    return found if found and len(found.people) >= wanted else who(people=wanted)
 
 
 def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
@@ -195,7 +198,8 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
 def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
     """What may be wrong with the inputs; of one person, where it is not of all."""
     lines = [
-        doubts(each, needs_images=images, detected=detected, alone=False) for each in everybody
+        doubts(each, needs_images=images, detected=detected, alone=False, people=True)
+        for each in everybody
     ]
     common = set(lines[0]).intersection(*lines[1:])
     found = [] if detected else [*places(inputs)]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -15,15 +17,18 @@ from perfcap.app.gravity import find_up, upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.doctor.rest import about_joints, background_shift
-from perfcap.matchmove import CornerTracks, find_ground, find_way
+from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 Array = NDArray[np.float64]
 
 _CONFIDENT = 0.3  # joints that say where the person is
 _EDGES, _BODIES = math.radians(1), math.radians(6)  # deviations of up, as edges and poses show it
+_LONG = 0.5 / math.tan(math.radians(10))  # sizes of the image: a focal length that is no phone's
 _LONGEST = 1800  # frames; more take gigabytes
 _BLOCK = 8  # frames that are read at once
+_NAMED = 6  # cuts
+_SAMPLES = 8  # frames in which bars beside the picture are looked for
 
 _LOG = logging.getLogger(__name__)
 
@@ -57,6 +62,8 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
         return None
     tracks = CornerTracks()
     hidden = None
+    some = np.linspace(0, count - 1, min(_SAMPLES, count)).round().astype(int).tolist()
+    bars = find_bars([clip.read_view(0, each, each + 1)[0] for each in some])
     with progress_bars() as tell:
         for start in range(0, count, _BLOCK):
             stop = min(start + _BLOCK, count)
@@ -64,13 +71,22 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
                 seen = confidence[frame] > _CONFIDENT
                 if hidden is None or seen.any():  # else where the person was last
                     hidden = about_joints(joints[frame, seen], image.shape[:2])
-                tracks.add(image, hidden)
+                tracks.add(image, hidden | bars)
             tell("camera motion", stop, count)
     lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
     focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
     guessed = inputs.rig.guessed
     way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
     if way is None:
+        _tell_cuts(tracks.cuts(), clip.start, count)
+        return None
+    longer = focal * way.factor / max(clip.sizes[0])
+    if guessed and longer > _LONG:
+        _LOG.warning(
+            "what is behind the person moves as a lens of %.0f degrees shows it, which no phone "
+            "has: is the picture cropped, or steadied, in a program? --fov says the true one",
+            2 * math.degrees(math.atan(0.5 / longer)),
+        )
         return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
@@ -84,3 +100,19 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
         ground = find_ground(way.points, about.numpy(), _BODIES if up is None else _EDGES)
     found = in_metres(actor, cameras, detections, clip.fps, way, ground)
     return found if up is None else replace(found, up=up)
+
+
+def _tell_cuts(cuts: Sequence[int], first: int, count: int) -> None:
+    """Shots of a video that is cut, the longest of which can be captured on its own."""
+    if not cuts:
+        return
+    start, stop = max(pairwise((0, *cuts, count)), key=lambda shot: shot[1] - shot[0])
+    where = ", ".join(str(first + cut) for cut in cuts[:_NAMED])
+    _LOG.warning(
+        "the video cuts, or the camera swings, before frame %s%s: one shot can be captured at a "
+        "time; the longest is --frames %d:%d",
+        where,
+        ", ..." if len(cuts) > _NAMED else "",
+        first + start,
+        first + stop,
+    )

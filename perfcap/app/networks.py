@@ -25,6 +25,7 @@ SEGMENTER = "segmenter.toml"  # of a shipped detector that answers with masks as
 NO_SEGMENTER = "none"
 EDGES, WEIGHTS, PLAIN_EDGES = "edges", "weights.safetensors", "plain"
 
+_LEAST = 2  # tracks of a view that are told apart, of whom one may be asked for
 _CHUNK = 16  # frames decoded at once
 
 # called with a stage's name, what is done and what there is to do
@@ -221,7 +222,8 @@ def detect_everybody(clip: Clip, detecting: Detecting, cameras: Camera) -> Detec
     """
     count = detecting.people or 1
     if detecting.finder is not None:
-        return _together(clip, detecting, cameras, detecting.finder, count)
+        # one alone may be another person in each view, and still be put together
+        return _together(clip, detecting, cameras, detecting.finder, max(count, _LEAST))
     found = []
     for person in range(1, count + 1):
         kept = detecting.checkpoint.of(f"slot{person}")

@@ -141,7 +141,9 @@ def find_truth(path: Path) -> Path:
             f"{path / MOTION}, or type perfcap view FIRST SECOND"
         )
     if path.is_dir():
-        raise InputError(f"--truth {path}: holds no {' and no '.join(_TRUTH_NAMES)}")
+        people = sorted(each for name in _TRUTH_NAMES for each in path.glob(f"*/{name}"))
+        where = f"; of one person give {people[0].parent}, or another" if people else ""
+        raise InputError(f"--truth {path}: holds no {' and no '.join(_TRUTH_NAMES)}{where}")
     raise InputError(f"--truth {path}: no such file; expected an npz or a folder with truth.npz")
 
 

@@ -14,6 +14,9 @@ from perfcap.errors import InputError
 MEBIBYTE = 2**20
 JSON_LIMIT = 512 * MEBIBYTE
 TEXT_LIMIT = 64 * MEBIBYTE
+VIDEO_SUFFIXES = frozenset(
+    {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"}
+)
 
 
 def named_path(value: object, name: str, what: str) -> Path:

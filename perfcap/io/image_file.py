@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from contextlib import suppress
+from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
-from perfcap.io.files import MEBIBYTE, natural_key, require_file
+from perfcap.io.files import MEBIBYTE, VIDEO_SUFFIXES, natural_key, require_file
 
 IMAGE_LIMIT = 256 * MEBIBYTE
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -113,9 +114,7 @@ class ImageFolder:
             if entry.suffix.lower() in SUFFIXES and not entry.name.startswith(".")
         ]
         if not files:
-            raise InputError(
-                f"{path}: holds no images; expected a video, or a folder of PNG or JPEG frames"
-            )
+            raise InputError(f"{path}: holds no images{_held(path)}")
         self.path = path
         self.name = path.name
         self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
@@ -195,3 +194,34 @@ def read_silhouette(path: Path, person: int | None = None) -> NDArray[np.bool_]:
     image = decode_image(path, cv2.IMREAD_GRAYSCALE, "an image of a silhouette")
     found: NDArray[np.bool_] = image > _HALF if person is None else image == person
     return found
+
+
+_LEVELS, _LOOKED = 5, 1000  # of folders, as OpenCap's Videos/Cam0/InputMedia; entries of a level
+
+
+def _held(folder: Path) -> str:
+    """What to give in place of a folder without images, by what it holds."""
+    found = _videos_in(folder)
+    if not found:
+        return "; expected a video, or a folder of PNG or JPEG frames"
+    some = ", ".join(str(each) for each in found[:2])
+    more = ", ..." if len(found) > 2 else ""
+    return f", but videos; give these by name, one for each view: {some}{more}"
+
+
+def _videos_in(folder: Path) -> list[Path]:
+    """Videos of the first level of folders that has any."""
+    level = [folder]
+    for _ in range(_LEVELS):
+        inside = list(islice(_entries(level), _LOOKED))
+        found = [each for each in inside if each.suffix.lower() in VIDEO_SUFFIXES]
+        if found:
+            return sorted(found)
+        level = [each for each in inside if each.is_dir()]
+    return []
+
+
+def _entries(folders: Sequence[Path]) -> Iterator[Path]:
+    for folder in folders:
+        with suppress(OSError):  # those that may not be looked into
+            yield from (each for each in folder.iterdir() if not each.name.startswith("."))

@@ -18,11 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perfcap.errors import InputError
-from perfcap.io.files import natural_key
+from perfcap.io.files import VIDEO_SUFFIXES, natural_key
 
-VIDEO_SUFFIXES = frozenset(
-    {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"}
-)
 POSE2SIM, FREEMOCAP = "Pose2Sim", "FreeMoCap"
 
 _VIDEOS, _SYNCHRONIZED = "videos", "synchronized_videos"

@@ -1,5 +1,6 @@
 """The way of a camera that moves, from what it films behind a person."""
 
+from perfcap.matchmove.bars import find_bars
 from perfcap.matchmove.camera_way import CameraWay, WaySettings, find_way
 from perfcap.matchmove.corner_tracks import CornerTracks, Sightings, TrackSettings
 from perfcap.matchmove.ground import Ground, GroundSettings, find_ground
@@ -15,6 +16,7 @@ __all__ = [
     "TrackSettings",
     "VerticalSettings",
     "WaySettings",
+    "find_bars",
     "find_ground",
     "find_vertical",
     "find_way",

@@ -18,6 +18,10 @@ Whole = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 
+_SHOWN = 0.1  # of a frame, beside people; what is left of less may have gone out of the picture
+_MANY, _GONE = 20, 0.2  # corners of a frame, and share of them that the next shows, of a cut
+
+
 @dataclass(frozen=True)
 class TrackSettings(Settings):
     """How corners are followed.
@@ -72,6 +76,8 @@ class CornerTracks:
         self._numbers = np.zeros(0, np.int64)
         self._count = self._frames = 0
         self._rows: list[tuple[Whole, Whole, Array]] = []
+        self._cuts: list[int] = []
+        self._shown = 0.0
 
     def add(self, image: Image, hidden: Mask) -> None:
         """Follow corners into the next frame.
@@ -84,10 +90,13 @@ class CornerTracks:
         gray = shrink(image, self._scale)
         size = gray.shape[::-1]
         closed = cv2.resize(hidden.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-        if self._gray is not None:
-            self._carry(gray, closed)
+        other = self._gray is not None and self._carry(gray, closed)
         if len(self._points) < self._settings.kept * self._settings.corners:
             self._look(gray, closed)
+        shown = float(1 - closed.mean())
+        if other and len(self._points) >= _MANY and min(shown, self._shown) >= _SHOWN:
+            self._cuts.append(self._frames)
+        self._shown = shown
         frame = np.full(len(self._numbers), self._frames)
         self._rows.append((frame, self._numbers, self._points.astype(np.float64)))
         self._gray, self._frames = gray, self._frames + 1
@@ -100,16 +109,26 @@ class CornerTracks:
         frame, point, pixels = (np.concatenate(part) for part in zip(*self._rows, strict=True))
         return Sightings(frame, point, pixels, self._scale)
 
-    def _carry(self, gray: Image, closed: Mask) -> None:
-        """Where the corners are now; those that do not find back are lost."""
+    def cuts(self) -> tuple[int, ...]:
+        """Frames that show many corners, but hardly any of those of the frame before."""
+        return tuple(self._cuts)
+
+    def _carry(self, gray: Image, closed: Mask) -> bool:
+        """Where the corners are now; those that do not find back are lost.
+
+        Returns:
+            Whether that is nearly all of many.
+        """
         assert self._gray is not None
         moved, found = follow(self._gray, gray, self._points)
         back, again = follow(gray, self._gray, moved)
         home = np.hypot(*(back - self._points).T) < self._settings.returned
         ok = found & again & home
+        other = len(ok) >= _MANY and float(ok.mean()) < _GONE
         at = np.rint(moved[ok]).astype(np.int64)
         ok[ok] = ~closed[at[:, 1], at[:, 0]]
         self._points, self._numbers = moved[ok], self._numbers[ok]
+        return other
 
     def _look(self, gray: Image, closed: Mask) -> None:
         """New corners, away from those that are followed."""

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.clip import Clip
 from perfcap.segment.edge_network import EdgeNetwork
 from perfcap.segment.network_cue import PersonNetwork, Plane
 from perfcap.segment.trimap import Box, Mask
@@ -52,6 +53,7 @@ class Images:
             than one either way; NaN where a view has no image of that time, and gives another in
             its place. None where clocks agree. What meets edges of raw images heeds it.
         edges: a network that weighs the edges that contours meet; None for edges as they are.
+        names: of the views, for sentences; those of a ``Clip`` when not given, else None.
     """
 
     reader: FrameReader
@@ -61,6 +63,7 @@ class Images:
     examined: bool = False
     lag: Tensor | None = None
     edges: EdgeNetwork | None = None
+    names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         masks = self.masks is None or hasattr(self.masks, "knows")
@@ -89,6 +92,8 @@ class Images:
                 f"{len(self.cameras.size)} image sizes; give the (height, width) of every view"
             )
 
+        if self.names is None and isinstance(self.reader, Clip):
+            object.__setattr__(self, "names", self.reader.names)
         lags = len(self.reader), self.cameras.views
         if self.lag is not None and self.lag.shape != lags:
             raise InputError(

@@ -163,7 +163,9 @@ class Moved:
             bone_scales=start.bones,
             warnings=(
                 *self.told,
-                *joint_doubts(self.detections, self.windows),
+                *joint_doubts(
+                    self.detections, self.windows, self.images.names if self.images else None
+                ),
                 *doubts(looked),
                 *result_doubts(problem, looked.motion, start.bones is not None),
             ),

@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.view_words import view_words
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
 from perfcap.pipeline.clip_problem import ClipProblem
@@ -30,10 +31,12 @@ _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
 
-def joint_doubts(detections: Detections, windows: Sequence[WindowReport]) -> Iterator[str]:
-    """Views (F, C) that detect nobody, and windows that could not be solved."""
+def joint_doubts(
+    detections: Detections, windows: Sequence[WindowReport], names: Sequence[str] | None = None
+) -> Iterator[str]:
+    """Views (F, C), by name where known, that detect nobody, and windows that were not solved."""
     for view in torch.nonzero(~detections.views_with_person()).flatten().tolist():
-        yield f"view {view}, counted from 0, detects nobody; the other views place the joints"
+        yield f"{view_words([view], names)} detects nobody; the other views place the joints"
     for report in windows:
         if report.status == Status.NOT_FINITE:
             yield (

@@ -7,13 +7,14 @@ import pytest
 import torch
 from runs import Command
 from synthetic import cameras as circle
-from takes import TakeFiles, make_take, write_detections
+from takes import TakeFiles, make_take, write_detections, write_video
 
-from perfcap.app.capture_checks import preset_doubts, refuse_wrong
+from perfcap.app.capture_checks import examined, preset_doubts, refuse_wrong
 from perfcap.app.inputs import Inputs
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
+from perfcap.io.clip import Clip
 
 
 def normalised(given: Detections) -> Detections:
@@ -69,6 +70,20 @@ def test_views_of_different_people_are_refused() -> None:
         refuse_wrong(inputs_of(mixed))
 
 
+def test_networks_may_follow_different_people() -> None:
+    """Cameras that are right were said to be transposed, and nothing else."""
+    first, other = make_take(20, views=3), make_take(20, views=3, turns=2.0)
+    pixels = first.detections.joints2d.clone()
+    pixels[:, 1] = other.detections.joints2d[:, 1].flip(0) + 90
+    pixels[:, 2] = other.detections.joints2d[:, 2] - 120
+    mixed = inputs_of(replace(first.detections, joints2d=pixels, joints3d=None))
+    with pytest.raises(InputError, match=r"--people 1 follows the same one in all$"):
+        refuse_wrong(mixed, apart=True)
+    with pytest.raises(InputError) as refused:
+        refuse_wrong(mixed)
+    assert "--people" not in str(refused.value)
+
+
 def test_a_preset_of_several_views_is_named_for_one() -> None:
     for preset in ("liu2013", "muvs2017"):
         assert any("several views" in line for line in preset_doubts(preset, 1))
@@ -80,3 +95,21 @@ def test_a_preset_of_several_views_is_named_for_one() -> None:
         ("rhodin2016", 1),
     ):
         assert not [*preset_doubts(preset, views)]
+
+
+@pytest.mark.parametrize(("people", "advised"), [(False, True), (True, False), (None, False)])
+def test_people_are_advised_where_there_is_such_an_option(
+    tmp_path: Path, people: bool | None, advised: bool
+) -> None:
+    """It was beside --people 1 as well, and by ``actor fit``, which does not know it."""
+    take = make_take(20, views=4)
+    paths = [tmp_path / f"view{view}.mp4" for view in range(4)]
+    for path in paths:
+        write_video(path, 20, (64, 64))
+    pixels = take.detections.joints2d.clone()
+    pixels[:, 1] = 0.9 * pixels[:, 1].flip(0) + 40
+    off = inputs_of(replace(take.detections, joints2d=pixels, joints3d=None), 4)
+    off = replace(off, rig=replace(off.rig, cameras=take.cameras), clip=Clip.open(paths))
+    found = examined(off, needs_images=False, detected=True, people=people)
+    lines = [line for line in found.warnings if "sees the person" in line]
+    assert len(lines) == 1 and ("--people" in lines[0]) == advised

@@ -18,6 +18,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.calibration import CameraRig, PixelMap
 from perfcap.io.clip import Clip
+from perfcap.matchmove import CameraWay, CornerTracks, Sightings
 from perfcap.pipeline.lens import Lens
 
 SIDE, FRAMES = 600, 45
@@ -127,3 +128,64 @@ def test_a_way_that_is_too_long_is_not_looked_for(
     monkeypatch.setattr(moving_camera, "_LONGEST", 40)
     assert moving_camera.find_motion(given()) is None
     assert "40 frames at most, of 45" in caplog.text
+
+
+def test_a_picture_that_is_moved_in_a_program_has_no_lens(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    inputs = given()
+
+    def far(*_: object, **__: object) -> CameraWay:
+        return CameraWay(turns(TURN).numpy(), np.zeros((FRAMES, 3)), 8.0, 0.03, False, 0.9)
+
+    monkeypatch.setattr(moving_camera, "find_way", far)
+    assert moving_camera.find_motion(inputs) is None
+    assert "is the picture cropped" in caplog.text
+    known = replace(inputs, rig=replace(inputs.rig, guessed=False))
+    assert moving_camera.find_motion(known) is not None
+
+
+def test_a_video_that_cuts_is_captured_in_shots(caplog: pytest.LogCaptureFixture) -> None:
+    """It was said to need a tripod."""
+    inputs = given()
+    source = inputs.clip.sources[0]
+    assert isinstance(source, Panned)
+    whole = source.read
+
+    def cut(start: int, stop: int) -> NDArray[np.uint8]:
+        images = whole(start, stop)
+        for frame in range(max(start, 30), stop):
+            images[frame - start] = images[frame - start][::-1, ::-1]
+        return images
+
+    source.read = cut  # type: ignore[method-assign]
+    assert moving_camera.find_motion(inputs) is None
+    assert "the video cuts, or the camera swings, before frame 30: one shot" in caplog.text
+    assert "the longest is --frames 0:30" in caplog.text
+
+
+def test_no_corner_is_followed_at_bars_beside_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their edges stand still: the lens of a pillarboxed clip came out longer still."""
+    inputs = given()
+    source = inputs.clip.sources[0]
+    assert isinstance(source, Panned)
+    whole = source.read
+
+    def between(start: int, stop: int) -> NDArray[np.uint8]:
+        images = whole(start, stop)
+        images[:, :, :170] = images[:, :, -170:] = 0
+        return images
+
+    seen = []
+
+    class Watched(CornerTracks):
+        def sightings(self) -> Sightings:
+            seen.append(super().sightings())
+            return seen[-1]
+
+    source.read = between  # type: ignore[method-assign]
+    monkeypatch.setattr(moving_camera, "CornerTracks", Watched)
+    found = moving_camera.find_motion(inputs)
+    assert found is not None and abs(math.log(found.factor * 0.6)) < 0.05
+    across = seen[0].pixels[:, 0] / seen[0].scale
+    assert across.min() > 175 and across.max() < SIDE - 175

@@ -74,3 +74,19 @@ def test_bad_folders(tmp_path: Path) -> None:
     for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
         with pytest.raises(InputError, match=words):
             clip.read(i, i + 1)
+
+
+@pytest.mark.parametrize("inside", [".", "videos", "Videos/Cam0/InputMedia/walk"])
+def test_folders_of_videos_name_them(tmp_path: Path, inside: str) -> None:
+    folder = tmp_path / "session"
+    place = folder / inside
+    place.mkdir(parents=True)
+    for name in ("b.mov", "a.mp4", ".c.mp4", "d.txt"):
+        (place / name).write_bytes(b"0")
+    with pytest.raises(InputError) as refused:
+        Clip.open(folder)
+    expected = f"one for each view: {place / 'a.mp4'}, {place / 'b.mov'}"
+    assert (
+        str(refused.value)
+        == f"{folder}: holds no images, but videos; give these by name, {expected}"
+    )

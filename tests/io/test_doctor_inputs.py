@@ -174,6 +174,7 @@ def test_joints_in_another_order(views: int) -> None:
     assert examine_detections(some, seen) == []
     told = [f for f in examine_detections(some, wrong) if "stands on their head" in f.what]
     assert one(told).subject == "detections" and "joint set" in one(told).remedy
+    assert "videos are upside down" in one(told).remedy
 
 
 def pose3d() -> Tensor:

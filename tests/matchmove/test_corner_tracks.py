@@ -76,3 +76,25 @@ def test_corners_of_a_cut_do_not_go_on() -> None:
     points = [set(seen.point[seen.frame == frame].tolist()) for frame in range(4)]
     assert len(points[0] & points[1]) > 40 and len(points[2] & points[3]) > 40
     assert len(points[1] & points[2]) < 5
+
+
+def test_cuts_are_frames_before_which_all_corners_are_new() -> None:
+    """Corners that people hide go on behind them, and are no cut."""
+    tracks = CornerTracks(TrackSettings(corners=80))
+    for frame in range(3 * FRAMES):
+        middle = 1.5 * SIDE - (frame % FRAMES) * STEP
+        picture = cv2.getRectSubPix(wall(frame // FRAMES), (SIDE, SIDE), middle.tolist())
+        hidden = np.full((SIDE, SIDE), frame == 2 * FRAMES + 3)
+        tracks.add(picture[..., None].repeat(3, -1), hidden)
+    assert tracks.cuts() == (FRAMES, 2 * FRAMES)
+
+
+def test_a_strip_that_goes_out_of_the_picture_is_no_cut() -> None:
+    """All that a crowd leaves open, at the edge of a picture that is panned fast."""
+    tracks = CornerTracks(TrackSettings(corners=80, side=SIDE))
+    for frame in range(FRAMES):
+        picture = cv2.getRectSubPix(wall(), (SIDE, SIDE), [SIDE + 25 * frame, 1.5 * SIDE])
+        hidden = np.zeros((SIDE, SIDE), np.bool_)
+        hidden[:, 18:] = frame < 3
+        tracks.add(picture[..., None].repeat(3, -1), hidden)
+    assert tracks.cuts() == ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -15,6 +15,7 @@ from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.association.tracks import Track, link, places, rejoin
 from perfcap.detect.association.view_doubts import view_doubts
 from perfcap.detect.detections import Detections
+from perfcap.detect.view_words import view_words
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.rates import Timed, frame_rate, rate_doubts
@@ -53,6 +54,7 @@ def associate(
     *,
     people: int | None = None,
     config: AssociationConfig | None = None,
+    names: Sequence[str] | None = None,
 ) -> Association:
     """Find the people whom two or more calibrated views show, and what was detected of each.
 
@@ -67,6 +69,7 @@ def associate(
         rate: frames a second, or the clip that has them.
         people: how many are wanted, the best seen ones; as many as there are when not given.
         config: sizes.
+        names: of the views, for notes; they are counted from 0 without.
 
     Raises:
         InputError: one view alone; fewer people than are wanted, a number or rate that is none, or
@@ -83,13 +86,15 @@ def associate(
             "people: one view cannot tell who is who; expected two or more calibrated views, or "
             "one person"
         )
+    if names is not None and len(names) != cameras.views:
+        raise InputError(f"names are {len(names)}, expected one for each of {cameras.views} views")
     config = config or AssociationConfig()
     candidates = candidates.detach()
     plain = candidates.to(torch.zeros((), dtype=torch.float64))
     sightings = Sightings.of(cameras.detach(), plain, config)
     groups = group_views(sightings)
     tracks, joins = rejoin(link(groups, rate, config), groups, rate, config)
-    wrong = view_doubts(sightings.cameras, plain, config)
+    wrong = view_doubts(sightings.cameras, plain, config, names)
     chosen = _choose(tracks, candidates.frame_count, rate, people, config, wrong)
     first = torch.stack([places(track, groups, candidates.frame_count) for track in chosen])
     settled = settle(sightings, first, rate)
@@ -99,7 +104,7 @@ def associate(
     )
     kept = [chosen[k] for k in order.tolist()]
     joints = own_limbs(sightings, settled, rate)
-    about = (*_left_out(tracks, chosen), *_strangers(sightings, settled, groups))
+    about = (*_left_out(tracks, chosen), *_strangers(sightings, settled, groups, names))
     notes = (*rate_doubts(rate), *wrong, *_away(kept, joins), *about)
     return Association(
         tuple(_of(candidates, *each) for each in zip(settled.slots, joints, strict=True)),
@@ -202,10 +207,12 @@ def _left_out(tracks: list[Track], chosen: list[Track]) -> Iterator[str]:
     others = [track for track in tracks if track not in chosen]
     if others:
         frames = ", ".join(str(len(track.rows)) for track in others[:5])
-        yield f"{len(others)} further people are seen in {frames} frames; left out"
+        yield f"further people: {len(others)}, seen in {frames} frames; left out"
 
 
-def _strangers(sightings: Sightings, settled: Settled, groups: Groups) -> Iterator[str]:
+def _strangers(
+    sightings: Sightings, settled: Settled, groups: Groups, names: Sequence[str] | None
+) -> Iterator[str]:
     """Detections that nobody has, not even somebody who is left out."""
     slots = sightings.there.shape[-1]
     owned = one_hot(settled.slots + 1, slots + 1)[..., 1:].bool().any(0)
@@ -214,7 +221,8 @@ def _strangers(sightings: Sightings, settled: Settled, groups: Groups) -> Iterat
     alone = (sightings.there & ~owned).any(-1).sum(0)
     for view, frames in enumerate(alone.tolist()):
         if frames > _OFTEN * len(sightings.there):
+            span = "1 frame" if frames == 1 else f"{frames} frames"
             yield (
-                f"view {view}, counted from 0, lists somebody in {frames} frames whom no other "
-                "view confirms; left out"
+                f"{view_words([view], names)} lists somebody in {span} whom no other view "
+                "confirms; left out"
             )

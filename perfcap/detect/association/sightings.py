@@ -44,6 +44,8 @@ class AssociationConfig(Settings):
         clearer: how much nearer a limb must be to somebody else, m, to be theirs.
         twice: mean distance, as a share of the person's size in the image, of a detection that is
             listed twice.
+        resized: whether to ask if detections are in pixels of videos of another size; those that
+            were found in the very images are not.
     """
 
     same: float = 0.10
@@ -65,6 +67,7 @@ class AssociationConfig(Settings):
     mirrored: float = 0.02
     clearer: float = 0.1
     twice: float = 0.02
+    resized: bool = True
 
 
 # --- Detections as rays, and the points in which the rays of several views cross ------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -13,6 +13,7 @@ from perfcap.detect.association.grouping import group_views
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.detect.view_words import view_words
 from perfcap.geometry.camera import Camera
 
 _LOOKED_AT = 24  # images, of a frame and view each
@@ -24,7 +25,10 @@ _OTHER_SIDE = list(LANDMARKS16.mirrored())
 
 
 def view_doubts(
-    cameras: Camera, candidates: Detections, config: AssociationConfig
+    cameras: Camera,
+    candidates: Detections,
+    config: AssociationConfig,
+    names: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
     """What looks wrong with the views, one sentence at most.
 
@@ -32,6 +36,7 @@ def view_doubts(
         cameras: C views, (C,) or (F, C).
         candidates: (P, F, C, 16), float64; a few frames, evenly spread, are looked at.
         config: sizes.
+        names: of the views; they are counted from 0 without.
     """
     frames, views = candidates.joints2d.shape[1:3]
     if frames < _SHORTEST:
@@ -39,10 +44,11 @@ def view_doubts(
     count = min(frames, max(_FEWEST, _LOOKED_AT // views))
     index = torch.linspace(0, frames - 1, count).round().long()
     cameras, some = cameras.frames(index), candidates.frames(index)
-    as_given = {scale: _as_given(cameras, some, config, scale) for scale in (1.0, *_SIZES)}
+    sizes = _SIZES if config.resized else {}
+    as_given = {scale: _as_given(cameras, some, config, scale) for scale in (1.0, *sizes)}
     better = {
         what: fit
-        for what, other, scale in _without_mistake(some)
+        for what, other, scale in _without_mistake(some, sizes, names)
         if (fit := _fit(Sightings.of(cameras, other, config))) > _BETTER * as_given[scale]
     }
     return (max(better, key=better.__getitem__),) if better else ()
@@ -58,20 +64,23 @@ def _as_given(
     return _fit(Sightings.of(cameras, candidates, larger))
 
 
-def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections, float]]:
+def _without_mistake(
+    candidates: Detections, sizes: Mapping[float, str], names: Sequence[str] | None
+) -> Iterator[tuple[str, Detections, float]]:
     """Each mistake in words, the candidates if it was made, and how much larger people then are."""
     views = candidates.views
     for first, second in combinations(range(views), 2):
         order = list(range(views))
         order[first], order[second] = second, first
         yield (
-            f"views {first} and {second}, counted from 0, look exchanged: give detections, videos "
+            f"{view_words([first, second], names)} look exchanged: give detections, videos "
             "and cameras in one order",
             candidates.select(order),
             1.0,
         )
     for view in range(views):
-        which = f"view {view} (counted from 0)" if views > 2 else "one of the views"
+        number = f"view {view} (counted from 0)" if names is None else f"view {names[view]}"
+        which = number if views > 2 else "one of the views"
         joints, confidence = candidates.joints2d.clone(), candidates.confidence2d.clone()
         joints[..., view, :, :] = joints[..., view, _OTHER_SIDE, :]
         confidence[..., view, :] = confidence[..., view, _OTHER_SIDE]
@@ -82,7 +91,7 @@ def _without_mistake(candidates: Detections) -> Iterator[tuple[str, Detections, 
             1.0,
         )
 
-    for scale, size in _SIZES.items():
+    for scale, size in sizes.items():
         yield (
             f"detections look as if they were in pixels of videos of {size} the size: give them in "
             f"pixels of the calibration, {scale:.3g} times theirs",

@@ -15,6 +15,12 @@ from perfcap.io.detections.listing import Listing, are_shares
 from perfcap.io.detections.network import is_network_json, read_network_json
 from perfcap.io.detections.openpose import MAX_PEOPLE, choose_joint_set, first_frame, parse_triples
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track, parse_instance
+from perfcap.io.detections.written_json import (
+    holds_vitpose,
+    image_names,
+    read_vitpose,
+    results_by_image,
+)
 from perfcap.io.files import read_json
 
 Entries = Sequence[Mapping[str, Any]]
@@ -27,7 +33,7 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
         path: a list of ``{image_id, keypoints, score}``, or MMPose's list of
             ``{frame_id, instances}``, bare or under ``instance_info`` or ``predictions``, or
             frames of landmarks, see ``read_landmarks``, or lists of a network, see
-            ``read_network``.
+            ``read_network``, or what AlphaPose and easy_ViTPose write else.
         frames: frames of the video; tells a numbering from 0 and one from 1 apart.
 
     Raises:
@@ -38,9 +44,11 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
         return read_network_json(path, data, frames)
     if holds_landmarks(data):
         return read_landmarks(path, data)
+    if holds_vitpose(data):
+        return read_vitpose(path, data)
     entries = _entries(path, data)
     numbered = "instances" in entries[0]
-    pairs = _mmpose(path, entries) if numbered else _results(path, entries)
+    pairs = _mmpose(path, entries) if numbered else _results(path, entries, image_names(data))
     by_frame: dict[int, list[Array]] = {}
     for frame, people in pairs:
         by_frame.setdefault(frame, []).extend(people)
@@ -83,28 +91,48 @@ def _require_names(path: Path, data: Any, joint_set: JointSet) -> None:
 
 
 def _entries(path: Path, data: Any) -> Entries:
+    by_image = results_by_image(data)
+    if by_image is not None:
+        return by_image or _empty(path)
     for key in ("instance_info", "predictions", "annotations"):
         if isinstance(data, dict) and key in data:
             data = data[key]
     if isinstance(data, list) and data and all(isinstance(e, list) for e in data):
         data = [{"frame_id": f, "instances": people} for f, people in enumerate(data)]
+    if isinstance(data, list) and data and all(isinstance(entry, str) for entry in data):
+        raise InputError(
+            f"{path}: its entries are text; where that is JSON, as of Ultralytics' to_json, write "
+            "json.loads(...) of each"
+        )
     if not isinstance(data, list) or not all(isinstance(entry, dict) for entry in data):
         raise InputError(
             f"{path}: is not a list of results; expected AlphaPose or COCO results, MMPose "
             "predictions, or a folder of OpenPose JSON"
         )
-    if not data:
-        raise InputError(f"{path}: is an empty list; expected a visible person")
-    return data
+    return data or _empty(path)
 
 
-def _results(path: Path, entries: Entries) -> Iterator[tuple[int, list[Array]]]:
-    """AlphaPose and COCO: one entry a person, ``image_id`` a number or a file name."""
+def _empty(path: Path) -> Entries:
+    raise InputError(f"{path}: is an empty list; expected a visible person")
+
+
+def _results(
+    path: Path, entries: Entries, names: Mapping[Any, str]
+) -> Iterator[tuple[int, list[Array]]]:
+    """AlphaPose and COCO: one entry a person, ``image_id`` a number or a file name, or the id of
+    an image with a name.
+    """
     for entry in entries:
         if "keypoints" not in entry or "image_id" not in entry:
-            raise InputError(f"{path}: a result lacks image_id or keypoints; expected both")
+            held = ", ".join(map(str, entry))[:60] or "nothing"
+            raise InputError(
+                f"{path}: a result lacks image_id or keypoints (it has {held}); expected both, as "
+                "AlphaPose and COCO write them, or a list of frames"
+            )
+        image = entry["image_id"]
+        image = names.get(image, image) if isinstance(image, int) else image
         person = parse_triples(str(path), entry["keypoints"])
-        yield _frame_number(path, entry["image_id"]), [] if person is None else [person]
+        yield _frame_number(path, image), [] if person is None else [person]
 
 
 def _mmpose(path: Path, entries: Entries) -> Iterator[tuple[int, list[Array]]]:

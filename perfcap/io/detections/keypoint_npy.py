@@ -25,6 +25,7 @@ _BODY = 33  # MediaPipe's landmarks of the body, before those of hands and face
 _DEEP = 4  # numbers of each: x, y, z, visibility
 _UNSEEN = -1.0  # what some write for a joint without confidence
 _BELOW_ZERO = 0.05, 0.1  # least of a confidence, networks round; share of joints that may be below
+_PERCENT = 100.0  # some write these
 _WITH_BODY = (75, 543, 553)
 
 
@@ -71,6 +72,12 @@ def read_keypoint_npy(path: Path) -> list[Listing]:
 def _require_confidence(path: Path, third: Array) -> None:
     known = third[np.isfinite(third)]
     least, share = _BELOW_ZERO
+    if known.size and float(np.median(known)) > _PERCENT:
+        raise InputError(
+            f"{path}: the third number of each joint is {known.min():.3g} to {known.max():.3g}, "
+            "expected a confidence, 0 to 1; joints in space, as FreeMoCap's 3D, are not read: give "
+            "those in the images"
+        )
     if known.size and float(((known < -least) & (known != _UNSEEN)).mean()) > share:
         raise InputError(
             f"{path}: the third number of each joint is {known.min():.3g} to {known.max():.3g}, "
@@ -94,6 +101,11 @@ def _load(path: Path) -> Array:
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)
     except _UNREADABLE as error:
+        if "Python objects" in str(error) or "allow_pickle" in str(error):
+            raise InputError(
+                f"{path}: is no array of numbers (Python objects, as lists of different lengths); "
+                f"fill up what is missing with NaN and write {_EXPECTED}"
+            ) from None
         said = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
         raise InputError(f"{path}: is no array of numbers ({said}); write it again") from None
     if not isinstance(found, np.ndarray) or found.dtype.kind not in "fiu":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perfcap.detect.joint_set import JointSet
+from perfcap.detect.joint_set import BLAZEPOSE33, JointSet
 from perfcap.errors import InputError
 from perfcap.io.detections.track import Array, Track
 
@@ -84,6 +84,7 @@ def _distance(person: Array, other: Array) -> float:
 # --------------------------------------------------------------------------------------------------
 # Everybody a detector found in the frames of one view: one of them followed, or all of them.
 
+_ORIGIN = 0.01  # m; of a share, that is the outermost hundredth of the image
 _SHARE = 3.0  # images; joints that are guessed lie somewhat outside
 MOST_CANDIDATES = 32  # in a frame and view; further ones are passers-by in the distance
 
@@ -133,6 +134,12 @@ def in_pixels(view: Track | Listing, size: tuple[int, int] | None) -> Track | Li
     """
     if isinstance(view, Track) or not view.shares:
         return view
+    if _about_hips(view):
+        raise InputError(
+            f"{view.where}: the middle of the hips is at x = 0, y = 0 in every frame: these are "
+            "places in the world, as MediaPipe's pose_world_landmarks; give pose_landmarks, which "
+            "are in the image"
+        )
     if size is None:
         raise InputError(
             f"{view.where}: holds shares of the image instead of pixels, and the size of the image "
@@ -141,6 +148,16 @@ def in_pixels(view: Track | Listing, size: tuple[int, int] | None) -> Track | Li
     scale, offset = np.array([size[1], size[0], 1.0]), np.array([0.5, 0.5, 0.0])
     frames = [[person * scale - offset for person in people] for people in view.frames]
     return replace(view, frames=frames, shares=False)
+
+
+def _about_hips(view: Listing) -> bool:
+    """Whether coordinates are metres about the hips: nobody stands in a corner all the time."""
+    if view.joint_set is not BLAZEPOSE33:
+        return False
+    hips = [view.joint_set.joints.index(hip) for hip in ("l_hip", "r_hip")]
+    places = [np.nan_to_num(person[:, :2]) for row in view.frames for person in row]
+    middles = [np.abs(place[hips].mean(0)).max() for place in places if place.any()]
+    return bool(middles) and float(np.median(middles)) < _ORIGIN
 
 
 def followed(view: Track | Listing) -> Track:

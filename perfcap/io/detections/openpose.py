@@ -97,17 +97,26 @@ def _by_frame(folder: Path) -> dict[int, Path]:
 
 
 def _people(path: Path) -> list[Array]:
-    """The people (J, 3) of one file of OpenPose, or of MMPose's and Sapiens' ``instance_info``;
-    ``{}`` and an empty list are nobody.
+    """The people (J, 3) of one file of OpenPose, or of MMPose's and Sapiens' ``instance_info``, or
+    of the bare list that MMPose writes of an image; ``{}`` and an empty list are nobody.
     """
     data = read_json(path, "OpenPose JSON", FRAME_LIMIT)
-    instances = data.get("instance_info") if isinstance(data, dict) else None
-    if isinstance(instances, list) and len(instances) <= MAX_PEOPLE:
+    instances = data.get("instance_info") if isinstance(data, dict) else data
+    if isinstance(instances, list) and len(instances) <= MAX_PEOPLE and _are_instances(instances):
         return [parse_instance(path, each) for each in instances]
-    people = data.get("people", []) if isinstance(data, dict) else None
+    people = data.get("people", None if data else []) if isinstance(data, dict) else None
     if not isinstance(people, list) or len(people) > MAX_PEOPLE:
-        raise InputError(f"{path}: has no list 'people'; expected OpenPose JSON")
+        raise InputError(
+            f"{path}: has no list 'people'; expected OpenPose JSON, or MMPose's or Sapiens' "
+            "keypoints and keypoint_scores; of other programs, one file with a list of all frames"
+        )
     return [keypoints for person in people if (keypoints := _keypoints(path, person)) is not None]
+
+
+def _are_instances(people: list[Any]) -> bool:
+    return all(
+        isinstance(each, dict) and isinstance(each.get("keypoints"), list) for each in people
+    )
 
 
 def _keypoints(path: Path, person: Any) -> Array | None:

@@ -18,8 +18,10 @@ from perfcap.io.detections.network import PICKLES, holds_network, read_network_n
 from perfcap.io.detections.npz import read_npz
 from perfcap.io.detections.openpose import read_openpose
 from perfcap.io.detections.track import LandmarkTrack, Track, to_landmarks
+from perfcap.io.detections.yolo_txt import labels_in, read_labels
 from perfcap.io.view_names import match_views
 
+_TABLES = frozenset({".csv", ".h5", ".hdf5", ".slp", ".xlsx", ".parquet", ".mat"})
 EXPECTED = (
     "detections.npz, a folder of OpenPose JSON, keypoint JSON (AlphaPose, COCO, MMPose, "
     "MediaPipe), keypoints as .npy, or joints of SAM 3D Body, GVHMR or WHAM as .npz"
@@ -150,6 +152,8 @@ def _shared_length(
 def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[Track | Listing]:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
+    if path.is_dir() and (labels := labels_in(path)) is not None:
+        return [read_labels(labels, frames)]
     if path.is_dir():
         return [read_openpose(path, frames)]
     if path.suffix.lower() == ".npz":
@@ -164,6 +168,12 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
         raise InputError(
             f"{path}: is a pickle, which could run any code when it is read; write its joints as "
             ".npz in the program's own environment, three lines in docs/coming_from.md"
+        )
+    if path.suffix.lower() in _TABLES:
+        raise InputError(
+            f"{path}: is not a detections file I know, but a table, as DeepLabCut and SLEAP write "
+            "them; write x, y and likelihood of a person's joints, in the order of COCO's 17, as "
+            ".npy [F,17,3], or with their names as .npz (joints2d, confidence2d, joint_names)"
         )
     raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")
 

@@ -114,7 +114,7 @@ def _pose3d(track: Track) -> tuple[Tensor | None, Tensor, list[str]]:
 
 
 def parse_instance(path: object, instance: Any) -> Array:
-    """Keypoints and scores of a person, (J, 3).
+    """Keypoints and scores of a person, (J, 3), apart or, as in MMPose before 1.0, side by side.
 
     Raises:
         InputError: there are none, or not as many of each.
@@ -124,9 +124,11 @@ def parse_instance(path: object, instance: Any) -> Array:
         raise InputError(f"{where} has no keypoints; expected keypoints and keypoint_scores")
     try:
         points = np.asarray(instance["keypoints"], np.float64)
-        scores = np.asarray(instance.get("keypoint_scores", ()), np.float64)
+        scores = np.asarray(instance.get("keypoint_scores", instance.get("scores", ())), np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where} has keypoints that are not numbers") from error
+    if points.ndim == 2 and points.shape[1] == 3 and not scores.size:
+        return points
     if points.ndim != 2 or points.shape[1] != 2 or scores.shape != points.shape[:1]:
         raise InputError(
             f"{where} has keypoints {points.shape} and keypoint_scores {scores.shape}, expected "

@@ -36,7 +36,9 @@ LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
-def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
+def examine_agreement(
+    rig: CameraRig, detections: Detections, *, alone: bool = True
+) -> list[Finding]:
     """Triangulate the person and explain what does not fit.
 
     One mistake after the other is undone as long as that reduces the disagreement markedly: a
@@ -46,6 +48,7 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
     Args:
         rig: C views; nothing can be said of one.
         detections: (F, C).
+        alone: whether nobody else is followed, so that following everybody may help.
     """
     if detections.views != len(rig.names) or detections.views < 2:
         return []
@@ -59,7 +62,7 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
         return [Finding(Severity.WARNING, "cameras", what)]
     findings: list[Finding] = []
     for _ in rig.names:
-        found = _explain(scene, names, height)
+        found = _explain(scene, names, height, alone)
         if found is None:
             break
         finding, scene, names = found
@@ -81,7 +84,7 @@ def examine_agreement(rig: CameraRig, detections: Detections) -> list[Finding]:
 
 
 def _explain(
-    scene: Scene, names: list[str], height: float
+    scene: Scene, names: list[str], height: float, alone: bool
 ) -> tuple[Finding, Scene, list[str]] | None:
     """The mistake that explains most, and the scene without it; None when all is well."""
     now = disagreement(scene.sampled())
@@ -105,7 +108,7 @@ def _explain(
     if outcast is None:
         return None
     rest = [view for view in range(len(names)) if view != outcast.view]
-    finding = _accuse(outcast, names[outcast.view], height)
+    finding = _accuse(outcast, names[outcast.view], height, alone)
     return finding, scene.select(rest), [names[view] for view in rest]
 
 
@@ -153,15 +156,16 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     return None
 
 
-def _accuse(outcast: _Outcast, name: str, height: float) -> Finding:
+def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:
     share = outcast.error / height
     what = (
         f"sees the person {outcast.error:.0f} px ({share:.0%} of their height) from where the "
         f"other views see them, which agree within {outcast.rest:.0f} px"
     )
+    follow = " (--people follows everybody)" if alone else ""
     remedy = (
-        "look whether its joints are of somebody else (--people follows everybody), and its video "
-        "of this take; else calibrate this view again or leave it out"
+        f"look whether its joints are of somebody else{follow}, and its video of this take; else "
+        "calibrate this view again or leave it out"
     )
     return Finding(Severity.ERROR if share > HOPELESS else Severity.WARNING, name, what, remedy)
 

@@ -39,6 +39,7 @@ def examine_detections(
     coverage: bool = True,
     faint: bool = True,
     detected: bool = False,
+    alone: bool = True,
 ) -> list[Finding]:
     """Coverage, image size, and units, axes and frames of 3D poses.
 
@@ -48,6 +49,7 @@ def examine_detections(
         coverage: whether to list frames in which nobody is detected.
         faint: whether to tell that all confidences are next to nothing.
         detected: whether they were found in the images of these cameras, so that sizes fit.
+        alone: whether nobody else is followed.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
@@ -63,7 +65,7 @@ def examine_detections(
         shown = detections.joints2d[:, view], detections.confidence2d[:, view]
         order = examine_order(name, *shown)
         if not rig.cameras.moving:
-            order = order or examine_jumps(name, *shown)
+            order = order or examine_jumps(name, *shown, alone=alone)
         findings += order + _repeated(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
@@ -116,7 +118,10 @@ def _headlong(detections: Detections) -> list[Finding]:
     if not shares or min(shares) < _LYING:
         return []
     what = f"the person stands on their head in every view, in {min(shares):.0%} of the frames"
-    remedy = "if they do not, check names and order of joints (the joint set) and axes: y down"
+    remedy = (
+        "if they do not, check whether videos are upside down, names and order of joints (the "
+        "joint set), and axes: y down"
+    )
     return [Finding(Severity.WARNING, "detections", what, remedy)]
 
 

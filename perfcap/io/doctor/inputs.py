@@ -87,6 +87,7 @@ def examine_take(
     pixel_map: PixelMap | None,
     detected: bool = False,
     rests: bool = False,
+    alone: bool = True,
 ) -> list[Finding]:
     """Whether cameras, joints and video belong together, of what is read already.
 
@@ -97,8 +98,9 @@ def examine_take(
         pixel_map: from the clip's pixels to the calibration's.
         detected: whether the joints were found in this very video.
         rests: whether it is known that no camera moves.
+        alone: whether nobody else is followed.
     """
-    findings = examine_agreement(rig, detections)
+    findings = examine_agreement(rig, detections, alone=alone)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)

@@ -17,7 +17,9 @@ _USUAL = 8.0  # times the usual jump of a clip: where frames are few and joints 
 _AWAY = 1.0  # of the size: whoever is found so far from where somebody was lost
 
 
-def examine_jumps(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+def examine_jumps(
+    name: str, pixels: Tensor, confidence: Tensor, *, alone: bool = True
+) -> list[Finding]:
     """Frames in which the trunk is not where it was going, nor comes from where it was.
 
     The paths of hips and shoulders before and after a frame are continued to the moment between,
@@ -27,6 +29,7 @@ def examine_jumps(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding
         name: of the view, whose camera rests.
         pixels: joints, (F, 16, 2).
         confidence: (F, 16).
+        alone: whether nobody else is followed, so that it helps to say who is.
     """
     size = _size(pixels, confidence)
     if size is None:
@@ -38,9 +41,10 @@ def examine_jumps(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding
     what = (
         f"the joints jump from one place to another (frames {where} of the capture, counted from 0)"
     )
+    choose = "--box or --person, detections of one person, or " if alone else ""
     remedy = (
-        "do they go over to somebody else there, or does the video cut? give --box or --person, "
-        "detections of one person, or a part with --frames"
+        "do they go over to somebody else there, or does the video cut? give "
+        f"{choose}a part with --frames"
     )
     return [Finding(Severity.WARNING, name, what, remedy)]
 
