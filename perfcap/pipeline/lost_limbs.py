@@ -53,6 +53,10 @@ class LostLimbsConfig(Settings):
         shortest: seconds of a stretch of such frames.
         longest: frames of one; in a longer one more is wrong than a limb, and a search takes long.
         bridge: seconds between stretches that are one.
+        unsure: confidence of joints below which no network sees them.
+        together: percent of the height within which joints are those of the other side.
+        doubted: share of a stretch's frames in which joints of a limb must be either: where
+            networks see it apart and surely, what masks show beside the body is cloth.
         explained: share of what masks show beside the body that a limb elsewhere must explain;
             what it shows beside the masks may not grow. Skirts and coats stay unexplained.
         smooth: seconds, deviation of the filter over the angles found.
@@ -65,6 +69,9 @@ class LostLimbsConfig(Settings):
     shortest: float = 0.1
     longest: int = 80
     bridge: float = 0.15
+    unsure: float = 0.3
+    together: float = 6.0
+    doubted: float = 0.5
     explained: float = 0.3
     smooth: float = 0.05
     search: GlobalConfig = field(
@@ -160,6 +167,8 @@ def find_lost_limbs(
         if after[0] > before[0] or after[1] > (1 - config.explained) * before[1]:
             continue
         name, _, marks = _LIMBS[int(limb)]
+        if not _is_doubted(problem, slice(start, stop), _LIMBS[int(limb)], config):
+            continue
         angles[start:stop] = posed
         lost = [LANDMARKS.index(f"{name[0]}_{mark}") for mark in marks]
         seen, trusted = detections.confidence2d.clone(), detections.trusted3d.clone()
@@ -171,6 +180,23 @@ def find_lost_limbs(
         return LostLimbs(motion, problem)
     moved = _with_angles(motion, angles)
     return LostLimbs(moved, replace(problem, detections=detections), tuple(found))
+
+
+def _is_doubted(
+    problem: ClipProblem,
+    part: slice,
+    limb: tuple[str, tuple[str, ...], tuple[str, ...]],
+    config: LostLimbsConfig,
+) -> bool:
+    """Whether detections of one view see nothing of a limb in most frames, or the other one twice."""
+    name, _, marks = limb
+    other = "l" if name[0] == "r" else "r"
+    own, twin = ([LANDMARKS.index(f"{side}_{m}") for m in marks[:2]] for side in (name[0], other))
+    seen = problem.detections.frames(part)
+    sure, places = seen.confidence2d[:, 0], seen.joints2d[:, 0]
+    near = (places[:, own] - places[:, twin]).norm(dim=-1) < config.together * problem.pixel_unit[0]
+    lost = near | (sure[:, own] < config.unsure)
+    return float(lost.any(-1).double().mean()) >= config.doubted
 
 
 def _with_angles(motion: Motion, angles: Tensor) -> Motion:
