@@ -188,7 +188,7 @@ def _is_doubted(
     limb: tuple[str, tuple[str, ...], tuple[str, ...]],
     config: LostLimbsConfig,
 ) -> bool:
-    """Whether detections of one view see nothing of a limb in most frames, or the other one twice."""
+    """Whether detections of one view often see nothing of a limb, or the other one twice."""
     name, _, marks = limb
     other = "l" if name[0] == "r" else "r"
     own, twin = ([LANDMARKS.index(f"{side}_{m}") for m in marks[:2]] for side in (name[0], other))
