@@ -55,7 +55,7 @@ class LostLimbsConfig(Settings):
         bridge: seconds between stretches that are one.
         unsure: confidence of joints below which no network sees them.
         together: percent of the height within which joints are those of the other side.
-        doubted: share of a stretch's frames in which joints of a limb must be either: where
+        doubted: share of a stretch's frames in which both joints of a limb must be either: where
             networks see it apart and surely, what masks show beside the body is cloth.
         explained: share of what masks show beside the body that a limb elsewhere must explain;
             what it shows beside the masks may not grow. Skirts and coats stay unexplained.
@@ -196,7 +196,7 @@ def _is_doubted(
     sure, places = seen.confidence2d[:, 0], seen.joints2d[:, 0]
     near = (places[:, own] - places[:, twin]).norm(dim=-1) < config.together * problem.pixel_unit[0]
     lost = near | (sure[:, own] < config.unsure)
-    return float(lost.any(-1).double().mean()) >= config.doubted
+    return float(lost.all(-1).double().mean()) >= config.doubted
 
 
 def _with_angles(motion: Motion, angles: Tensor) -> Motion:

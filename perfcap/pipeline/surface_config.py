@@ -104,14 +104,17 @@ class RefineSurfaceConfig(Settings):
     nodes: int = 1000  # of the deformation graph (MPC-26)
     rigidity: tuple[float, ...] = (0.6, 0.2)  # weight of each round (MPC-29)
     max_steps: int = 5  # of each round
-    contour: ContourConfig = ContourConfig(matching=Matching(support=(0.3, 0.6), hold=0.01))
+    contour: ContourConfig = ContourConfig(
+        scale=4.0, matching=Matching(support=(0.3, 0.6), hold=0.01)
+    )
     stretch: float = 0.003  # m, of an edge of the graph
     tether: float = 0.3  # weight of the mean squared displacement of nodes; the paper has none
     reach: float = 0.03  # m, that counts as one in it
     folds: float = 0.003  # share of a frame's area that may fold over
     smoothing: int = 5  # frames of the centred window (MPC-31)
-    settle: tuple[float, ...] = (1.0, 1.0)  # rigidity of rounds after it; the paper has none
-    settle_smoothing: int = 3  # frames
+    # rigidity of each layer of one round after it: what smoothing took off; the paper has none
+    settle: tuple[float, ...] = (3.0, 3.0, 3.0)
+    settle_smoothing: int = 5  # frames
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -25,6 +25,7 @@ from perfcap.pipeline.surface import SkinnedSurface
 from perfcap.solve.particles import ParticleSettings
 
 FRAMES, LOST = 10, slice(3, 8)
+RIGHT = [LANDMARKS.index(f"r_{joint}") for joint in ("elbow", "wrist")]
 ACTOR = actor()
 HINGES = [hinge.joint for hinge in ACTOR.skeleton.rig.hinges]
 # enough to find a limb, in seconds
@@ -36,7 +37,7 @@ QUICK = LostLimbsConfig(
 def take_of(views: int = 1, sure: float = 0.1) -> tuple[Motion, Motion, ClipProblem, Sight]:
     """A person who raises the right arm, detections without that, a motion made of these.
 
-    Detections are as ``sure`` of the right wrist while it is raised.
+    Detections are as ``sure`` of its elbow and wrist while it is raised.
     """
     take = make_take(FRAMES, views=views, actor=ACTOR)
     rest = take.truth.map(lambda each: each[:1].expand(FRAMES, *each.shape[1:]).clone())
@@ -49,7 +50,7 @@ def take_of(views: int = 1, sure: float = 0.1) -> tuple[Motion, Motion, ClipProb
     true = Motion(rest.translation, rest.rotation, angles)
     frames = FrameProblem.of(ACTOR, take.cameras, take.detections)
     confidence = take.detections.confidence2d.clone()
-    confidence[LOST, :, LANDMARKS.index("r_wrist")] = sure
+    confidence[LOST, :, RIGHT] = sure
     seen = replace(take.detections, confidence2d=confidence)
     problem = ClipProblem(ACTOR, take.cameras, seen, PoseConfig(), frames.pixel_unit, take.rate)
     faces = torch.as_tensor(ACTOR.template.faces.copy())
@@ -106,9 +107,12 @@ def test_a_limb_that_is_seen_apart_and_surely_stays() -> None:
     true, given, problem, sight = take_of(sure=0.9)
     evidence = evidence_of(masks_of(true, sight), problem)
     assert not found_in(given, problem, sight, evidence).found
-    right, left = LANDMARKS.index("r_wrist"), LANDMARKS.index("l_wrist")
+    left = [LANDMARKS.index(f"l_{joint}") for joint in ("elbow", "wrist")]
     pixels = problem.detections.joints2d.clone()
-    pixels[LOST, :, right] = pixels[LOST, :, left] + 2
+    pixels[LOST, :, RIGHT[1]] = pixels[LOST, :, left[1]] + 2
+    partly = replace(problem, detections=replace(problem.detections, joints2d=pixels.clone()))
+    assert not found_in(given, partly, sight, evidence).found
+    pixels[LOST, :, RIGHT[0]] = pixels[LOST, :, left[0]] + 2
     twice = replace(problem, detections=replace(problem.detections, joints2d=pixels))
     assert found_in(given, twice, sight, evidence).found
 
