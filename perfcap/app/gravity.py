@@ -8,11 +8,10 @@ from torch import Tensor
 
 from perfcap.app.inputs import Inputs
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.io.doctor.rest import about_joints
+from perfcap.io.doctor.rest import CONFIDENT, about_joints
 from perfcap.matchmove import Sight, find_vertical
 from perfcap.pipeline.floor import weight_axis
 
-_CONFIDENT = 0.3  # joints that say where the person is
 _IMAGES = 4  # evenly spread, that are looked at
 _ALIKE = 0.97  # length of the mean of the bodies' axes: they stand and walk
 _FEWEST = 5  # 3D poses that say about which way is up
@@ -34,7 +33,7 @@ def find_up(inputs: Inputs) -> Tensor | None:
         return None
     turns = cameras.every_frame(count).rotation[:, 0].double()
     joints = inputs.pixel_map.to_video(seen.joints2d)[:, 0].numpy()
-    confident = seen.confidence2d[:, 0].numpy() > _CONFIDENT
+    confident = seen.confidence2d[:, 0].numpy() > CONFIDENT
     mapped = inputs.pixel_map.cameras(cameras, inputs.clip.sizes).every_frame(count)
     sights = []
     for frame in np.unique(np.linspace(0, count - 1, _IMAGES).round().astype(int)).tolist():

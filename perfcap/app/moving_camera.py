@@ -16,13 +16,12 @@ from perfcap.app.console import progress_bars
 from perfcap.app.gravity import find_up, upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
-from perfcap.io.doctor.rest import about_joints, background_shift
+from perfcap.io.doctor.rest import CONFIDENT, about_joints, background_shift
 from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 Array = NDArray[np.float64]
 
-_CONFIDENT = 0.3  # joints that say where the person is
 _EDGES, _BODIES = math.radians(1), math.radians(6)  # deviations of up, as edges and poses show it
 _LONG = 0.5 / math.tan(math.radians(10))  # sizes of the image: a focal length that is no phone's
 _LONGEST = 1800  # frames; more take gigabytes
@@ -68,7 +67,7 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
         for start in range(0, count, _BLOCK):
             stop = min(start + _BLOCK, count)
             for frame, image in enumerate(clip.read_view(0, start, stop), start):
-                seen = confidence[frame] > _CONFIDENT
+                seen = confidence[frame] > CONFIDENT
                 if hidden is None or seen.any():  # else where the person was last
                     hidden = about_joints(joints[frame, seen], image.shape[:2])
                 tracks.add(image, hidden | bars)

@@ -1,10 +1,11 @@
 """Bundle adjustment: cameras, their lens, and points that stand still, from where these are seen.
 
-A point is a direction from where the first camera stands, and how near it is: the inverse of its
-distance. Points far away need no distance, and a camera that only turns needs none of any point.
-The lens is one for all frames. Everything is held by weak Gaussians, and sightings count by a
-Geman-McClure kernel that narrows, so that walls and floors find together before those that
-disagree are left out (graduated non-convexity).
+A point p is a direction d from where the first camera stands, and how near it is, n: the inverse of
+its distance (Civera et al. 2008). Camera f sees it along ``R_f d_p + n_p t_f``. Points far away need
+no distance, and a camera that only turns needs none of any point. The lens is one for all frames.
+Everything is held by weak Gaussians, and sightings count by a Geman-McClure kernel that narrows, so
+that walls and floors find together before those that disagree are left out (graduated
+non-convexity, Blake and Zisserman 1987).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ _PAIRS, _FEWEST = 8, 3  # pairs of images looked at, and that must say something
 # videos of cameras at rest, 0.004 and more of cameras that turn or are held in a hand
 _FAR = 0.002
 _SHARE = 1 / 3  # of the pairs; who follows a person with a camera stops now and then
-_CONFIDENT = 0.3
+CONFIDENT = 0.3  # joints that say where the person is
 _MARGIN = 0.25  # about the joints, of their box
 _CORNERS = RegistrationSettings(side=320, tolerance=0.7)
 _REMEDY = (
@@ -76,7 +76,7 @@ def background_shift(
     Returns:
         None of a camera at rest, or of a background that shows nothing.
     """
-    moved = _moved(clip, view, rate, joints2d, confidence > _CONFIDENT)
+    moved = _moved(clip, view, rate, joints2d, confidence > CONFIDENT)
     far = [each for each in moved if each > _FAR]
     if len(moved) < _FEWEST or len(far) < max(2, _SHARE * len(moved)):
         return None
