@@ -1,7 +1,7 @@
 """Bundle adjustment: cameras, their lens, and points that stand still, from where these are seen.
 
 A point p is a direction d from where the first camera stands, and how near it is, n: the inverse of
-its distance (Civera et al. 2008). Camera f sees it along ``R_f d_p + n_p t_f``. Points far away need
+its distance (Civera et al. 2008). Camera f sees it along ``R_f d_p + n_p t_f``. Points far off need
 no distance, and a camera that only turns needs none of any point. The lens is one for all frames.
 Everything is held by weak Gaussians, and sightings count by a Geman-McClure kernel that narrows, so
 that walls and floors find together before those that disagree are left out (graduated
