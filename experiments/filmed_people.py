@@ -91,7 +91,7 @@ def _film(
     lenses: tuple[float, float],
 ) -> tuple[Tensor, Camera]:
     surfaces, joints = moved(figure, recording, part)
-    camera = _camera(joints, size, rng, tilt, lenses)
+    camera = standing_camera(joints, size, rng, tilt, lenses)
     texture = Texture.from_image(torch.from_numpy(figure.texture), figure.uv, figure.faces_uv)
     behind = torch.from_numpy(Backgrounds().draw(size, rng))
     grain = rng.uniform(0, 6)
@@ -133,13 +133,22 @@ def moved(figure: Figure, recording: Recording, part: slice) -> tuple[list[Tenso
     return moved, marks + there[:, None]
 
 
-def _camera(
+def standing_camera(
     joints: Tensor,
     size: int,
     rng: np.random.Generator,
     tilts: tuple[float, float],
     lenses: tuple[float, float],
 ) -> Camera:
+    """A camera at rest that sees all of a motion, at a random height, with a random lens.
+
+    Args:
+        joints: of the motion, (F, 16, 3).
+        size: of its square pictures, pixels.
+        rng: of everything random.
+        tilts: degrees by which it may look down.
+        lenses: focal lengths it may have, in sizes of the picture.
+    """
     points = joints.flatten(0, 1)
     centre = 0.5 * (points.amin(0) + points.amax(0))
     focal = float(rng.uniform(*lenses)) * size

@@ -23,6 +23,7 @@ from perfcap.train.lifter import Lifter, LifterCommittee
 from perfcap.train.lifter_task import LiftingTask, score_lifter
 from perfcap.train.loop import LAST, train
 from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.seen_tracks import SeenTracks
 
 MODEL = "model"
 
@@ -43,6 +44,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     others = [_lifter(path, config.lifter) for path in request.together_with]
     make_folder(out, request.resume)
     learned = library.without((*config.held_out, *config.validation))
+    tracks = None if request.tracks is None else SeenTracks.read(request.tracks)
     task = LiftingTask(
         learned,
         library.of(config.validation),
@@ -51,6 +53,9 @@ def run_train_lifter(request: TrainLifter) -> int:
         config.loss,
         config.loop.seed,
         config.dense,
+        tracks,
+        torch.device("cuda" if torch.cuda.is_available() else "cpu"),
+        request.workers,
     )
     if request.start is not None:
         start_from(task.model, request.start)
@@ -60,15 +65,22 @@ def run_train_lifter(request: TrainLifter) -> int:
             task,
             config.loop,
             out,
-            asdict(config) | {"motion": library.digest} | described_start(request.start),
+            asdict(config) | _described(library, tracks) | described_start(request.start),
             resume=request.resume,
             progress=tell if first else None,
             watch=tensorboard(out) if first else None,
         )
         if first:
+            trained = trained.cpu()
             model = LifterCommittee([trained, *others]) if others else trained
             _finish(model, request, library, learned.subjects)
     return 0
+
+
+def _described(library: MotionLibrary, tracks: SeenTracks | None) -> dict[str, str]:
+    """What is learned from, by its digests."""
+    seen = {} if tracks is None else {"tracks": tracks.digest}
+    return {"motion": library.digest} | seen
 
 
 def _lifter(path: Path, config: LifterConfig) -> Lifter:

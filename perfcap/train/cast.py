@@ -125,7 +125,10 @@ class Cast:
 
     def pose(self, person: Person, rng: np.random.Generator) -> Posed:
         """Somebody in a random pose."""
-        turns = self._random_turns(rng)
+        return self.posed(person, self._random_turns(rng))
+
+    def posed(self, person: Person, turns: Tensor) -> Posed:
+        """Somebody with joints turned so in the world against a T-pose, (16, 3, 3)."""
         figure = person.figure
         surface, marks = pose_figure(figure, figure.vertices, turns, person.rest)
         if person.skirt is None:
@@ -161,18 +164,27 @@ class Cast:
             landmarks=torch.tensor(np.stack([points[name] for name in LANDMARKS])).float(),
         )
 
+    def vary(self, turns: Tensor, other: Tensor, rng: np.random.Generator) -> None:
+        """Give poses (..., 16, 3, 3) perhaps the upper body of others; hold limbs otherwise.
+
+        All of them alike, in place, by the settings of scenes.
+        """
+        if rng.random() < self._data.recombined:
+            hips = turns[..., :1, :, :] @ other[..., :1, :, :].mT
+            turns[..., _UPPER, :, :] = hips @ other[..., _UPPER, :, :]
+        freedom = np.where(_ARM_CHAINS, self._data.swung, 1.0) * self._data.loosened
+        loosened = _random_turns(rng, np.repeat(freedom[:, None], 3, 1))
+        pelvis = turns[..., :1, :, :].clone()
+        for chain, turn in zip(_CHAINS, loosened, strict=True):
+            local = pelvis @ turn @ pelvis.mT
+            turns[..., chain, :, :] = local @ turns[..., chain, :, :]
+
     def _random_turns(self, rng: np.random.Generator) -> Tensor:
         """A recorded pose, perhaps of two frames, loosened, facing anywhere, (16, 3, 3)."""
         data = self._data
         frame, other = np.searchsorted(self._reach, rng.random(2))
         turns = self._turns[frame].clone()
-        if rng.random() < data.recombined:
-            second = self._turns[other]
-            turns[_UPPER] = turns[0] @ second[0].T @ second[_UPPER]
-        freedom = np.where(_ARM_CHAINS, data.swung, 1.0) * data.loosened
-        loosened = _random_turns(rng, np.repeat(freedom[:, None], 3, 1))
-        for chain, turn in zip(_CHAINS, loosened, strict=True):
-            turns[chain] = turn @ turns[chain]
+        self.vary(turns, self._turns[other], rng)
         if rng.random() < 0.5:
             turns = _mirrored(turns)
         lean = np.full(3, 90.0) if rng.random() < data.tilted else np.array([5.0, 0.0, 5.0])

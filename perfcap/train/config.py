@@ -78,6 +78,9 @@ class DetectorNoise:
     spread: float = 0.5  # deviation of the log size of all this from clip to clip
     outliers: float = 0.005  # joints anywhere in the body's box
     swaps: float = 0.004  # left and right exchanged, arms or legs or both
+    slips: float = 0.003  # a limb, or the end of one, seen elsewhere for 4 to 64 frames
+    slide: float = 12.0  # deviation of how far
+    doubled: float = 0.4  # share of clips in which that is on the other limb
     gaps: float = 0.004  # a joint unseen for some frames
     blinks: float = 0.001  # nobody seen for some frames
     absent: float = 0.15  # share of clips whose detector has no crown; likewise no toes
@@ -98,6 +101,7 @@ class LiftingData:
     recombined: float = 0.5  # share of tracks with the arms or the upper body of another clip
     loosened: float = 6.0  # degrees, deviation that limbs are turned by for a whole track
     swung: float = 2.5  # factor of it for arms
+    seen: float = 0.5  # share of tracks that networks found in videos, where some are given
     noise: DetectorNoise = field(default_factory=DetectorNoise)
 
 
@@ -128,10 +132,11 @@ class TrainLifterConfig:
             raise InputError(f"lifter.dilations: are {taps}; expected one or more of 1 or more")
         require_shares(self, "dense")
         require_shares(self.lifter, "dropout")
-        noise = ("keep", "outliers", "swaps", "gaps", "blinks", "absent", "hidden")
-        require_shares(self.data.noise, *noise)
-        require_shares(self.data, "recombined")
+        noise = ("keep", "outliers", "swaps", "slips", "doubled", "gaps", "blinks")
+        require_shares(self.data.noise, *noise, "absent", "hidden")
+        require_shares(self.data, "recombined", "seen")
         require_shares(self.data.noise, "offset", "drift", "jitter", "spread", most=math.inf)
+        require_shares(self.data.noise, "slide", most=math.inf)
         require_shares(self.data, "roll", "size", "bone", "loosened", "swung", most=math.inf)
         require_shares(self.loss, "velocity", "spread", most=math.inf)
         for name in ("rate", "distance"):

@@ -125,6 +125,10 @@ class LiftingBatch:
     features: Tensor
     joints: Tensor
 
+    def to(self, device: torch.device) -> LiftingBatch:
+        """The same on a device."""
+        return LiftingBatch(self.features.to(device), self.joints.to(device))
+
 
 class LiftingSamples:
     """Batches by number: the same number gives the same batch, on any machine and after any pause.

@@ -93,7 +93,7 @@ class Scenes:
             return Shot(background, none[:, :2], none, 1.0, False, nobody)
         view = _random_view(posed, data, rng)
         mesh, joints2d = view.see(posed)
-        lighting, sun = _random_lighting(rng)
+        lighting, sun = random_lighting(rng)
         reached = None
         if rng.random() < data.shadowed:
             reached = visibility(posed.vertices, posed.faces, lighting, 1, 3)
@@ -171,7 +171,7 @@ def _random_view(posed: Posed, data: SceneData, rng: np.random.Generator) -> _Vi
     return _View(rotation, translation, data.size / (data.margin * extent), data.size)
 
 
-def _random_lighting(rng: np.random.Generator) -> tuple[Lighting, NDArray[np.float64]]:
+def random_lighting(rng: np.random.Generator) -> tuple[Lighting, NDArray[np.float64]]:
     """Lights, and the direction of the sun, unit (3,)."""
     sun = rng.normal(size=3)
     sun[1] = abs(sun[1]) + _LOWEST

@@ -17,7 +17,7 @@ from perfcap.train.detector_noise import corrupt
 from perfcap.train.lifting_data import LiftingSamples, look_at, observe
 from perfcap.train.motion_library import MotionLibrary
 
-EXACT = DetectorNoise(*([0.0] * 11))
+EXACT = DetectorNoise(*([0.0] * 14))
 PLAIN = LiftingData(frames=24, size=0.0, bone=0.0, noise=EXACT)
 
 
@@ -172,8 +172,31 @@ def test_rates_of_outliers_gaps_swaps_and_absent_joints() -> None:
     assert 0.02 < is_other.float().mean() < 0.15
 
 
+def test_limbs_lie_elsewhere_for_a_while_and_the_detector_is_too_sure_of_it() -> None:
+    stays = [LANDMARKS.index(name) for name in ("neck", "l_hip", "r_shoulder")]
+    error, sure, _ = apply(replace(EXACT, slips=0.003, slide=12.0))
+    far = error.norm(dim=-1) > 10
+    assert not error[..., stays, :].any() and 0.03 < far.float().mean() < 0.15
+    ankle = far[..., LANDMARKS.index("l_ankle")].float()
+    lasting = (ankle[:, 1:] * ankle[:, :-1]).sum() / ankle[:, 1:].sum()
+    assert lasting > 0.85  # an error of one frame is a glitch that the network would see
+    off, confidence, _ = apply(replace(EXACT, outliers=0.05))
+    wild = (off.norm(dim=-1) > 10) & (off.norm(dim=-1) < 20)
+    slid = far & (error.norm(dim=-1) < 20)
+    assert sure[slid].mean() > 1.3 * confidence[wild].mean()
+
+
+def test_a_slipped_limb_may_be_the_other_one() -> None:
+    error, _, plane = apply(replace(EXACT, slips=0.01, slide=12.0, doubled=1.0))
+    left, right = (LANDMARKS.index(f"{side}_ankle") for side in "lr")
+    seen = error * 0.005 + plane
+    moved = error[:, :, left].norm(dim=-1) > 1
+    across = (seen[:, :, left] - plane[:, :, right]).norm(dim=-1) < 1e-5
+    assert moved.any() and (across | ~moved).all()
+
+
 def test_observed_tracks_with_everything_are_finite(library: MotionLibrary) -> None:
-    hard = DetectorNoise(5, 5, 0.9, 3, 1, 0.1, 0.1, 0.1, 0.1, 0.9, 0.9)
+    hard = DetectorNoise(5, 5, 0.9, 3, 1, 0.1, 0.1, 0.1, 30, 0.5, 0.1, 0.1, 0.9, 0.9)
     camera = look_at(library.recordings[0].landmarks[None, :60], PLAIN, torch.Generator())
     batch = observe(camera, hard, torch.Generator())
     assert batch.features.isfinite().all() and batch.features.abs().max() < 50

@@ -1,0 +1,168 @@
+"""Tracks that networks found in videos, with the truth: errors as they are, not as formulas say.
+
+Networks err where a pose is hard: both knees under a skirt, sides of a person who turns away, a
+hand behind the hip. Errors drawn at random know nothing of the pose; tracks of videos whose
+truth is known do (``experiments/filmed_tracks.py`` makes some).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Generator, Tensor
+
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.detect.lifting import lifting_features
+from perfcap.errors import InputError
+from perfcap.io.archive import read_archive
+from perfcap.train.config import LiftingData
+from perfcap.train.detector_noise import unseen
+from perfcap.train.lifting_data import LiftingBatch, LiftingSamples, root_relative
+from perfcap.train.loop import mixed_seed
+
+_WHAT = "tracks with their truth (joints2d, confidence, truth, intrinsics)"
+_SHAPES = {
+    "joints2d": (len(LANDMARKS), 2),
+    "confidence": (len(LANDMARKS),),
+    "truth": (len(LANDMARKS), 3),
+}
+_MIRRORED = list(LANDMARKS16.mirrored())
+_OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
+
+Make = Callable[[int, int, int | None], LiftingBatch]
+
+
+@dataclass(frozen=True)
+class SeenTracks:
+    """People in videos, each for as many frames, at about 30 a second.
+
+    Attributes:
+        plane: where their landmarks were seen, x/z and y/z, (N, F, 16, 2).
+        confidence: (N, F, 16), 0 where unseen.
+        joints: where they are, in the axes of the camera, (N, F, 16, 3), metres.
+        digest: SHA-256 of the three, in hexadecimal.
+    """
+
+    plane: Tensor
+    confidence: Tensor
+    joints: Tensor
+    digest: str
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read an archive of ``joints2d`` (N, F, 16, 2) px, ``confidence`` (N, F, 16), ``truth``
+        (N, F, 16, 3) m in the axes of the camera, and ``intrinsics`` (N, 3, 3) of pictures without
+        distortion.
+
+        Raises:
+            InputError: it lacks an array, or one has another shape or holds what it cannot.
+        """
+        arrays = read_archive(path, (*_SHAPES, "intrinsics"), _WHAT)
+        _require(path, arrays)
+        joints2d, confidence, truth, lens = (
+            arrays[name].astype(np.float64) for name in (*_SHAPES, "intrinsics")
+        )
+        seen = (confidence > 0) & np.isfinite(joints2d).all(-1)
+        pixels = np.where(seen[..., None], joints2d, 0.0)
+        ray = np.concatenate((pixels, np.ones_like(pixels[..., :1])), -1)
+        plane = (ray @ np.linalg.inv(lens)[:, None].swapaxes(-1, -2))[..., :2]
+        kept = [a.astype(np.float32) for a in (plane, np.where(seen, confidence, 0.0), truth)]
+        digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in kept))
+        places, sure, joints = (torch.from_numpy(array) for array in kept)
+        return cls(places, sure, joints, digest.hexdigest())
+
+    def sample(
+        self, count: int, frames: int, data: LiftingData, generator: Generator
+    ) -> LiftingBatch:
+        """Stretches of ``count`` tracks, half of them mirrored, in cameras turned a little.
+
+        Landmarks, limbs and frames go missing as the settings of the noise say.
+        """
+        total = self.plane.shape[1]
+        frames = min(frames, total)
+        which = torch.randint(len(self.plane), (count,), generator=generator)
+        first = torch.randint(total - frames + 1, (count,), generator=generator)
+        rows = first[:, None] + torch.arange(frames)
+        plane, confidence, joints = (
+            values[which[:, None], rows] for values in (self.plane, self.confidence, self.joints)
+        )
+        flip = torch.rand(count, generator=generator) < 0.5
+        turn = _rolls(flip, data.roll, generator)
+        chosen = flip[:, None, None]
+        plane = torch.where(chosen[..., None], plane[:, :, _MIRRORED], plane)
+        confidence = torch.where(chosen, confidence[:, :, _MIRRORED], confidence)
+        joints = torch.where(chosen[..., None], joints[:, :, _MIRRORED], joints)
+        plane = plane @ turn[:, None, :2, :2].mT
+        joints = joints @ turn[:, None].mT
+        gone = unseen(plane, data.noise, generator)
+        features, axes = lifting_features(plane, torch.where(gone, 0.0, confidence))
+        return LiftingBatch(features, root_relative(joints) @ axes)
+
+
+class MixedSamples:
+    """Batches of recorded motion under simulated detectors, and of tracks that networks found.
+
+    Args:
+        simulated: without end.
+        tracks: of videos.
+        data: its ``seen`` is the share of the tracks of videos.
+        seed: of everything random.
+    """
+
+    def __init__(
+        self, simulated: LiftingSamples, tracks: SeenTracks, data: LiftingData, seed: int
+    ) -> None:
+        self._simulated, self._tracks, self._data, self._seed = simulated, tracks, data, seed
+
+    def batch(self, number: int, size: int, frames: int | None = None) -> LiftingBatch:
+        """As ``LiftingSamples.batch``: the same number gives the same batch."""
+        generator = Generator().manual_seed(mixed_seed(self._seed ^ _OTHER, number))
+        frames = frames or self._data.frames
+        count = round(self._data.seen * size)
+        seen = self._tracks.sample(count, frames, self._data, generator)
+        if count == size:
+            return seen
+        rest = self._simulated.batch(number, size - count, seen.features.shape[1])
+        return LiftingBatch(
+            torch.cat((seen.features, rest.features)), torch.cat((seen.joints, rest.joints))
+        )
+
+
+def _rolls(flip: Tensor, deviation: float, generator: Generator) -> Tensor:
+    """Turns (N, 3, 3) of pictures about their middle, after some were mirrored."""
+    angle = torch.deg2rad(deviation * torch.randn(len(flip), generator=generator))
+    side = 1.0 - 2.0 * flip.float()
+    zero, one = torch.zeros_like(angle), torch.ones_like(angle)
+    cosine, sine = angle.cos(), angle.sin()
+    rows = (side * cosine, -sine, zero, side * sine, cosine, zero, zero, zero, one)
+    return torch.stack(rows, -1).reshape(-1, 3, 3)
+
+
+def _require(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    missing = [name for name in (*_SHAPES, "intrinsics") if name not in arrays]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; expected {_WHAT}")
+    lead = arrays["confidence"].shape[:2]
+    expected = {name: (*lead, *shape) for name, shape in _SHAPES.items()}
+    expected["intrinsics"] = (*lead[:1], 3, 3)
+    for name, shape in expected.items():
+        array = arrays[name]
+        if array.shape != shape or len(lead) != 2 or 0 in shape or array.dtype.kind != "f":
+            raise InputError(
+                f"{path}: {name} is {array.dtype} {array.shape}; expected floating point "
+                f"{shape}: N tracks of F frames"
+            )
+    if not (np.isfinite(arrays["truth"]).all() and (arrays["truth"][..., 2] > 0).all()):
+        raise InputError(f"{path}: truth is not finite before the cameras; leave such tracks out")
+    confidence, lens = arrays["confidence"], arrays["intrinsics"]
+    if not (np.isfinite(confidence).all() and (confidence >= 0).all() and (confidence <= 1).all()):
+        raise InputError(f"{path}: confidence is not 0 to 1 everywhere; expected shares")
+    if not (np.isfinite(lens).all() and (abs(np.linalg.det(lens)) > 0).all()):
+        raise InputError(f"{path}: intrinsics cannot be inverted; expected those of cameras")

@@ -1,0 +1,160 @@
+"""Tracks of videos with their truth: read, checked, turned and mirrored as they should be."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from motion_files import write_library
+
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
+from perfcap.errors import InputError
+from perfcap.train.ahead import Ahead
+from perfcap.train.config import DetectorNoise, LiftingData
+from perfcap.train.lifting_data import LiftingBatch, LiftingSamples
+from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.seen_tracks import MixedSamples, SeenTracks
+
+EXACT = LiftingData(frames=12, noise=DetectorNoise(*([0.0] * 14)))
+LENS = np.array([[500.0, 0.0, 310.0], [0.0, 520.0, 250.0], [0.0, 0.0, 1.0]])
+
+
+def arrays(tracks: int = 5, frames: int = 20) -> dict[str, Any]:
+    """Exact tracks of points that wander, each asymmetric."""
+    rng = np.random.default_rng(3)
+    truth = rng.normal(0, 0.4, (tracks, 1, 16, 3)) + rng.normal(0, 0.02, (tracks, frames, 16, 3))
+    truth[..., 2] += 4.0
+    pixels = truth @ LENS.T
+    return {
+        "joints2d": (pixels[..., :2] / pixels[..., 2:]).astype(np.float32),
+        "confidence": rng.uniform(0.3, 1, (tracks, frames, 16)).astype(np.float32),
+        "truth": truth.astype(np.float32),
+        "intrinsics": np.tile(LENS, (tracks, 1, 1)),
+    }
+
+
+def read(folder: Path, **other: Any) -> SeenTracks:
+    np.savez(folder / "tracks.npz", **(arrays() | other))
+    return SeenTracks.read(folder / "tracks.npz")
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+# --- reading --------------------------------------------------------------------------------------
+
+
+def test_exact_tracks_are_projections_of_their_truth(tmp_path: Path) -> None:
+    tracks = read(tmp_path)
+    torch.testing.assert_close(tracks.plane, tracks.joints[..., :2] / tracks.joints[..., 2:])
+
+
+def test_what_was_not_seen_has_no_place(tmp_path: Path) -> None:
+    made = arrays()
+    made["joints2d"][0, 0, 3] = np.nan
+    tracks = read(tmp_path, joints2d=made["joints2d"])
+    assert tracks.plane.isfinite().all() and tracks.confidence[0, 0, 3] == 0
+    assert tracks.digest != read(tmp_path).digest
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("truth", np.zeros((5, 20, 16, 3), np.float32), "not finite before the cameras"),
+        ("truth", np.zeros((5, 19, 16, 3), np.float32), r"truth is float32 \(5, 19, 16, 3\)"),
+        ("confidence", np.full((5, 20, 16), 2.0, np.float32), "not 0 to 1"),
+        ("confidence", np.zeros((5, 20, 16), np.int64), "int64"),
+        ("confidence", np.zeros((0, 20, 16), np.float32), r"expected floating point \(0, 20"),
+        ("intrinsics", np.zeros((5, 3, 3)), "cannot be inverted"),
+    ],
+)
+def test_other_arrays_are_refused(tmp_path: Path, name: str, value: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read(tmp_path, **{name: value})
+
+
+def test_a_missing_array_is_named(tmp_path: Path) -> None:
+    made = arrays()
+    del made["truth"]
+    np.savez(tmp_path / "tracks.npz", **made)
+    with pytest.raises(InputError, match="lacks truth"):
+        SeenTracks.read(tmp_path / "tracks.npz")
+
+
+# --- samples --------------------------------------------------------------------------------------
+
+
+def test_turned_and_mirrored_tracks_are_still_projections(tmp_path: Path) -> None:
+    """Features of the samples are those of the projections of the samples' poses."""
+    tracks = read(tmp_path)
+    batch = tracks.sample(200, 12, replace(EXACT, roll=30.0), generator())
+    places = batch.features[..., :32].unflatten(-1, (16, 2)) * batch.features[..., 48:, None].exp()
+    # x (Z + t_z) = X + t_x: linear in the translation
+    joints, one, zero = batch.joints.double(), torch.ones(200, 12, 16), torch.zeros(200, 12, 16)
+    rows = torch.stack(
+        (torch.cat((one, zero), -1), torch.cat((zero, one), -1),
+         -torch.cat((places[..., 0], places[..., 1]), -1)), -1)  # fmt: skip
+    right = torch.cat([places[..., k] * joints[..., 2] - joints[..., k] for k in range(2)], -1)
+    shift = torch.linalg.lstsq(rows.double(), right[..., None]).solution[..., 0]
+    moved = joints + shift[..., None, :]
+    assert (moved[..., :2] / moved[..., 2:] - places).abs().max() < 1e-4
+    torch.testing.assert_close(mid_hip(batch.joints), torch.zeros(200, 12, 3), atol=1e-5, rtol=0)
+
+
+def test_half_of_the_samples_are_mirrored_with_sides_exchanged(tmp_path: Path) -> None:
+    made = {name: array[:1, :1].repeat(20, 1) for name, array in arrays().items() if array.ndim > 3}
+    made["confidence"] = np.ones((1, 20, 16), np.float32)
+    tracks = read(tmp_path, intrinsics=LENS[None], **made)
+    batch = tracks.sample(400, 12, replace(EXACT, roll=0.0), generator())
+    corners = [LANDMARKS.index(name) for name in ("head_top", "l_wrist", "r_toe")]
+    across = [LANDMARKS.index(name) for name in ("head_top", "r_wrist", "l_toe")]
+    truth = tracks.joints[0, 0] - mid_hip(tracks.joints[0, 0])
+    kept = (torch.linalg.det(batch.joints[:, 0, corners]) - torch.linalg.det(truth[corners])).abs()
+    turned = torch.linalg.det(batch.joints[:, 0, across]) + torch.linalg.det(truth[corners])
+    assert ((kept < 1e-4) ^ (turned.abs() < 1e-4)).all()
+    assert 0.4 < float((kept < 1e-4).float().mean()) < 0.6
+
+
+def test_limbs_go_missing_as_the_noise_says(tmp_path: Path) -> None:
+    noise = replace(EXACT.noise, absent=1.0)
+    batch = read(tmp_path).sample(8, 12, replace(EXACT, noise=noise), generator())
+    seen = batch.features[..., 32:48] > 0
+    gone = {LANDMARKS[j] for j in range(16) if not seen[..., j].any()}
+    assert gone == {"head_top", "l_toe", "r_toe"}
+
+
+# --- batches --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> MotionLibrary:
+    return MotionLibrary.read(write_library(tmp_path_factory.mktemp("motion")))
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_batches_are_mixed_and_repeat(library: MotionLibrary, tmp_path: Path, share: float) -> None:
+    data = replace(EXACT, seen=share)
+    simulated, tracks = LiftingSamples(library, data, 1), read(tmp_path)
+    first, again = (MixedSamples(simulated, tracks, data, 1) for _ in range(2))
+    batch = first.batch(7, 8)
+    assert batch.features.shape == (8, 12, 49) and batch.joints.shape == (8, 12, 16, 3)
+    assert torch.equal(batch.features, again.batch(7, 8).features)
+    assert not torch.equal(batch.features, first.batch(8, 8).features)
+    rest = 8 - round(8 * share)
+    if rest:
+        assert torch.equal(batch.joints[-rest:], simulated.batch(7, rest).joints)
+
+
+def made(number: int, size: int, frames: int | None) -> LiftingBatch:
+    """Batches that say what they are."""
+    return LiftingBatch(torch.full((size, frames or 1), float(number)), torch.zeros(1))
+
+
+def test_batches_made_ahead_are_the_same() -> None:
+    ahead, direct = Ahead(made, 1, stride=2), Ahead(made, 0)
+    for asked in ((4, 2, 3), (6, 2, 3), (8, 2, 3), (10, 1, None), (3, 1, None)):
+        assert torch.equal(ahead(*asked).features, direct(*asked).features)
