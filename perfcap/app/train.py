@@ -55,7 +55,6 @@ def run_train_lifter(request: TrainLifter) -> int:
         config.dense,
         tracks,
         torch.device("cuda" if torch.cuda.is_available() else "cpu"),
-        request.workers,
     )
     if request.start is not None:
         start_from(task.model, request.start)

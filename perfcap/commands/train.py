@@ -34,8 +34,6 @@ class TrainLifter:
     """Checkpoints of other runs, whose answers are averaged with this one's in the model."""
     tracks: Path | None = None
     """Archive of tracks that networks found in videos, with the truth, to learn errors from."""
-    workers: int = 0
-    """Processes that make batches; worth it where a GPU learns from them."""
 
 
 @dataclass(frozen=True)

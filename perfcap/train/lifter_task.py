@@ -8,11 +8,9 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.geometry.alignment import similarity_align
-from perfcap.train.ahead import Ahead
 from perfcap.train.config import LifterConfig, LiftingData, LiftingLoss
 from perfcap.train.lifter import Lifter
 from perfcap.train.lifting_data import LiftingSamples
-from perfcap.train.loop import process_count
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.seen_tracks import MixedSamples, SeenTracks
 
@@ -35,8 +33,7 @@ class LiftingTask:
         seed: of the network's first weights and of the tracks.
         dense: share of the training, at its end, that learns from whole tracks.
         tracks: of videos, to learn from as well.
-        device: where to compute.
-        workers: processes that make batches.
+        device: where to compute, and to make batches.
     """
 
     model: Lifter
@@ -52,15 +49,14 @@ class LiftingTask:
         dense: float = 1.0,
         tracks: SeenTracks | None = None,
         device: torch.device | None = None,
-        workers: int = 0,
     ) -> None:
         self._device = device or torch.device("cpu")
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.model = Lifter(config).to(self._device)
-        simulated = LiftingSamples(library, data, seed)
+        simulated = LiftingSamples(library, data, seed, self._device)
         mixed = None if tracks is None else MixedSamples(simulated, tracks, data, seed)
-        self._batch = Ahead((mixed or simulated).batch, workers, process_count())
+        self._samples = mixed or simulated
         self._validation = LiftingSamples(validation, as_recorded(data), _VALIDATION_SEED)
         self._loss, self._dense = loss, dense
         self._span = 2 * config.reach + 1
@@ -72,13 +68,13 @@ class LiftingTask:
         their speeds, at last.
         """
         if progress < 1 - self._dense:
-            batch = self._batch(number, size, self._span).to(self._device)
+            batch = self._samples.batch(number, size, self._span)
             joints, spread = self.model.sparse(batch.features)
             apart = self._span // 3
             truth = batch.joints[:, apart // 2 :: apart]
             weights = replace(self._loss, velocity=0.0)  # these frames are far apart
         else:
-            batch = self._batch(number, max(1, size // _DENSE_COST)).to(self._device)
+            batch = self._samples.batch(number, max(1, size // _DENSE_COST))
             joints, spread = self.model(batch.features)
             truth, weights = batch.joints, self._loss
         return lifting_loss(joints, spread, truth, weights)

@@ -137,28 +137,38 @@ class LiftingSamples:
         library: recorded motion.
         data: what to make of it.
         seed: of everything random.
+        device: where to make them; another kind of device makes others.
     """
 
-    def __init__(self, library: MotionLibrary, data: LiftingData, seed: int) -> None:
+    def __init__(
+        self,
+        library: MotionLibrary,
+        data: LiftingData,
+        seed: int,
+        device: torch.device | None = None,
+    ) -> None:
         clips = [r.landmarks for r in library.recordings if len(r.landmarks) > 1]
         if not clips:
             raise InputError("motion library: has no clip of two frames; expected recorded motion")
         self._data, self._seed = data, seed
-        self._points = torch.cat(clips)
+        self.device = device or torch.device("cpu")
+        self._points = torch.cat(clips).to(self.device)
         moving = (r.turns for r in library.recordings if len(r.landmarks) > 1)
-        self._turns = torch.cat([turns[:, [PELVIS, SPINE]] for turns in moving])
-        self._length = torch.tensor([len(clip) for clip in clips])
+        turns = torch.cat([turns[:, [PELVIS, SPINE]] for turns in moving])
+        self._turns = turns.to(self.device)
+        self._length = torch.tensor([len(clip) for clip in clips], device=self.device)
         self._first = self._length.cumsum(0) - self._length
-        self._bones = torch.stack([_bone_lengths(clip) for clip in clips])
+        self._bones = torch.stack([_bone_lengths(clip) for clip in clips]).to(self.device)
         # long clips are seen more often, but not in proportion: they repeat themselves
         self._share = self._length.sqrt()
 
     def batch(self, number: int, size: int, frames: int | None = None) -> LiftingBatch:
         """A batch of ``size`` tracks, of ``frames`` or as many as the settings say."""
-        generator = Generator().manual_seed(mixed_seed(self._seed, number))
-        world = self._tracks(size, frames or self._data.frames, generator)
-        camera = look_at(world, self._data, generator)
-        return observe(camera, self._data.noise, generator)
+        generator = Generator(self.device).manual_seed(mixed_seed(self._seed, number))
+        with self.device:  # all that is made on the way
+            world = self._tracks(size, frames or self._data.frames, generator)
+            camera = look_at(world, self._data, generator)
+            return observe(camera, self._data.noise, generator)
 
     def _tracks(self, size: int, frames: int, generator: Generator) -> Tensor:
         """Stretches of clips on other people's bones, half of them mirrored, (N, F, 16, 3)."""

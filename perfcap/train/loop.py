@@ -262,11 +262,6 @@ def _place() -> tuple[int, int]:
     return 0, 1
 
 
-def process_count() -> int:
-    """Processes that train together."""
-    return _place()[1]
-
-
 def _first_process() -> bool:
     return _place()[0] == 0
 

@@ -8,7 +8,6 @@ truth is known do (``experiments/filmed_tracks.py`` makes some).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -35,8 +34,6 @@ _SHAPES = {
 }
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
-
-Make = Callable[[int, int, int | None], LiftingBatch]
 
 
 @dataclass(frozen=True)
@@ -77,6 +74,12 @@ class SeenTracks:
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in kept))
         places, sure, joints = (torch.from_numpy(array) for array in kept)
         return cls(places, sure, joints, digest.hexdigest())
+
+    def to(self, device: torch.device) -> SeenTracks:
+        """The same on a device."""
+        kept = (self.plane, self.confidence, self.joints)
+        plane, confidence, joints = (values.to(device) for values in kept)
+        return SeenTracks(plane, confidence, joints, self.digest)
 
     def sample(
         self, count: int, frames: int, data: LiftingData, generator: Generator
@@ -119,14 +122,17 @@ class MixedSamples:
     def __init__(
         self, simulated: LiftingSamples, tracks: SeenTracks, data: LiftingData, seed: int
     ) -> None:
-        self._simulated, self._tracks, self._data, self._seed = simulated, tracks, data, seed
+        self._simulated, self._data, self._seed = simulated, data, seed
+        self._tracks = tracks.to(simulated.device)
 
     def batch(self, number: int, size: int, frames: int | None = None) -> LiftingBatch:
         """As ``LiftingSamples.batch``: the same number gives the same batch."""
-        generator = Generator().manual_seed(mixed_seed(self._seed ^ _OTHER, number))
+        device = self._simulated.device
+        generator = Generator(device).manual_seed(mixed_seed(self._seed ^ _OTHER, number))
         frames = frames or self._data.frames
         count = round(self._data.seen * size)
-        seen = self._tracks.sample(count, frames, self._data, generator)
+        with device:
+            seen = self._tracks.sample(count, frames, self._data, generator)
         if count == size:
             return seen
         rest = self._simulated.batch(number, size - count, seen.features.shape[1])

@@ -12,9 +12,8 @@ from motion_files import write_library
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
-from perfcap.train.ahead import Ahead
 from perfcap.train.config import DetectorNoise, LiftingData
-from perfcap.train.lifting_data import LiftingBatch, LiftingSamples
+from perfcap.train.lifting_data import LiftingSamples
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.seen_tracks import MixedSamples, SeenTracks
 
@@ -147,14 +146,3 @@ def test_batches_are_mixed_and_repeat(library: MotionLibrary, tmp_path: Path, sh
     rest = 8 - round(8 * share)
     if rest:
         assert torch.equal(batch.joints[-rest:], simulated.batch(7, rest).joints)
-
-
-def made(number: int, size: int, frames: int | None) -> LiftingBatch:
-    """Batches that say what they are."""
-    return LiftingBatch(torch.full((size, frames or 1), float(number)), torch.zeros(1))
-
-
-def test_batches_made_ahead_are_the_same() -> None:
-    ahead, direct = Ahead(made, 1, stride=2), Ahead(made, 0)
-    for asked in ((4, 2, 3), (6, 2, 3), (8, 2, 3), (10, 1, None), (3, 1, None)):
-        assert torch.equal(ahead(*asked).features, direct(*asked).features)
