@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -29,8 +28,6 @@ _BLOCK = 8  # frames that are read at once
 _NAMED = 6  # cuts
 _SAMPLES = 8  # frames in which bars beside the picture are looked for
 
-_LOG = logging.getLogger(__name__)
-
 
 def camera_moves(inputs: Inputs) -> bool:
     """Whether what is behind the person moves in one view."""
@@ -44,21 +41,22 @@ def _joints(inputs: Inputs) -> tuple[Array, Array]:
     return pixels.numpy(), inputs.detections.confidence2d[:, 0].numpy()
 
 
-def find_motion(inputs: Inputs) -> CameraMotion | None:
-    """How the camera of one video moved; None where the background does not show it.
+def find_motion(inputs: Inputs) -> tuple[CameraMotion | None, tuple[str, ...]]:
+    """How the camera of one video moved, and what a user should know of it.
 
     Args:
         inputs: one view with an assumed camera.
+
+    Returns:
+        No motion where the background does not show it, and sentences about why.
     """
     clip, count = inputs.clip, inputs.detections.frame_count
     joints, confidence = _joints(inputs)
     if count > _LONGEST:
-        _LOG.warning(
-            "the camera moves, and its way is found in %d frames at most, of %d; give --frames",
-            _LONGEST,
-            count,
+        return None, (
+            f"the camera moves, and its way is found in {_LONGEST} frames at most, of {count}; "
+            "give --frames",
         )
-        return None
     tracks = CornerTracks()
     hidden = None
     some = np.linspace(0, count - 1, min(_SAMPLES, count)).round().astype(int).tolist()
@@ -77,16 +75,14 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     guessed = inputs.rig.guessed
     way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
     if way is None:
-        _tell_cuts(tracks.cuts(), clip.start, count)
-        return None
+        return None, tuple(_shots(tracks.cuts(), clip.start, count))
     longer = focal * way.factor / max(clip.sizes[0])
     if guessed and longer > _LONG:
-        _LOG.warning(
-            "what is behind the person moves as a lens of %.0f degrees shows it, which no phone "
-            "has: is the picture cropped, or steadied, in a program? --fov says the true one",
-            2 * math.degrees(math.atan(0.5 / longer)),
+        angle = 2 * math.degrees(math.atan(0.5 / longer))
+        return None, (
+            f"what is behind the person moves as a lens of {angle:.0f} degrees shows it, which no "
+            "phone has: is the picture cropped, or steadied, in a program? --fov says the true one",
         )
-        return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
@@ -98,20 +94,18 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     if about is not None:
         ground = find_ground(way.points, about.numpy(), _BODIES if up is None else _EDGES)
     found = in_metres(actor, cameras, detections, clip.fps, way, ground)
-    return found if up is None else replace(found, up=up)
+    found = found if up is None else replace(found, up=up)
+    return found, (found.sentence(inputs.rig.cameras),)
 
 
-def _tell_cuts(cuts: Sequence[int], first: int, count: int) -> None:
-    """Shots of a video that is cut, the longest of which can be captured on its own."""
+def _shots(cuts: Sequence[int], first: int, count: int) -> Iterator[str]:
+    """That a video is cut, and its longest shot, which can be captured on its own."""
     if not cuts:
         return
     start, stop = max(pairwise((0, *cuts, count)), key=lambda shot: shot[1] - shot[0])
     where = ", ".join(str(first + cut) for cut in cuts[:_NAMED])
-    _LOG.warning(
-        "the video cuts, or the camera swings, before frame %s%s: one shot can be captured at a "
-        "time; the longest is --frames %d:%d",
-        where,
-        ", ..." if len(cuts) > _NAMED else "",
-        first + start,
-        first + stop,
+    more = ", ..." if len(cuts) > _NAMED else ""
+    yield (
+        f"the video cuts, or the camera swings, before frame {where}{more}: one shot can be "
+        f"captured at a time; the longest is --frames {first + start}:{first + stop}"
     )
