@@ -16,7 +16,7 @@ from perfcap.app.gravity import find_up, upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.doctor.rest import CONFIDENT, about_joints, background_shift
-from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way
+from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way, find_zoom
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 Array = NDArray[np.float64]
@@ -73,7 +73,17 @@ def find_motion(inputs: Inputs) -> tuple[CameraMotion | None, tuple[str, ...]]:
     lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
     focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
     guessed = inputs.rig.guessed
-    way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
+    seen = tracks.sightings()
+    way = find_way(seen, count, (focal, *middle), clip.fps, guessed=guessed)
+    zoom = None
+    if way is None or way.moves:
+        zoom = find_zoom(seen, count, (focal * (way.factor if way else 1), *middle), clip.fps)
+    if zoom is not None:
+        return None, (
+            f"the lens zooms: what is behind the person grows by {zoom - 1:.0%}, far and near "
+            "alike, and one lens is assumed for all frames, so that the person comes nearer as it "
+            "does; capture a part without (--frames), or give K of every frame in camera.json",
+        )
     if way is None:
         return None, tuple(_shots(tracks.cuts(), clip.start, count))
     longer = focal * way.factor / max(clip.sizes[0])
@@ -88,9 +98,9 @@ def find_motion(inputs: Inputs) -> tuple[CameraMotion | None, tuple[str, ...]]:
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
     turned = replace(way, translation=0 * way.translation, moves=False)
     motion = in_metres(actor, cameras, detections, clip.fps, turned)
-    seen = replace(inputs, rig=replace(inputs.rig, cameras=motion.of_camera(cameras)))
-    up, ground = find_up(seen), None
-    about = upright_start(seen) if up is None else up
+    turning = replace(inputs, rig=replace(inputs.rig, cameras=motion.of_camera(cameras)))
+    up, ground = find_up(turning), None
+    about = upright_start(turning) if up is None else up
     if about is not None:
         ground = find_ground(way.points, about.numpy(), _BODIES if up is None else _EDGES)
     found = in_metres(actor, cameras, detections, clip.fps, way, ground)

@@ -165,6 +165,25 @@ def test_a_video_that_cuts_is_captured_in_shots() -> None:
     assert "the longest is --frames 0:30" in said
 
 
+def test_a_lens_that_zooms_is_not_taken_for_a_camera_that_walks() -> None:
+    """It walked by metres, and took the person along."""
+    inputs = given()
+    source = inputs.clip.sources[0]
+    assert isinstance(source, Panned)
+    whole = source.read
+
+    def zoomed(start: int, stop: int) -> NDArray[np.uint8]:
+        images = whole(start, stop)
+        for frame in range(start, stop):
+            matrix = cv2.getRotationMatrix2D((SIDE / 2, SIDE / 2), 0, 1.5 ** (frame / FRAMES))
+            images[frame - start] = cv2.warpAffine(images[frame - start], matrix, (SIDE, SIDE))
+        return images
+
+    source.turned = turns(0.0)
+    source.read = zoomed  # type: ignore[method-assign]
+    assert "the lens zooms" in unmoved(inputs)
+
+
 def test_no_corner_is_followed_at_bars_beside_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their edges stand still: the lens of a pillarboxed clip came out longer still."""
     inputs = given()
