@@ -93,6 +93,26 @@ def test_a_background_that_stays_or_shows_nothing(later: Image) -> None:
     assert looked_at(Filmed(later)) == []
 
 
+@pytest.mark.parametrize(("begin", "end"), [(40, 75), (0, 20), (70, 90)])
+def test_a_camera_that_moves_for_a_while_is_named(begin: int, end: int) -> None:
+    """As a phone that is picked up at the end."""
+    large = np.tile(wall(0), (1, 2))
+
+    class Turned(Filmed):
+        def read(self, start: int, stop: int) -> Image:
+            images = []
+            for frame in range(start, stop):
+                left = 2 * (np.clip(frame, begin, end) - begin)
+                image = large[:, left : left + SIDE].copy()
+                image[60:180, 70 + frame // 2 : 78 + frame // 2] = 250
+                images.append(image)
+            return np.stack(images)[..., None].repeat(3, -1)
+
+    found = one(looked_at(Turned(wall(0))))
+    first, last = (int(each) for each in found.what.split("frames ")[1].split(",")[0].split(" to "))
+    assert abs(first - 100 - begin) <= 1 and abs(last - 100 - min(end, FRAMES - 1)) <= 1
+
+
 def test_somebody_who_goes_by_is_no_cut() -> None:
     assert looked_at(Filmed(wall(1), until=CUT + 20)) == []
 
