@@ -81,8 +81,8 @@ def _explained(
         left = _aligned(estimate[:, order], truth, valid) / pose
         if left < _POSED:
             yield (
-                f"with left and right of the truth exchanged {left:.0%} of the error is left, aligned "
-                "frame by frame; left and right are the person's own"
+                f"with left and right of the truth exchanged {left:.0%} of the error is left, "
+                "aligned frame by frame; left and right are the person's own"
             )
     turn, left = _turned(estimate, truth, valid)
     if left / now < _LEFT and turn > _TURN and left < _OTHER:
