@@ -1,26 +1,38 @@
-"""Joints that are given to a refiner by another set's names, all of which it takes."""
+"""Joints that are given to a refiner under each other's names."""
 
 import warnings
 
-import pytest
 import torch
 from takes import make_take
+from torch import Tensor
 
-from perfcap.detect.joint_set import LANDMARKS, MPII
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, JointSet
 from perfcap.pipeline.pose_refiner import PoseRefiner
 
 TAKE = make_take(12, views=3)
 PIXELS = TAKE.detections.joints2d
 
 
-def test_joints_of_a_set_with_as_many_are_named() -> None:
-    """MPII has 16 joints, as the landmarks: the person came out 0.9 m away, without a word."""
-    places = [LANDMARKS.index(name) if name in LANDMARKS else 1 for name in MPII.joints]
-    layer = PoseRefiner(TAKE.actor).eval()
-    with pytest.warns(UserWarning, match="order of the joint set"):
-        layer(TAKE.cameras, PIXELS[..., places, :])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        PoseRefiner(TAKE.actor).eval()(TAKE.cameras, PIXELS)
-        noise = torch.randn(PIXELS.shape, generator=torch.Generator().manual_seed(0))
-        PoseRefiner(TAKE.actor).train()(TAKE.cameras, PIXELS + 5 * noise.to(PIXELS))
+def told(pixels: Tensor, joint_set: JointSet) -> list[str]:
+    layer = PoseRefiner(TAKE.actor, joint_set)
+    with warnings.catch_warnings(record=True) as lines:
+        warnings.simplefilter("always")
+        layer(TAKE.cameras, pixels)
+        count = len(lines)
+        layer(TAKE.cameras, pixels)  # once
+    assert len(lines) == count
+    return [str(line.message) for line in lines]
+
+
+def test_joints_in_another_order_are_named() -> None:
+    """The person came out decimetres off."""
+    other = {"shoulder": "hip", "hip": "shoulder"}
+    names = tuple(f"{n[:2]}{other[n[2:]]}" if n[2:] in other else n for n in LANDMARKS)
+    lines = told(PIXELS, JointSet("mine", names))
+    assert any("order of the joint set" in line for line in lines)
+
+
+def test_joints_in_their_order_are_not() -> None:
+    noise = torch.randn(PIXELS.shape, generator=torch.Generator().manual_seed(0))
+    for size in (0.0, 5.0):
+        assert told(PIXELS + size * noise.to(PIXELS), LANDMARKS16) == []
