@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,7 +16,7 @@ from perfcap.app.gravity import find_up, upright_start
 from perfcap.app.inputs import Inputs
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.doctor.rest import CONFIDENT, about_joints, background_shift
-from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way
+from perfcap.matchmove import CornerTracks, find_bars, find_ground, find_way, find_zoom
 from perfcap.pipeline.camera_motion import CameraMotion, in_metres
 
 Array = NDArray[np.float64]
@@ -28,8 +27,6 @@ _LONGEST = 1800  # frames; more take gigabytes
 _BLOCK = 8  # frames that are read at once
 _NAMED = 6  # cuts
 _SAMPLES = 8  # frames in which bars beside the picture are looked for
-
-_LOG = logging.getLogger(__name__)
 
 
 def camera_moves(inputs: Inputs) -> bool:
@@ -44,21 +41,22 @@ def _joints(inputs: Inputs) -> tuple[Array, Array]:
     return pixels.numpy(), inputs.detections.confidence2d[:, 0].numpy()
 
 
-def find_motion(inputs: Inputs) -> CameraMotion | None:
-    """How the camera of one video moved; None where the background does not show it.
+def find_motion(inputs: Inputs) -> tuple[CameraMotion | None, tuple[str, ...]]:
+    """How the camera of one video moved, and what a user should know of it.
 
     Args:
         inputs: one view with an assumed camera.
+
+    Returns:
+        No motion where the background does not show it, and sentences about why.
     """
     clip, count = inputs.clip, inputs.detections.frame_count
     joints, confidence = _joints(inputs)
     if count > _LONGEST:
-        _LOG.warning(
-            "the camera moves, and its way is found in %d frames at most, of %d; give --frames",
-            _LONGEST,
-            count,
+        return None, (
+            f"the camera moves, and its way is found in {_LONGEST} frames at most, of {count}; "
+            "give --frames",
         )
-        return None
     tracks = CornerTracks()
     hidden = None
     some = np.linspace(0, count - 1, min(_SAMPLES, count)).round().astype(int).tolist()
@@ -75,43 +73,49 @@ def find_motion(inputs: Inputs) -> CameraMotion | None:
     lens = inputs.pixel_map.cameras(inputs.rig.cameras, clip.sizes).intrinsics[0]
     focal, middle = float(lens[0, 0]), lens[:2, 2].tolist()
     guessed = inputs.rig.guessed
-    way = find_way(tracks.sightings(), count, (focal, *middle), clip.fps, guessed=guessed)
+    seen = tracks.sightings()
+    way = find_way(seen, count, (focal, *middle), clip.fps, guessed=guessed)
+    zoom = None
+    if way is None or way.moves:
+        zoom = find_zoom(seen, count, (focal * (way.factor if way else 1), *middle), clip.fps)
+    if zoom is not None:
+        return None, (
+            f"the lens zooms: what is behind the person grows by {zoom - 1:.0%}, far and near "
+            "alike, and one lens is assumed for all frames, so that the person comes nearer as it "
+            "does; capture a part without (--frames), or give K of every frame in camera.json",
+        )
     if way is None:
-        _tell_cuts(tracks.cuts(), clip.start, count)
-        return None
+        return None, tuple(_shots(tracks.cuts(), clip.start, count))
     longer = focal * way.factor / max(clip.sizes[0])
     if guessed and longer > _LONG:
-        _LOG.warning(
-            "what is behind the person moves as a lens of %.0f degrees shows it, which no phone "
-            "has: is the picture cropped, or steadied, in a program? --fov says the true one",
-            2 * math.degrees(math.atan(0.5 / longer)),
+        angle = 2 * math.degrees(math.atan(0.5 / longer))
+        return None, (
+            f"what is behind the person moves as a lens of {angle:.0f} degrees shows it, which no "
+            "phone has: is the picture cropped, or steadied, in a program? --fov says the true one",
         )
-        return None
     like = torch.zeros((), dtype=torch.float64)
     cameras, detections = inputs.rig.cameras.to(like), inputs.detections.to(like)
     actor = load_body_model(DEFAULT_BODY).actor(torch.zeros(0))
     turned = replace(way, translation=0 * way.translation, moves=False)
     motion = in_metres(actor, cameras, detections, clip.fps, turned)
-    seen = replace(inputs, rig=replace(inputs.rig, cameras=motion.of_camera(cameras)))
-    up, ground = find_up(seen), None
-    about = upright_start(seen) if up is None else up
+    turning = replace(inputs, rig=replace(inputs.rig, cameras=motion.of_camera(cameras)))
+    up, ground = find_up(turning), None
+    about = upright_start(turning) if up is None else up
     if about is not None:
         ground = find_ground(way.points, about.numpy(), _BODIES if up is None else _EDGES)
     found = in_metres(actor, cameras, detections, clip.fps, way, ground)
-    return found if up is None else replace(found, up=up)
+    found = found if up is None else replace(found, up=up)
+    return found, (found.sentence(inputs.rig.cameras),)
 
 
-def _tell_cuts(cuts: Sequence[int], first: int, count: int) -> None:
-    """Shots of a video that is cut, the longest of which can be captured on its own."""
+def _shots(cuts: Sequence[int], first: int, count: int) -> Iterator[str]:
+    """That a video is cut, and its longest shot, which can be captured on its own."""
     if not cuts:
         return
     start, stop = max(pairwise((0, *cuts, count)), key=lambda shot: shot[1] - shot[0])
     where = ", ".join(str(first + cut) for cut in cuts[:_NAMED])
-    _LOG.warning(
-        "the video cuts, or the camera swings, before frame %s%s: one shot can be captured at a "
-        "time; the longest is --frames %d:%d",
-        where,
-        ", ..." if len(cuts) > _NAMED else "",
-        first + start,
-        first + stop,
+    more = ", ..." if len(cuts) > _NAMED else ""
+    yield (
+        f"the video cuts, or the camera swings, before frame {where}{more}: one shot can be "
+        f"captured at a time; the longest is --frames {first + start}:{first + stop}"
     )

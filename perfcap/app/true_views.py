@@ -64,7 +64,8 @@ def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
     """The inputs of one view with all that pixels and poses tell of its camera."""
     moves = held and camera_moves(inputs)
     inputs = replace(inputs, rests=held and not moves)
-    motion = find_motion(inputs) if moves else None
+    motion, lines = find_motion(inputs) if moves else (None, ())
+    inputs = replace(inputs, warnings=(*inputs.warnings, *lines))
     found: dict[str, Any] = {}
     if motion is not None:
         inputs, found = _with_motion(inputs, motion)
@@ -79,11 +80,7 @@ def _alone(inputs: Inputs, held: bool) -> tuple[Inputs, dict[str, Any]]:
 def _with_motion(inputs: Inputs, motion: CameraMotion) -> tuple[Inputs, dict[str, Any]]:
     """The inputs with a camera that moves."""
     rig = inputs.rig
-    changed = replace(
-        inputs,
-        rig=replace(rig, cameras=motion.of_camera(rig.cameras)),
-        warnings=(*inputs.warnings, motion.sentence(rig.cameras)),
-    )
+    changed = replace(inputs, rig=replace(rig, cameras=motion.of_camera(rig.cameras)))
     return changed, {"camera_motion": motion.report()}
 
 

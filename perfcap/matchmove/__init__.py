@@ -5,6 +5,7 @@ from perfcap.matchmove.camera_way import CameraWay, WaySettings, find_way
 from perfcap.matchmove.corner_tracks import CornerTracks, Sightings, TrackSettings
 from perfcap.matchmove.ground import Ground, GroundSettings, find_ground
 from perfcap.matchmove.vertical import Sight, VerticalSettings, find_vertical
+from perfcap.matchmove.zoom import find_zoom
 
 __all__ = [
     "CameraWay",
@@ -20,4 +21,5 @@ __all__ = [
     "find_ground",
     "find_vertical",
     "find_way",
+    "find_zoom",
 ]

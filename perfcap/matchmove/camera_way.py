@@ -85,7 +85,7 @@ def find_way(
     settings: WaySettings | None = None,
     guessed: bool = True,
 ) -> CameraWay | None:
-    """The way that explains how corners move; None where too few are seen, or too few agree.
+    """The way that explains how corners move; None where too few are seen, or agree, in a frame.
 
     A camera that only turns is believed unless one that moves explains clearly more, by the
     Bayesian information criterion (Schwarz 1978): what moves has a place for each frame and a
@@ -126,6 +126,8 @@ def find_way(
     if agree < settings.explained:
         return None
     seen, names, start, begin = _standing(seen, names, start, best)
+    if len(np.unique(seen.frame)) < len(times):  # nothing says how such a frame is turned
+        return None
     best = Problem(seen, lens, spacing, start, prior, settings.tolerance, moves).solve(begin)
     return _every_frame(sightings, names, best, times, lens, frames, moves, agree)
 

@@ -12,6 +12,7 @@ from perfcap.metrics.alignment import HIPS, root_of
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
+_POSED = 0.5  # the same of the pose alone, where worlds differ: the depth of one view is its least
 _LAGS = 10  # frames
 _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 60, 120 a second
 _FEWEST = 10  # frames that tell a rate
@@ -39,7 +40,7 @@ def mismatches(
     told = tuple(_explained(estimate, truth, valid, mirrored))
     if told:
         return told
-    left = _error(similarity_align(estimate, truth, valid.to(estimate.dtype)), truth, valid)
+    left = _aligned(estimate, truth, valid)
     if not left > _STRANGE:
         return ()
     return (
@@ -76,6 +77,13 @@ def _explained(
             f"with left and right of the truth exchanged {left:.0%} of the error is left; left and "
             "right are the person's own"
         )
+    elif (pose := _aligned(estimate, truth, valid)) > _FAR:
+        left = _aligned(estimate[:, order], truth, valid) / pose
+        if left < _POSED:
+            yield (
+                f"with left and right of the truth exchanged {left:.0%} of the error is left, "
+                "aligned frame by frame; left and right are the person's own"
+            )
     turn, left = _turned(estimate, truth, valid)
     if left / now < _LEFT and turn > _TURN and left < _OTHER:
         yield (
@@ -92,6 +100,11 @@ def _explained(
 
 def _error(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
     return float((estimate - truth)[valid].norm(dim=-1).mean())
+
+
+def _aligned(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
+    """After a similarity of each frame."""
+    return _error(similarity_align(estimate, truth, valid.to(estimate.dtype)), truth, valid)
 
 
 def _stays(points: Tensor, valid: Tensor) -> bool:

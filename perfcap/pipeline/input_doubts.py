@@ -29,7 +29,7 @@ from perfcap.io.doctor import (
 )
 from perfcap.io.doctor.evidence import Scene as Seen
 from perfcap.io.doctor.footage import examine_blank, examine_footage
-from perfcap.io.doctor.rest import examine_rest
+from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
@@ -323,6 +323,6 @@ def _image_doubts(
         rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
         pixels = shown.project_camera(rays)
         places = (pixels.numpy(), detections.confidence2d.numpy())
-        moved = examine_rest(images.reader, names, rate, *places)
+        moved = examine_standing(images.reader, names, rate, *places)
         found += moved or examine_footage(images.reader, shown.size, detections, pixels)
     return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)

@@ -27,6 +27,7 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.input_doubts import estimate_doubts, size_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
+from perfcap.pipeline.result_doubts import fit_doubts
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
 from perfcap.rates import frame_rate, rate_doubts
@@ -81,7 +82,8 @@ class PoseRefiner(nn.Module):
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
     Of the first batch that it sees, 16 clips at most, it says in warnings what ``perfcap doctor``
-    would: exchanged axes and sides, units, views that disagree.
+    would: exchanged axes and sides, units, views that disagree; and where the solved person is far
+    from the joints, as in the order of another joint set.
 
     Attributes:
         names: of the energies whose weights can be learned.
@@ -169,19 +171,25 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            self._examine(estimates)
+            first = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
+            if first:
+                self._examine_fit(estimates, refined)
         return refined if batched else _single(refined)
 
-    def _examine(self, clips: Sequence[ClipEstimate]) -> None:
-        """Warn of mistakes that the first clips show: once, as a training loop has no time."""
+    def _examine(self, clips: Sequence[ClipEstimate]) -> bool:
+        """Warn of mistakes that the first clips show: once, as a training loop has no time.
+
+        Returns:
+            Whether these are the first.
+        """
         if self._examined or not all(
             is_plain(each.detections.joints2d.detach().cpu()) for each in clips
         ):
-            return
+            return False
         self._examined = True
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
@@ -192,6 +200,18 @@ class PoseRefiner(nn.Module):
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
             for line in lines:
+                warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
+        return True
+
+    def _examine_fit(self, clips: Sequence[ClipEstimate], refined: RefinedPose) -> None:
+        """Warn of clips in which the solved person is far from the joints."""
+        for index, (clip, (_, joints)) in enumerate(zip(clips, refined.clips(), strict=True)):
+            if index == _EXAMINED:
+                break
+            cameras = clip.cameras.map(Tensor.detach)
+            seen = clip.detections.map(Tensor.detach)
+            which = "" if len(clips) == 1 else f"clip {index}: "
+            for line in fit_doubts(cameras, seen, joints.detach()):
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
     def _solve_twice(

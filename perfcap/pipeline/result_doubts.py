@@ -28,6 +28,8 @@ _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _ELSEWHERE = 0.5  # usual overlap with a network that finds as much wrongly as rightly
 _BESIDE = 1.0  # percent of the height; cameras that stand as stated have 0.5 at most
 _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
+_SEEN = 0.3  # confidence
+_BESIDE_JOINTS = 0.06  # of a person's box: 0.01 is usual, 0.1 and more in a wrong order
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 
 
@@ -43,6 +45,31 @@ def joint_doubts(
                 f"frames {report.window.start} to {report.window.stop - 1} could not be solved: "
                 f"{report.status.sentence}"
             )
+
+
+def fit_doubts(cameras: Camera, detections: Detections, joints: Tensor) -> Iterator[str]:
+    """Whether a solved person is far from the joints that they were solved from.
+
+    Args:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C).
+        joints: landmarks of the person, (F, 16, 3).
+    """
+    seen = (detections.confidence2d > _SEEN).unsqueeze(-1) & detections.joints2d.isfinite()
+    if not bool(seen.any()):
+        return
+    high, low = (
+        part(detections.joints2d.where(seen, sign * torch.inf), 2)
+        for part, sign in ((torch.amax, -1), (torch.amin, 1))
+    )
+    size = (high - low).norm(dim=-1, keepdim=True)  # (F, C, 1)
+    off = (cameras.project(joints) - detections.joints2d).norm(dim=-1) / size
+    usual = float(off[seen.all(-1)].nanmedian())
+    if usual > _BESIDE_JOINTS:
+        yield (
+            f"the person lies {usual:.0%} of their size from the joints; check that these are in "
+            "the order of the joint set"
+        )
 
 
 def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> Iterator[str]:

@@ -33,6 +33,8 @@ def filmed(
     *,
     turn: float = 12.0,
     walk: float = 0.0,
+    ahead: float = 0.0,
+    zoom: float = 1.0,
     noise: float = 0.2,
     wild: float = 0.0,
     points: int = 160,
@@ -44,6 +46,8 @@ def filmed(
         frames: F.
         turn: degrees to the side, in all.
         walk: metres to the side, in all.
+        ahead: metres to the front, in all.
+        zoom: the last focal length by the first.
         noise: of sightings, px.
         wild: share of the points that walk about.
         points: on the floor, and on the wall.
@@ -56,6 +60,7 @@ def filmed(
     rotation = Rotation.from_rotvec(turned).as_matrix()
     rotation = rotation @ rotation[0].T
     centre = walk * np.stack((share, 0.1 * bend, 0.2 * bend), -1)
+    centre[:, 2] += ahead * share
     translation = -np.einsum("fij,fj->fi", rotation, centre - centre[0])
     floor = np.stack(
         (rng.uniform(-5, 5, points), np.full(points, 1.4), rng.uniform(3, 9, points)), -1
@@ -67,7 +72,8 @@ def filmed(
     astray = rng.uniform(size=len(place)) < wild
     steps = rng.normal(0, 0.05, (frames, len(place), 3)).cumsum(0) * astray[:, None]
     local = np.einsum("fij,fpj->fpi", rotation, place + steps) + translation[:, None]
-    pixels = FOCAL * local[..., :2] / local[..., 2:] + MIDDLE
+    focal = FOCAL * zoom ** share[:, None, None]
+    pixels = focal * local[..., :2] / local[..., 2:] + MIDDLE
     pixels += rng.normal(0, noise, pixels.shape)
     begin = rng.integers(-20, frames, len(place))
     length = rng.integers(10, 40, len(place))

@@ -105,3 +105,15 @@ def test_too_little_shows_nothing() -> None:
     assert find_way(other, cut.frames, LENS, RATE) is None
     noise = np.random.default_rng(0).uniform(0, 640, cut.sightings.pixels.shape)
     assert find_way(replace(cut.sightings, pixels=noise), cut.frames, LENS, RATE) is None
+
+
+def test_a_frame_that_fits_no_other_has_no_way() -> None:
+    """It ended in the linear algebra: nothing was left to turn this frame by."""
+    truth = filmed(walk=1.2, points=400)
+    seen = truth.sightings
+    short = np.bincount(seen.point)[seen.point] < 20  # else one sighting that is off is pardoned
+    pixels = seen.pixels.copy()
+    astray = seen.frame == 9
+    pixels[astray] = np.random.default_rng(1).permutation(pixels[astray]) + 200
+    shaken = replace(seen, pixels=pixels).part(short)
+    assert find_way(shaken, truth.frames, LENS, RATE) is None

@@ -67,6 +67,15 @@ def test_sides(joints: Tensor) -> None:
     assert any("left and right of the truth exchanged" in line for line in lines)
 
 
+def test_sides_of_a_pose_in_another_world(joints: Tensor) -> None:
+    """One view without a calibration: where the person stands says nothing."""
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(1)).to(joints)
+    turn = rotvec_to_matrix(torch.tensor([0.2, 2.0, 0.0], dtype=joints.dtype))
+    elsewhere = (joints + 0.03 * noise) @ turn.mT + 2.0
+    assert not any("left and right" in line for line in told(elsewhere, joints))
+    assert any("left and right" in line for line in told(elsewhere, joints[:, list(ORDER)]))
+
+
 def test_another_world(joints: Tensor) -> None:
     turn = rotvec_to_matrix(torch.tensor([torch.pi / 2, 0, 0]).to(joints))
     (line,) = told(joints, joints @ turn.mT)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import (
     BLAZEPOSE33,
@@ -16,6 +17,7 @@ from perfcap.detect.joint_set import (
     COCO17,
     COCO18,
     COCO_WHOLEBODY,
+    H36M17,
     HALPE26,
     HALPE136,
     JointSet,
@@ -30,6 +32,11 @@ MAX_PEOPLE = 1000
 KEYPOINTS = "pose_keypoints_2d"
 _SETS = (COCO17, COCO18, BODY_25, HALPE26, BLAZEPOSE33, COCO_WHOLEBODY, HALPE136)
 BY_COUNT = {len(s): s for s in _SETS}
+# joints that lie about half-way between two others: hips, chest and spine
+_H36M = ((0, 1, 4), (8, 11, 14), (7, 0, 8))
+_KINECT = ((0, 12, 16), (20, 4, 8), (1, 0, 20))
+_SEEN = 0.05  # confidence
+_HALFWAY, _THIGH = 0.1, 0.12  # of the person's size: how far off, and to joint 2 from the hips
 
 
 def read_openpose(folder: Path, video_frames: int | None = None) -> Listing:
@@ -147,7 +154,11 @@ def choose_joint_set(where: str, frames: Sequence[Sequence[Array]]) -> JointSet:
     """The joint set of the people found, by their number of joints.
 
     BODY_25 and BODY_25B both have 25: in the first, joint 8 is the middle of 9 and 12 (the hips),
-    in the second, joint 17 that of 5 and 6 (the shoulders). Where nobody is, any set will do.
+    in the second, joint 17 that of 5 and 6 (the shoulders). COCO and Human3.6M both have 17: in the
+    second, joints 0, 7 and 8 go up the spine. Where nobody is, any set will do.
+
+    Raises:
+        InputError: people of different or unknown numbers of joints, or in Kinect's order.
     """
     people = [person for candidates in frames for person in candidates]
     if not people:
@@ -161,6 +172,13 @@ def choose_joint_set(where: str, frames: Sequence[Sequence[Array]]) -> JointSet:
     if joint_set is None:
         known = ", ".join(f"{n} ({s.name})" for n, s in sorted(BY_COUNT.items()))
         raise InputError(f"{where}: people have {counts[0]} joints, expected {known}")
+    if joint_set is COCO17 and _go_up(people, _H36M) and _apart(people, 0, 2) > _THIGH:
+        return H36M17
+    if joint_set is BODY_25 and _go_up(people, _KINECT):
+        raise InputError(
+            f"{where}: joints 0, 1 and 20 go up the spine, as of Kinect's 25; expected the order "
+            "of BODY_25: write detections.npz with joint_names"
+        )
     if joint_set is BODY_25 and _off_middle(people, 17, 5, 6) < _off_middle(people, 8, 9, 12):
         return BODY_25B
     return joint_set
@@ -169,8 +187,36 @@ def choose_joint_set(where: str, frames: Sequence[Sequence[Array]]) -> JointSet:
 def _off_middle(people: Sequence[Array], joint: int, left: int, right: int) -> float:
     """Median distance of a joint from the middle of two others; infinite when never seen."""
     stacked = np.stack(people)
-    seen = stacked[(stacked[:, (joint, left, right), 2] > 0.05).all(-1)]
+    seen = stacked[_known(stacked)[:, (joint, left, right)].all(-1)]
     if not len(seen):
         return float("inf")
     middle = (seen[:, left, :2] + seen[:, right, :2]) / 2
     return float(np.nanmedian(np.linalg.norm(seen[:, joint, :2] - middle, axis=-1)))
+
+
+def _go_up(people: Sequence[Array], spine: Sequence[tuple[int, int, int]]) -> bool:
+    """Whether joints lie half-way between two others, as those of a spine do."""
+    size = _size(people)
+    return size > 0 and all(_off_middle(people, *each) < _HALFWAY * size for each in spine)
+
+
+def _apart(people: Sequence[Array], one: int, other: int) -> float:
+    """Median distance of two joints by the person's size; infinite where they are never seen."""
+    return _off_middle(people, one, other, other) / _size(people)
+
+
+def _size(people: Sequence[Array]) -> float:
+    """Median diagonal of the boxes about the joints that are seen."""
+    stacked = np.stack(people)
+    known = _known(stacked)[..., None]
+    high = np.where(known, stacked, -np.inf).max(1)
+    low = np.where(known, stacked, np.inf).min(1)
+    there = known.any((1, 2))
+    if not there.any():
+        return 0.0
+    return float(np.median(np.linalg.norm((high - low)[there, :2], axis=-1)))
+
+
+def _known(people: Array) -> NDArray[np.bool_]:
+    """Joints (N, J, 3) that are seen somewhere, (N, J)."""
+    return np.isfinite(people).all(-1) & (people[..., 2] > _SEEN)

@@ -26,7 +26,7 @@ from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
-from perfcap.io.doctor.rest import examine_rest
+from perfcap.io.doctor.shots import examine_standing
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
 
 Value = TypeVar("Value")
@@ -105,7 +105,7 @@ def examine_take(
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)
         seen = there.numpy(), detections.confidence2d.numpy()
-        moved = [] if rests else examine_rest(clip, rig.names, clip.fps, *seen)
+        moved = examine_standing(*(clip, rig.names, clip.fps, *seen), first=clip.start, rests=rests)
         # what else pixels show supposes a camera at rest
         findings += moved
         if not moved and not detected:

@@ -21,11 +21,11 @@ _GAPS = (0.5, 0.1)  # s between two images; the second where the first ones shar
 _PAIRS, _FEWEST = 8, 3  # pairs of images looked at, and that must say something
 # of the longer side, that what is behind the person moves within a pair: 0.0004 at most in 42
 # videos of cameras at rest, 0.004 and more of cameras that turn or are held in a hand
-_FAR = 0.002
+FAR = 0.002
 _SHARE = 1 / 3  # of the pairs; who follows a person with a camera stops now and then
 CONFIDENT = 0.3  # joints that say where the person is
 _MARGIN = 0.25  # about the joints, of their box
-_CORNERS = RegistrationSettings(side=320, tolerance=0.7)
+CORNERS = RegistrationSettings(side=320, tolerance=0.7)
 _REMEDY = (
     "its motion becomes the person's, and the floor is lost: film from a tripod, or give R and t "
     "of every frame in camera.json"
@@ -77,7 +77,7 @@ def background_shift(
         None of a camera at rest, or of a background that shows nothing.
     """
     moved = _moved(clip, view, rate, joints2d, confidence > CONFIDENT)
-    far = [each for each in moved if each > _FAR]
+    far = [each for each in moved if each > FAR]
     if len(moved) < _FEWEST or len(far) < max(2, _SHARE * len(moved)):
         return None
     return float(np.median(far))
@@ -98,12 +98,12 @@ def _moved(
             continue
         image = clip.read_view(view, start, start + 1)[0]
         hidden = about_joints(joints[start, seen[start]], image.shape[:2])
-        landmarks = find_landmarks(image, hidden, _CORNERS)
+        landmarks = find_landmarks(image, hidden, CORNERS)
         for gap in gaps:
             other = clip.read_view(view, start + gap, start + gap + 1)[0]
-            matrix = register(landmarks, other, _CORNERS)
+            matrix = register(landmarks, other, CORNERS)
             if matrix is not None:
-                moved.append(_shift(landmarks, matrix) / max(image.shape[:2]))
+                moved.append(median_shift(landmarks, matrix) / max(image.shape[:2]))
                 break
     return moved
 
@@ -120,7 +120,7 @@ def about_joints(joints: Array, size: tuple[int, ...]) -> NDArray[np.bool_]:
     return hidden
 
 
-def _shift(landmarks: Landmarks, matrix: Matrix) -> float:
+def median_shift(landmarks: Landmarks, matrix: Matrix) -> float:
     """How far a homography of full pixels moves the corners in the median, pixels."""
     corners = landmarks.corners.reshape(-1, 2) / landmarks.scale
     there = np.pad(corners, ((0, 0), (0, 1)), constant_values=1.0) @ matrix.T
