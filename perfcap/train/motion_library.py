@@ -112,7 +112,8 @@ class MotionLibrary:
         skeleton = read_archive(archive, ("joint_names", "parents"), _WHAT)
         names = require_skeleton(archive, skeleton, tuple({*_SOURCE, *_TURNED.values()}))
         clips = {row["clip"]: _clip(archive, row, len(names)) for row in rows}
-        require_degrees(archive, max(abs(clip["euler_zyx_deg"]).max() for clip in clips.values()))
+        angles = {name: clip["euler_zyx_deg"] for name, clip in clips.items()}
+        require_degrees(archive, angles)
         recordings = tuple(
             Recording(
                 row["clip"],
@@ -124,7 +125,8 @@ class MotionLibrary:
         motion = {recording.name: recording.landmarks for recording in recordings}
         root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
         require_motion(archive, motion, root)
-        require_own_motion(archive, motion, {row["clip"]: row["subject"] for row in rows})
+        inner = {name: values[:, 1:] for name, values in angles.items()}
+        require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
         return cls(recordings)
 
     @property
