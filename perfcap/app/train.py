@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +25,8 @@ from perfcap.train.lifter_task import LiftingTask, score_lifter
 from perfcap.train.loop import LAST, train
 from perfcap.train.motion_library import MotionLibrary
 
+_LOG = logging.getLogger(__name__)
+
 MODEL = "model"
 
 Watch = Callable[[int, Mapping[str, float]], None]
@@ -37,7 +40,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     """
     config, out = request.config, request.out
     config.require_sound()
-    library = MotionLibrary.read(request.motion)
+    library = read_library(request.motion, (*config.held_out, *config.validation))
     for path in (*request.together_with, *((request.start,) if request.start else ())):
         require_unseen(path, (*config.held_out, *config.validation), library.digest)
     others = [_lifter(path, config.lifter) for path in request.together_with]
@@ -69,6 +72,19 @@ def run_train_lifter(request: TrainLifter) -> int:
             model = LifterCommittee([trained, *others]) if others else trained
             _finish(model, request, library, learned.subjects)
     return 0
+
+
+def read_library(folder: Path, kept: Sequence[str]) -> MotionLibrary:
+    """Recorded motion; a warning says who may be the same as people kept from training.
+
+    Raises:
+        InputError: it is not what it says.
+    """
+    library = MotionLibrary.read(folder)
+    known = [name for name in kept if name in library.subjects]
+    for doubt in library.doubts(known) if known else ():
+        _LOG.warning("--motion %s: %s", folder, doubt)
+    return library
 
 
 def _lifter(path: Path, config: LifterConfig) -> Lifter:

@@ -32,6 +32,7 @@ _BENT, _ACROSS = (
 _OFTEN = 0.02  # knees a frame that bend that far
 _LOOKED_AT = 2000  # frames of a library
 _EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
+_SAME_BONES = 1e-4  # m; those of two people differ by millimetres
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -237,6 +238,37 @@ def require_own_motion(
                     f"the subjects {people[one]} and {people[other]}; list it once, or nobody can "
                     "be held out"
                 )
+
+
+def shared_bodies(
+    clips: Mapping[str, Sequence[Tensor]], kept: Sequence[str]
+) -> list[tuple[str, str]]:
+    """People with the bones of one who is kept from training, who may be that person.
+
+    None where all people have the same bones: then motion was put on a common skeleton.
+
+    Args:
+        clips: landmarks (F, 16, 3) of each person's clips.
+        kept: people who are held out.
+    """
+    place = LANDMARKS.index
+    pairs = [
+        (place(f"{side}_{a}"), place(f"{side}_{b}"))
+        for side in "lr"
+        for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+    ]
+    bones = {
+        name: torch.stack([(part[0][0][a] - part[0][0][b]).norm() for a, b in pairs])
+        for name, part in clips.items()
+    }
+
+    def alike(one: str, other: str) -> bool:
+        return bool((bones[one] - bones[other]).abs().max() < _SAME_BONES)
+
+    others = [name for name in bones if name not in kept]
+    if all(alike(name, kept[0]) for name in bones):
+        return []
+    return [(one, other) for one in kept for other in others if alike(one, other)]
 
 
 def _hashed(angles: NDArray[np.float64]) -> list[bytes]:

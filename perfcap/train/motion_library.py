@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -22,6 +22,7 @@ from perfcap.train.library_checks import (
     require_own_motion,
     require_shapes,
     require_skeleton,
+    shared_bodies,
 )
 
 RATE = 60.0  # Hz
@@ -160,6 +161,21 @@ class MotionLibrary:
                 "be those of the validation, which chooses the weights"
             )
         return self._where(lambda recording: recording.subject not in subjects)
+
+    def doubts(self, kept: Sequence[str]) -> Iterator[str]:
+        """What speaks against people who are kept from training being others than the rest."""
+        clips: dict[str, list[Tensor]] = {}
+        for recording in self.recordings:
+            clips.setdefault(recording.subject, []).append(recording.landmarks)
+        same = shared_bodies(clips, kept)
+        if same:
+            pairs = ", ".join(f"{one} and {other}" for one, other in same[:3])
+            more = ", ..." if len(same) > 3 else ""
+            yield (
+                f"the subjects {pairs}{more} have the same bones, and the first of each is kept "
+                "from training: if they are one person, give their clips one subject, or errors on "
+                "people held out are too small"
+            )
 
     def _require(self, subjects: Sequence[str]) -> None:
         unknown = sorted(set(subjects) - set(self.subjects))

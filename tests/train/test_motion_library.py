@@ -177,3 +177,19 @@ def test_people_with_blanks_about_their_names_are_the_same(tmp_path: Path) -> No
         rows[0].update(subject=" 01 ")
 
     assert MotionLibrary.read(spoiled(tmp_path, spaced)).subjects == ("01", "02")
+
+
+@pytest.mark.parametrize("same", [(), ("03",), ("02", "03")])
+def test_people_with_the_bones_of_one_who_is_held_out(tmp_path: Path, same: tuple[str]) -> None:
+    write_library(tmp_path, people=3, clips=1, frames=40)
+    with np.load(tmp_path / "clips.npz") as file:
+        arrays = {name: file[name] for name in file.files}
+    for person in same:
+        arrays[f"{person}_01/offsets_m"] = arrays["01_01/offsets_m"]
+    np.savez(tmp_path / "clips.npz", **arrays)
+    found = list(MotionLibrary.read(tmp_path).doubts(["01"]))
+    if len(same) != 1:  # all the same: a skeleton that all motion was put on
+        assert not found
+        return
+    assert len(found) == 1 and "the subjects 01 and 03 have the same bones" in found[0]
+    assert not list(MotionLibrary.read(tmp_path).doubts(["02"]))
