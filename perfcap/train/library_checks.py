@@ -25,10 +25,8 @@ _FASTEST = 12.5  # m/s, of hips
 _USUALLY = 0.5  # share of the frames
 _FULL_TURN = 6.3  # degrees that no motion stays below, radians that all do but for headings
 _RATE, _RATE_SLACK = 60.0, 0.05  # Hz, and share
-_BENT, _ACROSS = (
-    0.7,
-    0.4,
-)  # sine of a knee; share of bends about the line of the hips, measured 0.97
+_BENT = 0.7  # sine of a knee
+_ACROSS = 0.4  # share of bends about the line of the hips; of real motion it is 0.79 and more
 _OFTEN = 0.02  # knees a frame that bend that far
 _LOOKED_AT = 2000  # frames of a library
 _EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
