@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +26,8 @@ from perfcap.train.loop import LAST, train
 from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.seen_tracks import SeenTracks
 
+_LOG = logging.getLogger(__name__)
+
 MODEL = "model"
 
 Watch = Callable[[int, Mapping[str, float]], None]
@@ -38,7 +41,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     """
     config, out = request.config, request.out
     config.require_sound()
-    library = MotionLibrary.read(request.motion)
+    library = read_library(request.motion, (*config.held_out, *config.validation))
     for path in (*request.together_with, *((request.start,) if request.start else ())):
         require_unseen(path, (*config.held_out, *config.validation), library.digest)
     others = [_lifter(path, config.lifter) for path in request.together_with]
@@ -80,6 +83,19 @@ def _described(library: MotionLibrary, tracks: SeenTracks | None) -> dict[str, s
     """What is learned from, by its digests."""
     seen = {} if tracks is None else {"tracks": tracks.digest}
     return {"motion": library.digest} | seen
+
+
+def read_library(folder: Path, kept: Sequence[str]) -> MotionLibrary:
+    """Recorded motion; a warning says who may be the same as people kept from training.
+
+    Raises:
+        InputError: it is not what it says.
+    """
+    library = MotionLibrary.read(folder)
+    known = [name for name in kept if name in library.subjects]
+    for doubt in library.doubts(known) if known else ():
+        _LOG.warning("--motion %s: %s", folder, doubt)
+    return library
 
 
 def _lifter(path: Path, config: LifterConfig) -> Lifter:

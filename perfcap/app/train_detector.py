@@ -9,7 +9,7 @@ import torch
 from torch import distributed
 
 from perfcap.app.console import PlainConsole, progress_bars
-from perfcap.app.train import MODEL, make_folder, processes, tensorboard
+from perfcap.app.train import MODEL, make_folder, processes, read_library, tensorboard
 from perfcap.commands.train import TrainDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import load_actor
@@ -44,7 +44,7 @@ def run_train_detector(request: TrainDetector) -> int:
     config = request.config
     _check(config)
     config.require_sound()
-    library = MotionLibrary.read(request.motion)
+    library = read_library(request.motion, (*config.held_out, *config.validation))
     if request.start is not None:
         require_unseen(request.start, (*config.held_out, *config.validation), library.digest)
     behind, photographs = Backgrounds(request.backgrounds), _photographs(request)

@@ -68,7 +68,7 @@ def fit_doubts(cameras: Camera, detections: Detections, joints: Tensor) -> Itera
     if usual > _BESIDE_JOINTS:
         yield (
             f"the person lies {usual:.0%} of their size from the joints; check that these are in "
-            "the order of the joint set"
+            "the order of the joint set, unless the estimator errs by as much"
         )
 
 

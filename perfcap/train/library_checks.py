@@ -23,9 +23,14 @@ _INDEX_LIMIT = 16 * MEBIBYTE
 _SIZE = (0.5, 3.5)  # m, of the box around a person's joints
 _FASTEST = 12.5  # m/s, of hips
 _USUALLY = 0.5  # share of the frames
-_FULL_TURN = 6.3  # degrees that no motion stays below, radians that all do
+_FULL_TURN = 6.3  # degrees that no motion stays below, radians that all do but for headings
+_RATE, _RATE_SLACK = 60.0, 0.05  # Hz, and share
+_BENT = 0.7  # sine of a knee
+_ACROSS = 0.4  # share of bends about the line of the hips; of real motion it is 0.79 and more
+_OFTEN = 0.02  # knees a frame that bend that far
 _LOOKED_AT = 2000  # frames of a library
 _EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
+_SAME_BONES = 1e-4  # m; those of two people differ by millimetres
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -39,7 +44,8 @@ def read_index(path: Path) -> list[dict[str, str]]:
     lacking = [name for name in ("clip", "subject") if name not in (lines.fieldnames or ())]
     if lacking:
         raise InputError(f"{path}: has no column {' and '.join(lacking)}; expected {_INDEX}")
-    rows = [row for row in lines if "glitch" not in (row.get("remark") or "")]
+    cells = [{key: (row[key] or "").strip() for key in lines.fieldnames or ()} for row in lines]
+    rows = [row for row in cells if "glitch" not in row.get("remark", "")]
     seen: set[str] = set()
     for row in rows:
         if not row["clip"] or not row["subject"]:
@@ -105,6 +111,15 @@ def require_shapes(
             f"{path}: clip {row['clip']} has {frames} frames, the index says {said} "
             "(frames_60hz); expected 60 a second"
         )
+    try:
+        rate = frames / float(row.get("seconds") or frames / _RATE)
+    except (ValueError, ZeroDivisionError):
+        return
+    if abs(rate / _RATE - 1) > _RATE_SLACK and frames > _RATE:  # seconds may be rounded
+        raise InputError(
+            f"{path}: clip {row['clip']} has {frames} frames, the index says {row['seconds']} "
+            f"seconds, which is {rate:.3g} a second; expected 60: resample it"
+        )
 
 
 def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, Tensor]) -> None:
@@ -142,23 +157,62 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
         )
     for finding in examine_sides(str(path), points):
         raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+    across = _bends_across(points)
+    if across is not None and across < _ACROSS:
+        raise InputError(
+            f"{path}: knees bend sideways ({across:.0%} of their bends are about the line through "
+            "the hips); expected angles about z, y and x in this order, each column its axis: "
+            "sort or convert euler_zyx_deg"
+        )
 
 
-def require_degrees(path: Path, largest: float) -> None:
-    """Refuse angles that are all within a full turn of radians.
+def _bends_across(points: Tensor) -> float | None:
+    """Share of the bends of knees (F, 16, 3) about the hips' line, -1 to 1; None if few bend."""
+    place = {name: points[:, k] for k, name in enumerate(LANDMARKS)}
+    hips = torch.nn.functional.normalize(place["l_hip"] - place["r_hip"], dim=-1)
+    shares, bends = [], []
+    for side in "lr":
+        thigh, shank = (
+            torch.nn.functional.normalize(place[f"{side}_{b}"] - place[f"{side}_{a}"], dim=-1)
+            for a, b in (("hip", "knee"), ("knee", "ankle"))
+        )
+        normal = torch.linalg.cross(thigh, shank)
+        bend = normal.norm(dim=-1)
+        shares.append(((normal * hips).sum(-1))[bend > _BENT])
+        bends.append(bend[bend > _BENT])
+    total = torch.cat(bends)
+    if len(total) < _OFTEN * len(points):
+        return None
+    return float(torch.cat(shares).sum() / total.sum())
+
+
+def require_degrees(path: Path, angles: Mapping[str, NDArray[np.float64]]) -> None:
+    """Refuse clips whose angles (F, J, 3) are those of radians, but for the first joint's.
+
+    That one's is a heading, which grows from turn to turn.
 
     Raises:
         InputError: they are, and something turns at all.
     """
-    if 0 < largest < _FULL_TURN:
-        raise InputError(
-            f"{path}: no angle is above {largest:.3g} degrees; they look like radians: multiply "
-            "euler_zyx_deg by 57.2958"
-        )
+    for name, values in angles.items():
+        largest = float(np.median(np.abs(values[:, 1:]).max((1, 2)))) if values.shape[1] > 1 else 0
+        if 0 < largest < _FULL_TURN:
+            raise InputError(
+                f"{path}: clip {name}: angles are up to {largest:.3g} degrees in most frames; they "
+                "look like radians: multiply euler_zyx_deg by 57.2958"
+            )
 
 
-def require_own_motion(path: Path, clips: Mapping[str, Tensor], people: Mapping[str, str]) -> None:
+def require_own_motion(
+    path: Path, clips: Mapping[str, NDArray[np.float64]], people: Mapping[str, str]
+) -> None:
     """Refuse one motion, or a part of one, under two people, of whom one could be held out.
+
+    Args:
+        path: of the library, for messages.
+        clips: angles of the joints but the first, which are the same wherever somebody goes and
+            however long their bones are, (F, ...) by name.
+        people: subjects by name.
 
     Raises:
         InputError: names the clips.
@@ -184,7 +238,38 @@ def require_own_motion(path: Path, clips: Mapping[str, Tensor], people: Mapping[
                 )
 
 
-def _hashed(points: Tensor) -> list[bytes]:
-    """Frames (F, 16, 3) to a tenth of a millimetre, a few bytes each."""
-    rounded = np.rint(1e4 * points.numpy()).astype(np.int32)
+def shared_bodies(
+    clips: Mapping[str, Sequence[Tensor]], kept: Sequence[str]
+) -> list[tuple[str, str]]:
+    """People with the bones of one who is kept from training, who may be that person.
+
+    None where all people have the same bones: then motion was put on a common skeleton.
+
+    Args:
+        clips: landmarks (F, 16, 3) of each person's clips.
+        kept: people who are held out.
+    """
+    place = LANDMARKS.index
+    pairs = [
+        (place(f"{side}_{a}"), place(f"{side}_{b}"))
+        for side in "lr"
+        for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+    ]
+    bones = {
+        name: torch.stack([(part[0][0][a] - part[0][0][b]).norm() for a, b in pairs])
+        for name, part in clips.items()
+    }
+
+    def alike(one: str, other: str) -> bool:
+        return bool((bones[one] - bones[other]).abs().max() < _SAME_BONES)
+
+    others = [name for name in bones if name not in kept]
+    if all(alike(name, kept[0]) for name in bones):
+        return []
+    return [(one, other) for one in kept for other in others if alike(one, other)]
+
+
+def _hashed(angles: NDArray[np.float64]) -> list[bytes]:
+    """Frames (F, ...) of degrees to a hundredth, a few bytes each."""
+    rounded = np.rint(1e2 * angles).astype(np.int32)
     return [hashlib.blake2b(frame.tobytes(), digest_size=12).digest() for frame in rounded]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -22,6 +22,7 @@ from perfcap.train.library_checks import (
     require_own_motion,
     require_shapes,
     require_skeleton,
+    shared_bodies,
 )
 
 RATE = 60.0  # Hz
@@ -112,7 +113,8 @@ class MotionLibrary:
         skeleton = read_archive(archive, ("joint_names", "parents"), _WHAT)
         names = require_skeleton(archive, skeleton, tuple({*_SOURCE, *_TURNED.values()}))
         clips = {row["clip"]: _clip(archive, row, len(names)) for row in rows}
-        require_degrees(archive, max(abs(clip["euler_zyx_deg"]).max() for clip in clips.values()))
+        angles = {name: clip["euler_zyx_deg"] for name, clip in clips.items()}
+        require_degrees(archive, angles)
         recordings = tuple(
             Recording(
                 row["clip"],
@@ -124,7 +126,8 @@ class MotionLibrary:
         motion = {recording.name: recording.landmarks for recording in recordings}
         root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
         require_motion(archive, motion, root)
-        require_own_motion(archive, motion, {row["clip"]: row["subject"] for row in rows})
+        inner = {name: values[:, 1:] for name, values in angles.items()}
+        require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
         return cls(recordings)
 
     @property
@@ -158,6 +161,21 @@ class MotionLibrary:
                 "be those of the validation, which chooses the weights"
             )
         return self._where(lambda recording: recording.subject not in subjects)
+
+    def doubts(self, kept: Sequence[str]) -> Iterator[str]:
+        """What speaks against people who are kept from training being others than the rest."""
+        clips: dict[str, list[Tensor]] = {}
+        for recording in self.recordings:
+            clips.setdefault(recording.subject, []).append(recording.landmarks)
+        same = shared_bodies(clips, kept)
+        if same:
+            pairs = ", ".join(f"{one} and {other}" for one, other in same[:3])
+            more = ", ..." if len(same) > 3 else ""
+            yield (
+                f"the subjects {pairs}{more} have the same bones, and the first of each is kept "
+                "from training: if they are one person, give their clips one subject, or errors on "
+                "people held out are too small"
+            )
 
     def _require(self, subjects: Sequence[str]) -> None:
         unknown = sorted(set(subjects) - set(self.subjects))

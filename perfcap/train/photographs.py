@@ -26,6 +26,8 @@ _NORMALISED = 2.0  # pixels: nobody is so small
 _PEOPLE, _UPRIGHT = 20, 0.35  # and share of them: of athletes and gymnasts it is 0.68
 _ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "lr"]
 _QUARTER = 0.55  # of the sides: labels of copies half as large end there
+_OUTSIDE = 0.05  # of the joints: who is cut off has some
+_NOWHERE = ((0, 0), (-1, -1))  # where programs put what they do not know
 _HEADER = 2**18  # bytes that say how large a photograph is
 _FEWEST = 6  # joints that say where somebody is
 _LIMIT = 256 * 2**20  # bytes of annotations
@@ -172,7 +174,7 @@ def _require_images(
 
     Before the first step: a training would come to some of them after hours.
     """
-    reach = []
+    reach, outside, known = [], 0, 0
     for person, entry in zip(people, entries, strict=True):
         size, told = _size(person.path), (entry.get("width"), entry.get("height"))
         if size is None:
@@ -185,12 +187,30 @@ def _require_images(
             )
         if np.isfinite(person.joints2d).any():
             reach.append(np.nanmax(person.joints2d, 0) / size)
+        there = np.isfinite(person.joints2d).all(-1)
+        outside += min(int((_beyond(person.joints2d, way) & there).sum()) for way in _ways(size))
+        known += int(there.sum())
+    if len(reach) >= _PEOPLE and outside > _OUTSIDE * known:
+        raise InputError(
+            f"{path}: {outside / known:.0%} of the joints lie outside of their photographs; "
+            "expected pixels of these very files, and joints of the person in each"
+        )
     farthest = float(np.max(reach)) if reach else 1.0
     if len(reach) >= _PEOPLE and farthest < _QUARTER:
         raise InputError(
             f"{path}: joints of all {len(reach)} people lie in the upper left quarter of their "
             "photographs; expected pixels of these very files, not of smaller copies"
         )
+
+
+def _beyond(joints: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which joints (J, 2) lie outside of a photograph of a width and a height."""
+    return np.asarray(((joints < -1) | (joints > np.array(size))).any(-1))
+
+
+def _ways(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """A photograph's size by its header, and as it is when the camera was held upright."""
+    return size, size[::-1]
 
 
 def _size(path: Path) -> tuple[int, int] | None:
@@ -231,6 +251,11 @@ def _annotation(
     joints = np.full((len(LANDMARKS), 2), np.nan, np.float32)
     for landmark, column in columns.items():
         if rows[column, 2] > 0:
+            if tuple(rows[column, :2]) in _NOWHERE:
+                raise InputError(
+                    f"{path}: {landmark} of {name} is visible at {rows[column, 0]:g}, "
+                    f"{rows[column, 1]:g}; expected a pixel, or 0 for visible where it is unknown"
+                )
             joints[LANDMARKS.index(landmark)] = rows[column, :2] - 0.5
     file = folder / name if (folder / name).is_file() else folder / IMAGES / name
     return Annotation(file, joints)

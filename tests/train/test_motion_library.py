@@ -95,9 +95,47 @@ def half_rate(arrays: Arrays, _: Rows) -> None:
             arrays[name] = arrays[name][::2]
 
 
+def half_rate_as_counted(arrays: Arrays, rows: Rows) -> None:
+    """Two seconds at 30 Hz, which the index has right."""
+    for name in arrays:
+        if name.endswith(("euler_zyx_deg", "root_m")):
+            arrays[name] = np.tile(arrays[name], (2, *[1] * (arrays[name].ndim - 1)))
+    for row in rows:
+        row.update(frames_60hz="80", seconds="2.67")
+
+
+def radians_that_turn(arrays: Arrays, _: Rows) -> None:
+    """Radians, of a person who turned twice."""
+    for name in arrays:
+        if name.endswith("euler_zyx_deg"):
+            arrays[name] = np.radians(arrays[name])
+            arrays[name][:, 0, 1] += 4 * np.pi
+
+
+def carried(arrays: Arrays, rows: Rows) -> None:
+    """One person's motion elsewhere, by a taller body, as another's."""
+    copied(arrays, rows)
+    arrays["02_01/root_m"] = 1.1 * arrays["02_01/root_m"] + np.float32([2, 0, 1])
+    arrays["02_01/offsets_m"] = 1.1 * arrays["02_01/offsets_m"]
+
+
+def crouching(arrays: Arrays, order: tuple[int, ...] = (0, 1, 2)) -> None:
+    """Knees that bend, columns of angles in another order."""
+    names = arrays["joint_names"].tolist()
+    for clip in ("01_01", "02_01"):
+        angles = arrays[f"{clip}/euler_zyx_deg"]
+        for side in ("Left", "Right"):
+            angles[:, names.index(f"{side}Leg"), 2] += 60.0
+        arrays[f"{clip}/euler_zyx_deg"] = angles[..., list(order)]
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
+        (half_rate_as_counted, "has 80 frames, the index says 2.67 seconds, which is 30 a second"),
+        (radians_that_turn, "they look like radians"),
+        (carried, "clips 01_01 and 02_01 are the same motion"),
+        (lambda arrays, _: crouching(arrays, (2, 1, 0)), "knees bend sideways"),
         (scaled("offsets_m", 100), "joints span .* give offsets_m in metres"),
         (scaled("offsets_m", 0.01), "joints span .* give offsets_m in metres"),
         (scaled("root_m", 1000), "the root moves at .* give root_m in metres"),
@@ -131,3 +169,27 @@ def test_remarks_and_counts_may_be_missing(tmp_path: Path) -> None:
             del row["remark"], row["frames_60hz"], row["seconds"]
 
     assert MotionLibrary.read(spoiled(tmp_path, spare)).subjects == ("01", "02")
+
+
+def test_people_with_blanks_about_their_names_are_the_same(tmp_path: Path) -> None:
+    def spaced(arrays: Arrays, rows: Rows) -> None:
+        crouching(arrays)
+        rows[0].update(subject=" 01 ")
+
+    assert MotionLibrary.read(spoiled(tmp_path, spaced)).subjects == ("01", "02")
+
+
+@pytest.mark.parametrize("same", [(), ("03",), ("02", "03")])
+def test_people_with_the_bones_of_one_who_is_held_out(tmp_path: Path, same: tuple[str]) -> None:
+    write_library(tmp_path, people=3, clips=1, frames=40)
+    with np.load(tmp_path / "clips.npz") as file:
+        arrays = {name: file[name] for name in file.files}
+    for person in same:
+        arrays[f"{person}_01/offsets_m"] = arrays["01_01/offsets_m"]
+    np.savez(tmp_path / "clips.npz", **arrays)
+    found = list(MotionLibrary.read(tmp_path).doubts(["01"]))
+    if len(same) != 1:  # all the same: a skeleton that all motion was put on
+        assert not found
+        return
+    assert len(found) == 1 and "the subjects 01 and 03 have the same bones" in found[0]
+    assert not list(MotionLibrary.read(tmp_path).doubts(["02"]))

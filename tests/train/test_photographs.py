@@ -87,7 +87,7 @@ def test_photographs_that_are_not_there(tmp_path: Path) -> None:
         Photographs(write(tmp_path / "p", images=images), 64, 1.8)
 
 
-@pytest.mark.parametrize("spoil", ["smaller", "said", "turned", "none"])
+@pytest.mark.parametrize("spoil", ["smaller", "larger", "said", "turned", "none"])
 def test_annotations_of_copies_of_another_size(tmp_path: Path, spoil: str) -> None:
     rng = np.random.default_rng(0)
     images: list[dict[str, Any]] = []
@@ -95,6 +95,8 @@ def test_annotations_of_copies_of_another_size(tmp_path: Path, spoil: str) -> No
         joints = np.concatenate([rng.uniform(5, 55, (14, 2)), np.ones((14, 1))], 1)
         if spoil == "smaller":
             joints[:, :2] /= 2
+        elif spoil == "larger":
+            joints[:, :2] *= 2
         images.append({"file": "one.png", "joints": joints.tolist()})
         sizes = {"said": (120, 160), "turned": (80, 60), "none": (60, 80)}
         if spoil in sizes:
@@ -103,9 +105,20 @@ def test_annotations_of_copies_of_another_size(tmp_path: Path, spoil: str) -> No
     if spoil in ("turned", "none"):
         assert len(Photographs(folder, 64, 1.8)) == 20
         return
-    words = "upper left quarter" if spoil == "smaller" else "120x160 pixels, it has 60x80"
+    words = {"smaller": "upper left quarter", "larger": "lie outside of their photographs"}.get(
+        spoil, "120x160 pixels, it has 60x80"
+    )
     with pytest.raises(InputError, match=words):
         Photographs(folder, 64, 1.8)
+
+
+@pytest.mark.parametrize("nowhere", [(0, 0), (-1, -1)])
+def test_unknown_joints_that_count_as_visible(tmp_path: Path, nowhere: tuple[int, int]) -> None:
+    joints = [[30, 35, 1]] * 13 + [[*nowhere, 1]]
+    with pytest.raises(InputError, match=f"is visible at {nowhere[0]}, {nowhere[1]}; expected a"):
+        Photographs(write(tmp_path / "p", joints), 64, 1.8)
+    joints[-1][2] = 0
+    assert len(Photographs(write(tmp_path / "q", joints), 64, 1.8)) == 1
 
 
 def test_other_joints_are_other_data(tmp_path: Path) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -54,7 +55,20 @@ def read_colmap(path: Path, default_sizes: Sequence[tuple[int, int]] | None = No
     groups = _by_view(images)
     views = [_view(folder, name, group, lenses) for name, group in groups.items()]
     note = f"{folder}: COLMAP models have no scale of their own; translations are read as metres"
-    return make_rig(str(folder), views, default_sizes=default_sizes, warnings=[note])
+    rig = make_rig(str(folder), views, default_sizes=default_sizes, warnings=[note])
+    left_out = next(filter(None, map(_left_out, groups.values())), "")
+    return replace(rig, left_out=left_out)
+
+
+def _left_out(images: Sequence[_Image]) -> str:
+    """The image before which COLMAP placed none or jumps, by the numbers in their names."""
+    found = [re.search(r"(\d+)\D*$", PurePosixPath(image.name).stem) for image in images]
+    numbers = [int(match[1]) for match in found if match is not None]
+    if len(images) < 2 or len(numbers) < len(images):
+        return ""
+    start = min(numbers[0], 1)  # the first is called 0 or 1
+    late = (k for k, number in enumerate(numbers) if number != start + k)
+    return next((images[k].name for k in late), "")
 
 
 def _by_view(images: Sequence[_Image]) -> dict[str, list[_Image]]:
@@ -117,7 +131,15 @@ def _read_lenses(path: Path) -> dict[int, _Lens]:
 def _read_images(path: Path) -> list[_Image]:
     """Every other line is an image; the one after it holds its points and may be empty."""
     images = []
-    for number, line in _lines(path)[::2]:
+    lines = _lines(path)
+    for number, line in lines[1::2]:
+        last = line.split()[-1:]  # of x, y and the number of a point, or the name of an image
+        if last and not last[0].lstrip("-").isdecimal():
+            raise InputError(
+                f"{path}: line {number}: ends in {last[0]:.40}, expected the points of the image "
+                "before it; each image takes two lines, the second may be empty"
+            )
+    for number, line in lines[::2]:
         fields = line.split(maxsplit=9)
         where = f"{path}: line {number}"
         if len(fields) != 10:

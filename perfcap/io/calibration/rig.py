@@ -29,6 +29,8 @@ class CameraRig:
             pixel centres are at integers: 0, or -0.5 where the file counts from the image corner.
         warnings: what a user should know about how the file was read.
         guessed: whether the focal length is a guess, with nothing to go by.
+        left_out: the first of a moving camera's images that is not numbered like its pose, where
+            poses of images before it are missing.
     """
 
     names: tuple[str, ...]
@@ -37,6 +39,7 @@ class CameraRig:
     pixel_offset: float = 0.0
     warnings: tuple[str, ...] = ()
     guessed: bool = False
+    left_out: str = ""
 
     def __post_init__(self) -> None:
         if self.fps is not None:

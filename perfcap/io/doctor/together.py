@@ -54,7 +54,8 @@ def camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
     """The cameras of the clip's part; fixed ones are the same for every frame.
 
     Raises:
-        InputError: moving ones are fewer than the frames, or more than the video's.
+        InputError: moving ones are fewer than the frames, or more than the video's, or lack some
+            in between.
     """
     if not rig.cameras.moving:
         return rig
@@ -68,5 +69,11 @@ def camera_frames(rig: CameraRig, clip: Clip, frames: int) -> CameraRig:
         raise InputError(
             f"--cameras: has {count} frames, the video {clip.total}; expected a camera for every "
             "frame, counted from the first of the video"
+        )
+    if rig.left_out and (clip.total is None or count < clip.total):
+        raise InputError(
+            f"--cameras: has {count} poses, but none of images before {rig.left_out}, and the "
+            "video has more frames; expected a pose for every frame, from the first: register the "
+            "images that are missing, or capture a folder of those that have poses"
         )
     return replace(rig, cameras=rig.cameras.frames(slice(clip.start, clip.start + frames)))
