@@ -58,7 +58,7 @@ LONG = (
     "detector_noise", "detector_photographs", "export_check", "filmed_tracks",
     "finetune_through_solver",
     "hand_held", "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lens",
-    "lifter_motion",
+    "lifter_films", "lifter_motion",
     "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",
     "moved_cameras", "orbit_frames", "paired_or_soft", "people_detected", "people_labels",
     "people_memory", "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",

@@ -90,16 +90,23 @@ class Tracked:
 
 def run(config: Experiment) -> Report:
     """Make videos, follow the people in them, keep the tracks; how far they are off."""
-    everything = list(tracks(config))
-    made = [track for track in everything if np.nanmedian(_off(track)) < _FOLLOWED]
+    made = write_tracks(config)
+    title = f"joints beside the truth, percent of the height, {len(made)} of {config.count} videos"
+    return Report((Table(title, ("landmark", "median", "90 %"), _rows(made)),))
+
+
+def write_tracks(config: Experiment, *, all_of_them: bool = False) -> list[Tracked]:
+    """Make tracks and keep them in a file: of people who were followed, or all of them."""
+    made = list(tracks(config))
+    if not all_of_them:
+        made = [track for track in made if np.nanmedian(_off(track)) < _FOLLOWED]
     stacked = {
         name: np.stack([getattr(track, name) for track in made])
         for name in Tracked.__dataclass_fields__
     }
     config.out.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(config.out, **stacked)
-    title = f"joints beside the truth, percent of the height, {len(made)} of {config.count} videos"
-    return Report((Table(title, ("landmark", "median", "90 %"), _rows(made)),))
+    return made
 
 
 def tracks(config: Experiment) -> Iterator[Tracked]:

@@ -19,7 +19,7 @@ from perfcap.train.motion_library import MotionLibrary, Recording
 
 _MM = 1000.0
 # as measured on a real recording (``detector_noise.py``), and a half more
-_MEASURED = replace(DetectorNoise(), spread=0.0, absent=0.0, hidden=0.0)
+_MEASURED = replace(DetectorNoise(), spread=0.0, slips=0.0, absent=0.0, hidden=0.0)
 _NOISES = (("measured", _MEASURED), ("as trained", DetectorNoise()))
 _BANDS = (0.0, 0.03, 0.05, 0.08, 0.12, 0.2, 10.0)  # m, of expected errors
 

@@ -91,7 +91,9 @@ def find_vertical(
     apart = np.degrees(np.arccos((tried @ start).clip(-1, 1)))
     chosen = int((support * np.exp(-0.5 * (apart / settings.spread) ** 2)).argmax())
     best = float(support[chosen])
-    if best < settings.support or best < settings.contrast * float(np.median(support)):
+    # about the direction itself: what is usual about the start depends on where that happens to be
+    others = _support(_around(tried[chosen], settings.cone, 2 * _STEP), normals, lengths, settings)
+    if best < settings.support or best < settings.contrast * float(np.median(others)):
         return None
     near = _around(tried[chosen], 2 * _STEP, _FINER)
     up: Array = near[int(_support(near, normals, lengths, settings).argmax())]

@@ -44,7 +44,7 @@ class LensConfig(Settings):
     fewest: int = 15
     spread: float = 0.4
     steps: int = 60
-    shown: float = 1.0
+    shown: float = 1.5
 
 
 @dataclass(frozen=True)
