@@ -77,6 +77,23 @@ def test_a_shrunk_image_and_frames_of_a_camera_that_turns() -> None:
     assert found is not None and degrees(found, first @ UP) < 0.6
 
 
+@pytest.mark.parametrize("degrees_off", [-12, -8, 8, 12])
+def test_it_does_not_matter_where_the_search_starts(degrees_off: float) -> None:
+    """Poles that lean to one side are no more usual about one start than about another."""
+    image = room(np.eye(3), posts=6, slanted=0)
+    rng = np.random.default_rng(0)
+    for lean in np.radians(rng.uniform(10, 34, 45)):
+        middle, half = (
+            rng.uniform([60, 60], [580, 420]),
+            45 * np.array([np.sin(lean), -np.cos(lean)]),
+        )
+        one, two = np.rint([middle - half, middle + half]).astype(int).tolist()
+        cv2.line(image, one, two, (40, 60, 50), 4, cv2.LINE_AA)
+    off = np.radians(degrees_off)
+    found = find_vertical([sight(np.eye(3), image)], np.array([np.sin(off), -np.cos(off), 0.0]))
+    assert found is not None and degrees(found, UP) < 0.6
+
+
 def test_what_shows_nothing() -> None:
     """No edges, edges all over, one post, posts where a person may be, a start far away."""
     rotation = camera(10.0, 0.0)
