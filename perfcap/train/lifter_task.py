@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
+from perfcap.errors import InputError
 from perfcap.geometry.alignment import similarity_align
 from perfcap.train.config import LifterConfig, LiftingData, LiftingLoss
 from perfcap.train.lifter import Lifter
@@ -34,6 +35,9 @@ class LiftingTask:
         dense: share of the training, at its end, that learns from whole tracks.
         tracks: of videos, to learn from as well.
         device: where to compute, and to make batches.
+
+    Raises:
+        InputError: tracks that are shorter than what is learned from.
     """
 
     model: Lifter
@@ -55,11 +59,16 @@ class LiftingTask:
             torch.manual_seed(seed)
             self.model = Lifter(config).to(self._device)
         simulated = LiftingSamples(library, data, seed, self._device)
+        self._span = 2 * config.reach + 1
+        needed = max(self._span, data.frames)
+        if tracks is not None and tracks.plane.shape[1] < needed:
+            raise InputError(
+                f"tracks: have {tracks.plane.shape[1]} frames each; expected {needed} or more"
+            )
         mixed = None if tracks is None else MixedSamples(simulated, tracks, data, seed)
         self._samples = mixed or simulated
         self._validation = LiftingSamples(validation, as_recorded(data), _VALIDATION_SEED)
         self._loss, self._dense = loss, dense
-        self._span = 2 * config.reach + 1
 
     def loss(self, number: int, size: int, progress: float = 1.0) -> dict[str, Tensor]:
         """Mean joint error (m) of a batch, with the parts that smooth it and tell its size.

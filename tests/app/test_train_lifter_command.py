@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from motion_files import write_library
@@ -77,3 +78,35 @@ def test_people_held_out_were_never_learned_from(
     again[again.index(library)] = other
     assert perfcap(again).code == 0
     assert "has learned from other motion, of which it held out 03, 02" in caplog.text
+
+
+def write_tracks(path: Path, frames: int, seed: int = 0) -> Path:
+    rng = np.random.default_rng(seed)
+    truth = rng.normal(0, 0.3, (3, frames, 16, 3)) + np.array([0, 0, 4.0])
+    lens = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
+    pixels = truth @ lens.T
+    np.savez(
+        path,
+        joints2d=pixels[..., :2] / pixels[..., 2:],
+        confidence=np.ones(truth.shape[:3]),
+        truth=truth,
+        intrinsics=np.tile(lens, (3, 1, 1)),
+    )
+    return path
+
+
+def test_tracks_of_videos_are_learned_from(perfcap: Command, library: Path, tmp_path: Path) -> None:
+    tracks = write_tracks(tmp_path / "tracks.npz", 90)
+    call = ["train", "lifter", "--motion", library, *TINY, "--data.seen", 1]
+    assert perfcap([*call, "--out", tmp_path / "a", "--tracks", tracks]).code == 0
+    assert perfcap([*call, "--out", tmp_path / "b"]).code == 0
+    first, second = (
+        load_checkpoint(tmp_path / run / "last.safetensors").part("model") for run in "ab"
+    )
+    assert any(not torch.equal(first[name], second[name]) for name in first)
+    other = write_tracks(tmp_path / "other.npz", 90, seed=1)
+    resumed = perfcap([*call, "--out", tmp_path / "a", "--tracks", other, "--resume"]).refused()
+    assert "another configuration" in resumed
+    short = write_tracks(tmp_path / "short.npz", 40)
+    refused = perfcap([*call, "--out", tmp_path / "c", "--tracks", short]).refused()
+    assert "have 40 frames each; expected 81 or more" in refused
