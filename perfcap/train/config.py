@@ -101,7 +101,7 @@ class LiftingData:
     recombined: float = 0.5  # share of tracks with the arms or the upper body of another clip
     loosened: float = 6.0  # degrees, deviation that limbs are turned by for a whole track
     swung: float = 2.5  # factor of it for arms
-    seen: float = 0.5  # share of tracks that networks found in videos, where some are given
+    seen: float = 0.25  # share of tracks that networks found in videos, where some are given
     noise: DetectorNoise = field(default_factory=DetectorNoise)
 
 
