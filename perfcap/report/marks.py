@@ -20,6 +20,7 @@ _FRAMES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("refinement", "cropped"), "note", "cut off by the border of an image"),
 )
 _MOST = 200  # marks of a kind
+_LONGEST = 200  # letters of a reason
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,17 @@ def marks(report: Mapping[str, Any], first: int, stop: int) -> list[Mark]:
         value = _value(report, keys)
         numbers = [n for n in value if _is_index(n)] if isinstance(value, list) else []
         found += _within(_runs(numbers), first, stop, kind, text)
+    return found + _not_trusted(report, first, stop)
+
+
+def _not_trusted(report: Mapping[str, Any], first: int, stop: int) -> list[Mark]:
+    """What ``Trust.report`` says of the frames, each stretch with its own reason."""
+    stretches = _value(report, ("quality", "not_trusted"))
+    found: list[Mark] = []
+    for stretch in (stretches if isinstance(stretches, list) else [])[:_MOST]:
+        span, reason = (_value({"of": stretch}, ("of", key)) for key in ("frames", "reason"))
+        why = f": {reason[:_LONGEST]}" if isinstance(reason, str) else ""
+        found += _within(_pairs([span]), first, stop, "odd", f"not to be trusted{why}")
     return found
 
 

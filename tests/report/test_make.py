@@ -199,6 +199,7 @@ def test_a_report_that_makes_no_sense_is_not_believed(folder: Path) -> None:
         "energy": {"<i>": [1.0] * FRAMES, "short": [1.0], "mixed": [None, "x"] * 6},
         "refinement": {"pose": [], "mask_confidence": "high", "scene_cuts": [5, "x", -1, 6]},
         "not_captured": [[4, 6], [1], "x"],
+        "quality": {"not_trusted": [3, {"frames": [2, "x"]}, {"frames": [7, 9], "reason": 4}]},
         "packages": [],
         "views": "left",
         "peak_memory_mib": None,
@@ -206,9 +207,24 @@ def test_a_report_that_makes_no_sense_is_not_believed(folder: Path) -> None:
     change(folder, lambda run: run.update(nonsense))
     html, data, _ = read(make_report(folder))
     assert "<img" not in html and "&lt;img" in html
-    assert [mark["text"] for mark in data["marks"]] == ["not captured", "scene cut"]
+    assert [mark["text"] for mark in data["marks"]] == [
+        "not captured",
+        "scene cut",
+        "not to be trusted",
+    ]
     energy = next(chart for chart in data["charts"] if chart["title"] == "Energy")
     assert [line["name"] for line in energy["lines"]] == ["<i>", "mixed"]
+
+
+def test_frames_that_are_not_to_be_trusted_are_listed_with_their_reason(folder: Path) -> None:
+    doubt = {"frames": [4, 6], "reason": "<b>depth</b> is a guess"}
+    change(folder, lambda run: run.update(quality={"not_trusted": [doubt]}))
+    html, data, _ = read(make_report(folder))
+    (mark,) = (m for m in data["marks"] if "trusted" in m["text"])
+    assert (mark["start"], mark["stop"], mark["kind"]) == (4, 6, "odd")
+    assert "not to be trusted: &lt;b&gt;depth" in html and "every frame was solved" not in text(
+        html
+    )
 
 
 @pytest.mark.parametrize("name", ["run.json", "motion.npz", "capture.glb", "surface.npz"])
