@@ -170,6 +170,7 @@ Mask = NDArray[np.bool_]
 _NUMBER = re.compile(r".*?([0-9]{1,18})")
 _HEADER = 1 << 16  # bytes in which an image says its size
 _WHITE = 0.75  # of the greatest value: what reaches it is white on black, below are labels
+_LABELS = 32  # more of them are shades
 
 
 @dataclass(frozen=True)
@@ -278,7 +279,15 @@ def _read(path: Path, size: tuple[int, int]) -> Mask:
         image = image[..., 3] if cut_out else image[..., :3].max(-1)
     top = float(image.max())
     full = float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else 1.0
-    inside: Mask = image > (top / 2 if top >= _WHITE * full else 0)
+    if top >= _WHITE * full:
+        return _above(image, top / 2)
+    # shares of a matting network that is nowhere sure, rather than numbers of people or parts
+    shades = len(np.unique(image[image > 0])) > _LABELS
+    return _above(image, full / 2 if shades else 0)
+
+
+def _above(image: NDArray[Any], limit: float) -> Mask:
+    inside: Mask = image > limit
     return inside
 
 

@@ -118,6 +118,11 @@ class Evidence:
             return np.zeros(0, np.int64)
         return np.flatnonzero(agreement < min(AGREES, self.usual_agreement - _UNUSUAL))
 
+    @property
+    def beside(self) -> NDArray[np.int64]:
+        """Frames with a known mask that lies beside the captured body."""
+        return np.flatnonzero([any(report.beside for report in row) for row in self.reports])
+
     def odd(self, overlap: NDArray[np.float64]) -> NDArray[np.int64]:
         """Frames whose mask is less sure, and less like the posed body, than is usual in the clip.
 

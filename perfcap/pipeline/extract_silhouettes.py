@@ -42,6 +42,7 @@ _LIMBS = (
 FEET = tuple(i for i, (_, end) in enumerate(_LIMBS) if end in ("r_toe", "l_toe"))
 
 _ASKED = 5  # frames of a stretch in which a network is compared with the other cues
+_BESIDE = 0.3  # overlap with the captured body, below which a known mask is of something else
 
 
 def extract_silhouettes(
@@ -80,7 +81,10 @@ def extract_silhouettes(
         given = {} if known is None else _known(known, block)
         found = iter(source.segment(block, given))
         made = [
-            given_record(given[f]) if f in given else _record(next(found)) for f in block.wanted
+            given_record(given[f], source.draw(block.view, f))
+            if f in given
+            else _record(next(found))
+            for f in block.wanted
         ]
         give_back()
         return made
@@ -225,7 +229,7 @@ class SilhouetteSource:
 
     def _survey(self, view: int, frames: list[int]) -> Scene:
         images = self._samples(view, frames)
-        models = list(ordered_map(partial(self._draw, view), frames, self.workers))
+        models = list(ordered_map(partial(self.draw, view), frames, self.workers))
         self._drawn = {
             (view, frame): np.packbits(model) for frame, model in zip(frames, models, strict=True)
         }
@@ -243,10 +247,11 @@ class SilhouetteSource:
     def _model(self, view: int, frame: int, block: FrameBlock) -> Mask:
         """The model's silhouette; that of frames around a block does not matter."""
         if frame in block.wanted:
-            return self._draw(view, frame)
+            return self.draw(view, frame)
         return np.zeros(self.sight.cameras.size[view], np.bool_)
 
-    def _draw(self, view: int, frame: int) -> Mask:
+    def draw(self, view: int, frame: int) -> Mask:
+        """The model's silhouette in a frame, (H, W)."""
         size, drawn = self.sight.cameras.size[view], self._drawn.get((view, frame))
         if drawn is not None:
             return np.unpackbits(drawn, count=size[0] * size[1]).reshape(size).view(np.bool_)
@@ -286,11 +291,23 @@ def _known(masks: KnownMasks, block: FrameBlock) -> dict[int, Mask]:
     return {frame: mask for frame, mask in found.items() if mask is not None}
 
 
-def given_record(mask: Mask) -> MaskRecord:
-    """Of a mask that nobody here has found: it is believed."""
+def given_record(mask: Mask, model: Mask | None = None) -> MaskRecord:
+    """Of a mask that nobody here has found: it is believed, unless it lies beside the model.
+
+    Args:
+        mask: (H, W).
+        model: where the captured body is, likewise; None if nobody asks.
+    """
     contour = extract_contour(mask)
-    report = FrameReport(bool(mask.any()), given=True)
-    return MaskRecord(encode_labels(mask), encode_confidence(contour.confidence), report)
+    beside = model is not None and _lies_beside(mask, model)
+    report = FrameReport(bool(mask.any()), given=True, beside=beside)
+    confidence = np.zeros_like(contour.confidence) if beside else contour.confidence
+    return MaskRecord(encode_labels(mask), encode_confidence(confidence), report)
+
+
+def _lies_beside(mask: Mask, model: Mask) -> bool:
+    both, either = np.count_nonzero(mask & model), np.count_nonzero(mask | model)
+    return bool(mask.any() and model.any() and both < _BESIDE * either)
 
 
 def _record(found: Segmentation) -> MaskRecord:

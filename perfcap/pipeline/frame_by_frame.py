@@ -200,7 +200,7 @@ class _Walk:
         index = frame - block.shown.start
         known = self.images.masks.mask(block.view, frame) if self.images.masks else None
         if known is not None and len(self.states) == 1:
-            records = [given_record(known)]
+            records = [given_record(known, self.source.layers(block.view, frame)[0].mask)]
         else:
             (labels,) = self.source.label(block)
             png = encode_labels(labels.labels)

@@ -75,9 +75,8 @@ class Refinement:
     @property
     def doubtful_masks(self) -> NDArray[np.int64]:
         """Frames whose masks are probably wrong, by a network or by all else that is known."""
-        found: NDArray[np.int64] = np.union1d(
-            self.evidence.doubtful, self.evidence.odd(self.pose.after)
-        ).astype(np.int64)
+        unsure = np.union1d(self.evidence.doubtful, self.evidence.odd(self.pose.after))
+        found: NDArray[np.int64] = np.union1d(unsure, self.evidence.beside).astype(np.int64)
         return found
 
     def report(self, first_frame: int = 0) -> dict[str, Any]:

@@ -156,9 +156,16 @@ def doubts(looked: Looked) -> Iterator[str]:
             "were detected; how far in front or behind is a guess (lost_limbs in run.json)"
         )
     # a good mask in twenty is named, too: no reason to warn
-    doubtful, frames = len(refinement.doubtful_masks), len(refinement.pose.after)
+    beside, frames = refinement.evidence.beside, len(refinement.pose.after)
+    doubtful = len(np.setdiff1d(refinement.doubtful_masks, beside))
     contradicted = len(refinement.evidence.doubtful) or doubtful > _MANY * frames
     yield from mask_doubts(refinement.evidence, doubtful if contradicted else 0)
+    if len(beside):
+        yield (
+            f"in {len(beside)} frames given masks lie beside the captured person, and are not "
+            "used: are they of these frames and this person, true inside? run.json names them "
+            "(doubtful_masks)"
+        )
     yield from overlap_doubts(refinement.pose.after)
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
     for name, part in parts:

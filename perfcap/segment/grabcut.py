@@ -57,6 +57,7 @@ class FrameReport:
         agreement: intersection over union of the mask and a network's, around the person; NaN
             where none was asked.
         given: whether the mask was known, and nothing was looked at.
+        beside: whether a known mask lies beside the model: it is of somebody else, and not used.
         blank: whether the image is of one color around the person: nothing is seen, the mask empty.
     """
 
@@ -70,6 +71,7 @@ class FrameReport:
     agreement: float = float("nan")
     given: bool = False
     blank: bool = False
+    beside: bool = False
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,21 @@ def test_given_masks_come_out_as_they_went_in(
     assert report(tmp_path / "out")["refinement"]["given_masks"] == list(GIVEN)
 
 
+def test_masks_of_something_else_in_some_frames_are_named_and_not_used(
+    small: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    truth = true_masks(small)
+    given = {f: ~truth[f] if f == 7 else truth[f] for f in range(FRAMES)}
+    folder = write_masks(tmp_path / "masks", given)
+    call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
+    done = perfcap(small.command(tmp_path / "out", *call))
+    assert done.code in (0, 3), done
+    assert any("in 1 frames given masks lie beside" in note for note in done.notes)
+    found = report(tmp_path / "out")["refinement"]
+    assert found["doubtful_masks"] == [7]
+    assert found["mask_confidence"][7] == 0 and min(found["mask_confidence"][:7]) == 1
+
+
 def test_masks_of_all_frames_leave_nothing_to_find(
     small: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,3 +131,15 @@ def test_folders_that_are_none(clip: Clip, tmp_path: Path) -> None:
     few = write(tmp_path / "few", plain([1, 2]))
     with pytest.raises(InputError, match="none of the frames 5 to 11 that are captured"):
         MaskFolders.open([few], Clip(clip.sources, 30.0, start=5))
+
+
+def test_shares_of_a_network_that_is_nowhere_sure_are_no_labels(clip: Clip, tmp_path: Path) -> None:
+    """Of the brightest pixel, 72 % sure, and of haze: not everything that is not black."""
+    soft = cv2.GaussianBlur(square(5).astype(np.float32), (0, 0), 1.5)
+    soft *= np.linspace(0.64, 0.74, SIZE[0], dtype=np.float32)[:, None]
+    hazy = (255 * soft.clip(0.03)).astype(np.uint8)
+    labels = np.where(square(5), np.arange(SIZE[1]) % 24 + 1, 0).astype(np.uint8)
+    masks = MaskFolders.open([write(tmp_path / "m", {"5.png": hazy, "6.png": labels})], clip)
+    assert (hazy > 0).all() and hazy.max() < 0.75 * 255
+    assert np.array_equal(masks.mask(0, 5), hazy > 127)
+    assert np.array_equal(masks.mask(0, 6), square(5))

@@ -114,6 +114,25 @@ def test_masks_of_somebody_else_are_told(overlap: float, told: bool) -> None:
     assert not told or f"by {overlap:.0%} only" in lines[0]
 
 
+def square(left: int) -> np.ndarray:
+    found = np.zeros((20, 40), np.bool_)
+    found[4:16, left : left + 12] = True
+    return found
+
+
+def test_a_given_mask_beside_the_model_does_not_count() -> None:
+    models = square(3), np.zeros((20, 40), np.bool_)
+    kept, other, of_nobody = (
+        given_record(mask, model)
+        for mask, model in ((square(6), models[0]), (square(22), models[0]), (square(3), models[1]))
+    )
+    assert [r.report.beside for r in (kept, other, of_nobody)] == [False, True, False]
+    assert kept.confidence.all() and of_nobody.confidence.all()
+    assert len(other.confidence) and not other.confidence.any()
+    found = Evidence.collect([[kept, other], [kept, kept]], torch.ones(2))
+    assert found.beside.tolist() == [1]
+
+
 def test_given_masks_that_are_empty_are_said_to_be_empty() -> None:
     """Nobody knows whether the person is outside the image."""
     nothing = given_record(np.zeros((4, 5), np.bool_))
