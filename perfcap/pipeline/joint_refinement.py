@@ -161,10 +161,11 @@ def refine_jointly(
     scale = float(_size(seen) / _size(problem.cameras))
     terms = _Terms(problem, surface, seen, masks, trust, settings, scale)
     wanted = _wants_gradient(masks, trust, seen, problem)
-    if not masks.requires_grad:
-        warn_of_masks_elsewhere(masks, terms.drawn(motion))
     way = adjoint or (Implicit("products") if wanted else Detached())
     windows = partition(motion.frames, problem.config.window, problem.config.overlap)
+    terms.objective(windows[0], settings.bands[0])  # refuses what cannot be used, before warnings
+    if not masks.requires_grad:
+        warn_of_masks_elsewhere(masks, terms.drawn(motion))
     solved = [(window, terms.solve(window, motion[window.index], way)) for window in windows]
     return JointRefinement(surface, _blended(solved, actor), tuple(solved))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
@@ -29,6 +30,7 @@ _WAYS: dict[str, Callable[[Tensor], Tensor]] = {
     "transposed": lambda masks: masks.mT,  # of square ones
 }
 _BETTER = 0.2  # of the same: more than a pose that is solved already is off
+_LARGER = 1.25  # areas of the captured person: masks that are drawn too wide, or of a coat
 
 
 def examined(frames: int) -> Tensor:
@@ -37,7 +39,7 @@ def examined(frames: int) -> Tensor:
 
 
 def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
-    """Warn of views whose masks the drawn person hardly meets.
+    """Warn of views whose masks the drawn person hardly meets, or is far from filling.
 
     Args:
         masks: (F, C, H, W), bool or from 0 to 1.
@@ -70,6 +72,18 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
             f"masks of views {better} would overlap the captured person by "
             f"{float((share + gains[how])[better].min()):.0%} {how}, as given by "
             f"{float(share[better].min()):.0%}; check which way up they are",
+            stacklevel=3,
+        )
+        return
+    area, own = (each.sum((0, 2, 3)).clamp(min=1) for each in (found, model))
+    sizes = torch.where(there, area / own, 1.0)
+    other = ((sizes > _LARGER) | (sizes < 1 / _LARGER)).nonzero().flatten().tolist()
+    if other:
+        worst = max(sizes[other].tolist(), key=lambda size: abs(math.log(size)))
+        warnings.warn(
+            f"masks of views {other} have {worst:.1f} times the area of the captured person, who "
+            "is moved nearer or farther to fill them; check that they end where the person does, "
+            "and that the actor has the person's clothes",
             stacklevel=3,
         )
 

@@ -31,3 +31,16 @@ def test_masks_that_fit_as_they_are() -> None:
         warnings.simplefilter("error")
         warn_of_masks_elsewhere(person(), person())
         warn_of_masks_elsewhere(person().roll(2, -1), person())
+
+
+@pytest.mark.parametrize(("grown", "told"), [(1, False), (2, True), (-2, True)])
+def test_masks_that_are_drawn_too_wide_or_too_narrow_are_told(grown: int, told: bool) -> None:
+    """By columns: the arms' height is a third of the body's."""
+    masks = person()
+    masks[..., 6:32, 13 - max(grown, 0) : 24 + grown] = 1
+    if grown < 0:
+        masks[..., 10:32, 24 + 2 * grown :] = 0
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_masks_elsewhere(masks, person())
+    assert ["times the area" in str(each.message) for each in caught] == [True] * told
