@@ -108,7 +108,7 @@ class ImageFolder:
         """List the first ``stop`` images, or all.
 
         Raises:
-            InputError: no images, or a first image that cannot be read.
+            InputError: no images, two of one number, or a first image that cannot be read.
         """
         files = [
             entry
@@ -121,6 +121,7 @@ class ImageFolder:
         self.name = path.name
         self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
         self.total: int | None = len(files)
+        _require_one_each(path, self.files)
         copies = _copies(self.files)
         originals = [file for file in self.files if file not in copies]
         self.warnings: tuple[str, ...] = (
@@ -150,6 +151,28 @@ class ImageFolder:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def _require_one_each(path: Path, files: Sequence[Path]) -> None:
+    """Refuse two images of one number, of two kinds or with other zeros before it."""
+    places: dict[tuple[str, int], Path] = {}
+    twice: list[tuple[Path, Path]] = []
+    for file in files:
+        match = _NUMBER.fullmatch(file.stem)
+        if match is None or match[1].endswith((".", ",")):  # 0.05 is not 0.5
+            place = file.stem.lower(), -1
+        else:
+            place = match[1].lower(), int(match[2])
+        known = places.setdefault(place, file)
+        if known is not file:
+            twice.append((known, file))
+    if twice:
+        one, other = sorted(file.name for file in twice[0])
+        raise InputError(
+            f"{path}: holds images of one frame twice, {one} and {other} ({len(twice)} such of "
+            f"{len(files)} images); expected one image of each frame, give each kind a folder of "
+            "its own"
+        )
 
 
 def _copies(files: Sequence[Path]) -> dict[Path, str]:

@@ -73,7 +73,7 @@ def test_several_copies_do_not_hide_what_is_missing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "names",
     [
-        ["12.png", "12.5.png", "13.png", "13.5.png"],  # seconds
+        ["12.png", "12.05.png", "12.5.png", "13.png"],  # seconds
         ["a_120000.png", "a_120000_1.png", "a_120000_2.png"],  # several of a second
         ["frame (1).png", "frame (2).png", "frame (3).png"],
         ["cam1 001 left.png", "cam1 002 left.png"],
@@ -108,6 +108,22 @@ def test_bad_folders(tmp_path: Path) -> None:
     for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
         with pytest.raises(InputError, match=words):
             clip.read(i, i + 1)
+
+
+@pytest.mark.parametrize(
+    ("names", "pair"),
+    [
+        ([*FOUR, "0000.jpg", "0001.jpg", "0002.jpg", "0003.jpg"], "0000.jpg and 0000.png"),
+        (["1.png", "01.png", "2.png", "02.png"], "01.png and 1.png"),
+        (["f1.png", "F01.PNG", "f2.png"], "F01.PNG and f1.png"),
+        (["1 left.png", "1 left.jpg"], "1 left.jpg and 1 left.png"),
+    ],
+)
+def test_two_images_of_one_frame_are_refused(tmp_path: Path, names: list[str], pair: str) -> None:
+    folder = make_folder(tmp_path / "frames", names)
+    with pytest.raises(InputError, match="images of one frame twice") as refused:
+        Clip.open(folder, fps=30)
+    assert pair in str(refused.value) and str(folder) in str(refused.value)
 
 
 @pytest.mark.parametrize("inside", [".", "videos", "Videos/Cam0/InputMedia/walk"])
