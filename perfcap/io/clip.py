@@ -21,6 +21,7 @@ Frames = NDArray[np.uint8]
 # Recordings of one take rarely stop at the same frame: this many may be missing at an end.
 END_SLACK = 5
 RATE_SLACK = 0.01  # share by which frame rates may differ and mean the same
+_APART = 0.5  # frames: views that are farther apart match the wrong frames
 
 
 class FrameSource(Protocol):
@@ -107,7 +108,9 @@ class Clip:
         start, stop = _bounds(frames)
         sources = [open_source(Path(path), stop) for path in several]
         rate, rate_notes = _common_rate(sources, fps)
-        length_notes = _check_lengths(sources)
+        parting = _parting(sources)
+        rate_notes += parting
+        length_notes = _check_lengths(sources, bool(parting))
         clip = cls(
             sources,
             rate,
@@ -232,16 +235,40 @@ def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[flo
     return rates[0], []
 
 
-def _check_lengths(sources: Sequence[FrameSource]) -> list[str]:
+def _parting(sources: Sequence[FrameSource]) -> list[str]:
+    """That frames of one number were not taken at one time, by the times in the files.
+
+    Times decide, not rates: those of one camera's files are rounded differently.
+    """
+    last = min(len(source) for source in sources) - 1
+    times = [(source.timestamps, source.name) for source in sources]
+    ends = [(float(t[last]), name) for t, name in times if t is not None and t[last] > 0]
+    if len(ends) < 2:
+        return []
+    (fast, fast_name), (slow, slow_name) = min(ends), max(ends)
+    rate = last / fast
+    apart = (slow - fast) * rate
+    if apart <= _APART:
+        return []
+    return [
+        f"videos run at different rates ({fast_name} {rate:.5g}, {slow_name} {last / slow:.5g} "
+        f"frames a second): in frame {last} they are {apart:.1f} frames apart, which no constant "
+        f"shift mends; convert them to one rate (ffmpeg -i IN -vf fps={rate:.5g} OUT), unless one "
+        "trigger took their frames"
+    ]
+
+
+def _check_lengths(sources: Sequence[FrameSource], parting: bool) -> list[str]:
     lengths = [len(source) for source in sources]
     shortest, longest = min(lengths), max(lengths)
     if shortest == longest:
         return []
     listing = ", ".join(f"{s.name} {n}" for s, n in zip(sources, lengths, strict=True))
     if longest - shortest > END_SLACK:
+        first = "convert them to one rate, then " if parting else ""
         raise InputError(
             f"videos have different numbers of frames ({listing}); expected synchronous views, "
-            "cut them to the same part"
+            f"{first}cut them to the same part"
         )
     return [f"videos have different numbers of frames ({listing}); the first {shortest} are used"]
 

@@ -89,7 +89,10 @@ class Document:
         is_list = isinstance(value, list) and len(value) == count
         if not is_list or not all(type(entry) in (int, float) for entry in value):  # type: ignore[attr-defined]
             raise self.error(f"damaged file, {what} is not a list of {count} numbers")
-        array = np.array(value, dtype=np.float64)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except OverflowError:  # an integer of hundreds of digits
+            array = np.full(count, np.inf)
         if not np.isfinite(array).all():
             raise self.error(f"damaged file, {what} holds NaN or infinity")
         return array
@@ -116,6 +119,10 @@ class Document:
         what = f"accessor {index}"
         if "sparse" in accessor:
             raise self.error(f"{what} is sparse, which is not read; export without sparse data")
+        return self.values(accessor, kind, what)
+
+    def values(self, accessor: Object, kind: str, what: str) -> NDArray[Any]:
+        """Like ``accessor``, of one that has been looked up; sparse changes are not heeded."""
         if accessor.get("type") != kind:
             raise self.error(f"{what} has type {accessor.get('type')!r}; expected {kind}")
         if "bufferView" not in accessor:

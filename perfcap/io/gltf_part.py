@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from perfcap.geometry.surface_topology import surface_topology
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.gltf_scene import NodeTree, Skin, read_skin, rigid
+from perfcap.io.gltf_shape_keys import ShapeKeys, default_weights
 from perfcap.io.gltf_texture import Material, read_material
 
 Floats = NDArray[np.float64]
@@ -39,6 +40,15 @@ class Part:
     material: Material
 
 
+class _Triangles(NamedTuple):
+    """A primitive as the file has it, with the name of its mesh."""
+
+    name: str
+    primitive: Object
+    attributes: Object
+    shape: object  # default weights of its morph targets
+
+
 def read_parts(
     document: Document, tree: NodeTree, notes: list[Finding]
 ) -> tuple[list[Part], list[Skin]]:
@@ -49,6 +59,7 @@ def read_parts(
         tree: its nodes.
         notes: where to say what is odd.
     """
+    keys = ShapeKeys(document)
     skins: dict[int, Skin] = {}
     parts: list[Part] = []
     unskinned: list[int] = []
@@ -61,23 +72,22 @@ def read_parts(
         number = document.integer(node["skin"], "node.skin")
         if number not in skins:
             skins[number] = read_skin(document, document.item("skins", number), tree, notes)
-        parts += _read_mesh(document, node["mesh"], skins[number], notes)
+        parts += _read_mesh(keys, node, skins[number], notes)
     used = list(skins.values())
     for place in unskinned if parts else []:
-        parts += _read_loose(document, tree, place, used, parts, notes)
+        parts += _read_loose(keys, tree, place, used, parts, notes)
     return parts, used
 
 
 def read_unskinned(document: Document, tree: NodeTree) -> list[Part]:
     """All meshes of a file where its nodes put them, without weights."""
-    parts = []
-    for place, node in enumerate(document.items("nodes")):
-        for name, primitive, attributes in (
-            _primitives(document, node["mesh"]) if "mesh" in node else ()
-        ):
-            to_world = tree.world[place]
-            parts.append(_read_primitive(document, name, primitive, attributes, to_world))
-    return parts
+    keys = ShapeKeys(document)
+    return [
+        _read_primitive(keys, triangles, tree.world[place])
+        for place, node in enumerate(document.items("nodes"))
+        if "mesh" in node
+        for triangles in _primitives(document, node)
+    ]
 
 
 def joined(parts: Sequence[Part]) -> tuple[Floats, Integers]:
@@ -99,22 +109,23 @@ def joined_uv(parts: Sequence[Part], coordinates: Sequence[Floats | None]) -> Fl
     )
 
 
-def _read_mesh(document: Document, number: object, skin: Skin, notes: list[Finding]) -> list[Part]:
+def _read_mesh(keys: ShapeKeys, node: Object, skin: Skin, notes: list[Finding]) -> list[Part]:
     parts = []
-    for name, primitive, attributes in _primitives(document, number):
+    for triangles in _primitives(keys.document, node):
+        attributes = triangles.attributes
         if "JOINTS_0" not in attributes:
             what = "a primitive without weights is left out"
-            notes.append(Finding(Severity.ERROR, name, what, "bind it to the skeleton"))
+            notes.append(Finding(Severity.ERROR, triangles.name, what, "bind it to the skeleton"))
             continue
-        part = _read_primitive(document, name, primitive, attributes, skin.bind_to_world)
-        slot, weight = _read_weights(document, attributes, skin, len(part.vertices))
+        part = _read_primitive(keys, triangles, skin.bind_to_world)
+        slot, weight = _read_weights(keys.document, attributes, skin, len(part.vertices))
         part = replace(part, nodes=np.array(skin.joints)[slot], weights=weight)
         parts.append(_normalized(part, notes))
     return parts
 
 
 def _read_loose(
-    document: Document,
+    keys: ShapeKeys,
     tree: NodeTree,
     place: int,
     skins: list[Skin],
@@ -127,10 +138,9 @@ def _read_loose(
     while bone >= 0 and bone not in rest:
         bone = int(tree.parents[bone])
     moved = np.eye(4) if bone < 0 else rest[bone] @ np.linalg.inv(rigid(tree.world[[bone]])[0])
-    node = document.items("nodes")[place]
     parts = []
-    for name, primitive, attributes in _primitives(document, node["mesh"]):
-        part = _read_primitive(document, name, primitive, attributes, moved @ tree.world[place])
+    for triangles in _primitives(keys.document, keys.document.items("nodes")[place]):
+        part = _read_primitive(keys, triangles, moved @ tree.world[place])
         if bone >= 0:
             count = len(part.vertices)
             part = replace(part, nodes=np.full((count, 1), bone), weights=np.ones((count, 1)))
@@ -138,10 +148,10 @@ def _read_loose(
         elif _amid(part, others):
             what = "has no weights, though it is where the body is"
             remedy = "bind it to the skeleton, or delete it"
-            notes.append(Finding(Severity.ERROR, name, what, remedy))
+            notes.append(Finding(Severity.ERROR, part.name, what, remedy))
         else:
             what = "hangs on no bone and is left out"
-            notes.append(Finding(Severity.WARNING, name, what, "delete it from the file"))
+            notes.append(Finding(Severity.WARNING, part.name, what, "delete it from the file"))
     return parts
 
 
@@ -154,12 +164,14 @@ def _amid(part: Part, others: list[Part]) -> bool:
     return bool(np.all(middle > low) and np.all(middle < high) and size < 1.5)
 
 
-def _primitives(document: Document, number: object) -> list[tuple[str, Object, Object]]:
-    """Name, primitive and attributes of each set of triangles of a mesh."""
+def _primitives(document: Document, node: Object) -> list[_Triangles]:
+    """Each set of triangles of the mesh of a node."""
+    number = node["mesh"]
     mesh = document.item("meshes", number)
     primitives = mesh.get("primitives")
     given = mesh.get("name")
     name = given if isinstance(given, str) and given else f"mesh {number}"
+    shape = default_weights(node, mesh)
     found = []
     for primitive in primitives if isinstance(primitives, list) else []:
         attributes = primitive.get("attributes") if isinstance(primitive, dict) else None
@@ -167,17 +179,17 @@ def _primitives(document: Document, number: object) -> list[tuple[str, Object, O
             raise document.error("damaged file, a primitive has no attributes")
         if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
             raise document.error("holds strips, lines or points; export plain triangles")
-        found.append((name, primitive, attributes))
+        found.append(_Triangles(name, primitive, attributes, shape))
     return found
 
 
-def _read_primitive(
-    document: Document, name: str, primitive: Object, attributes: Object, to_world: Floats
-) -> Part:
+def _read_primitive(keys: ShapeKeys, triangles: _Triangles, to_world: Floats) -> Part:
     """A primitive in the world, without weights."""
+    document, (name, primitive, attributes, shape) = keys.document, triangles
     local = _floats(document, attributes.get("POSITION"), "VEC3")
     if len(local) > _MAX_VERTICES:
         raise document.error(f"{len(local)} vertices; at most {_MAX_VERTICES} are read")
+    local = keys.applied(local, primitive, shape)
     linear, offset = to_world[:3, :3], to_world[:3, 3]
     material, coordinate, transform = read_material(document, primitive)
     uv = None

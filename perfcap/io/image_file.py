@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice, pairwise
 from pathlib import Path
@@ -89,6 +89,8 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 Frames = NDArray[np.uint8]
 
 _NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
+_TAIL = re.compile(r"(?<=[0-9])(?=[ (_-])")  # where the name of an image ends in that of its copy
+_COUNTED = re.compile(r"[_-][0-9]+")  # an own number, as of several images of one second
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -106,7 +108,7 @@ class ImageFolder:
         """List the first ``stop`` images, or all.
 
         Raises:
-            InputError: no images, or a first image that cannot be read.
+            InputError: no images, two of one number, or a first image that cannot be read.
         """
         files = [
             entry
@@ -119,7 +121,13 @@ class ImageFolder:
         self.name = path.name
         self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
         self.total: int | None = len(files)
-        self.warnings: tuple[str, ...] = tuple(_odd_numbers(path, self.files))
+        _require_one_each(path, self.files)
+        copies = _copies(self.files)
+        originals = [file for file in self.files if file not in copies]
+        self.warnings: tuple[str, ...] = (
+            *_about_copies(path, copies),
+            *_odd_numbers(path, originals),
+        )
         first = read_image(self.files[0])
         self.size: tuple[int, int] = (first.shape[0], first.shape[1])
 
@@ -143,6 +151,51 @@ class ImageFolder:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def _require_one_each(path: Path, files: Sequence[Path]) -> None:
+    """Refuse two images of one number, of two kinds or with other zeros before it."""
+    places: dict[tuple[str, int], Path] = {}
+    twice: list[tuple[Path, Path]] = []
+    for file in files:
+        match = _NUMBER.fullmatch(file.stem)
+        if match is None or match[1].endswith((".", ",")):  # 0.05 is not 0.5
+            place = file.stem.lower(), -1
+        else:
+            place = match[1].lower(), int(match[2])
+        known = places.setdefault(place, file)
+        if known is not file:
+            twice.append((known, file))
+    if twice:
+        one, other = sorted(file.name for file in twice[0])
+        raise InputError(
+            f"{path}: holds images of one frame twice, {one} and {other} ({len(twice)} such of "
+            f"{len(files)} images); expected one image of each frame, give each kind a folder of "
+            "its own"
+        )
+
+
+def _copies(files: Sequence[Path]) -> dict[Path, str]:
+    """Images named as another one with more behind, ``0003 (1)``, and what that one is called."""
+    names = {file.stem.lower(): file.name for file in files}
+    found = {}
+    for file in files:
+        for tail in _TAIL.finditer(file.stem):
+            at = tail.start()
+            original = names.get(file.stem[:at].lower())
+            if original is not None and not _COUNTED.fullmatch(file.stem, at):
+                found[file] = original
+    return found
+
+
+def _about_copies(path: Path, copies: Mapping[Path, str]) -> Iterator[str]:
+    for first, original in islice(copies.items(), 1):
+        many = f"{len(copies)} images" if len(copies) > 1 else "an image"
+        yield (
+            f"{path}: holds {many} named as another with more behind, {first.name!r} beside "
+            f"{original!r}; all are taken for frames, so that what follows comes too late: leave "
+            "one image of each frame"
+        )
 
 
 def _odd_numbers(path: Path, files: Sequence[Path]) -> Iterator[str]:

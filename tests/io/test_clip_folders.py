@@ -50,6 +50,40 @@ def test_numbers_that_tell_of_other_frames(
     assert [str(words) in line for line in warnings] == [True] * (words is not None)
 
 
+FOUR = ["0000.png", "0001.png", "0002.png", "0003.png"]
+
+
+@pytest.mark.parametrize(
+    "copy", ["0001 (1).png", "0001 - Copy.png", "0001 copy 2.png", "0001(1).PNG", "0001_mask.png"]
+)
+def test_copies_are_named(tmp_path: Path, copy: str) -> None:
+    clip = Clip.open(make_folder(tmp_path / "frames", [*FOUR, copy]), fps=30)
+    (told,) = clip.warnings
+    assert f"holds an image named as another with more behind, {copy!r} beside '0001.png'" in told
+    assert len(clip) == 5
+
+
+def test_several_copies_do_not_hide_what_is_missing(tmp_path: Path) -> None:
+    names = [*FOUR[:2], FOUR[3], "0001 (1).png", "0003 (1).png"]
+    copied, missing = Clip.open(make_folder(tmp_path / "frames", names), fps=30).warnings
+    assert "holds 2 images named as another" in copied and "'0001 (1).png' beside" in copied
+    assert "images are missing between 1 and 3; " in missing
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["12.png", "12.05.png", "12.5.png", "13.png"],  # seconds
+        ["a_120000.png", "a_120000_1.png", "a_120000_2.png"],  # several of a second
+        ["frame (1).png", "frame (2).png", "frame (3).png"],
+        ["cam1 001 left.png", "cam1 002 left.png"],
+    ],
+)
+def test_names_that_are_no_copies(tmp_path: Path, names: list[str]) -> None:
+    warnings = Clip.open(make_folder(tmp_path / "frames", names), fps=30).warnings
+    assert not any("named as another" in line for line in warnings)
+
+
 def test_images_are_turned_as_their_camera_was(tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image", reason="needs pillow to write EXIF")
     (tmp_path / "frames").mkdir()
@@ -74,6 +108,22 @@ def test_bad_folders(tmp_path: Path) -> None:
     for i, words in ((2, r"3\.png: is not an image"), (3, "is 20x20"), (4, "is empty")):
         with pytest.raises(InputError, match=words):
             clip.read(i, i + 1)
+
+
+@pytest.mark.parametrize(
+    ("names", "pair"),
+    [
+        ([*FOUR, "0000.jpg", "0001.jpg", "0002.jpg", "0003.jpg"], "0000.jpg and 0000.png"),
+        (["1.png", "01.png", "2.png", "02.png"], "01.png and 1.png"),
+        (["f1.png", "F01.PNG", "f2.png"], "F01.PNG and f1.png"),
+        (["1 left.png", "1 left.jpg"], "1 left.jpg and 1 left.png"),
+    ],
+)
+def test_two_images_of_one_frame_are_refused(tmp_path: Path, names: list[str], pair: str) -> None:
+    folder = make_folder(tmp_path / "frames", names)
+    with pytest.raises(InputError, match="images of one frame twice") as refused:
+        Clip.open(folder, fps=30)
+    assert pair in str(refused.value) and str(folder) in str(refused.value)
 
 
 @pytest.mark.parametrize("inside", [".", "videos", "Videos/Cam0/InputMedia/walk"])

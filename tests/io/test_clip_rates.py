@@ -1,0 +1,67 @@
+"""Views whose frames of one number were not taken at one time."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+from video_files import picture, write_frames
+
+from perfcap.errors import InputError
+from perfcap.io.clip import Clip
+
+PLAIN = picture(0, 16, 16)
+FILM = Fraction(30000, 1001)  # frames a second
+
+
+def video(path: Path, rate: Fraction | int, frames: int, tick: Fraction | None = None) -> Path:
+    """Frames at a constant rate, their times rounded to ticks."""
+    tick = tick or 1 / Fraction(rate)
+    times = [round(i / Fraction(rate) / tick) for i in range(frames)]
+    write_frames(path, [(PLAIN, time) for time in times], tick)
+    return path
+
+
+def test_views_that_part_are_named(tmp_path: Path) -> None:
+    paths = [
+        video(tmp_path / "phone.mp4", 30, 600),
+        video(tmp_path / "sport.mp4", Fraction(2975, 100), 600),
+    ]
+    (told,) = Clip.open(paths).warnings
+    # frame 599 is at 19.967 s and at 20.134 s
+    assert "phone 30, sport 29.75 frames a second" in told
+    assert "in frame 599 they are 5.0 frames apart" in told and "-vf fps=30" in told
+    (told,) = Clip.open(paths, frames=slice(200, 300)).warnings
+    assert "in frame 299 they are 2.5 frames apart" in told
+
+
+def test_a_short_clip_does_not_part(tmp_path: Path) -> None:
+    paths = [video(tmp_path / "a.mp4", 30, 600), video(tmp_path / "b.mp4", FILM, 600)]
+    assert "0.6 frames apart" in Clip.open(paths).warnings[0]
+    assert not Clip.open(paths, frames=slice(0, 480)).warnings
+
+
+def test_a_pause_in_one_view_is_named(tmp_path: Path) -> None:
+    plain = video(tmp_path / "a.mp4", 30, 90)
+    times = [i + 3 * (i > 40) for i in range(90)]
+    write_frames(tmp_path / "b.mp4", [(PLAIN, time) for time in times], Fraction(1, 30))
+    told = Clip.open([plain, tmp_path / "b.mp4"]).warnings
+    assert "variable" in told[0] and "in frame 89 they are 3.0 frames apart" in told[1]
+
+
+def test_rounded_rates_are_one(tmp_path: Path) -> None:
+    """Matroska has whole milliseconds, and some programs write the rate in two digits."""
+    paths = [
+        video(tmp_path / "a.mp4", FILM, 1200),
+        video(tmp_path / "b.mkv", FILM, 1200, Fraction(1, 1000)),
+        video(tmp_path / "c.mp4", Fraction(2997, 100), 1200),
+    ]
+    assert not Clip.open(paths).warnings
+
+
+def test_long_views_that_part_are_to_be_converted_first(tmp_path: Path) -> None:
+    paths = [
+        video(tmp_path / "a.mp4", 30, 1000),
+        video(tmp_path / "b.mp4", Fraction(2975, 100), 991),
+    ]
+    with pytest.raises(InputError, match="convert them to one rate, then cut them"):
+        Clip.open(paths)
