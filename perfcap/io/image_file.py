@@ -89,6 +89,7 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 Frames = NDArray[np.uint8]
 
 _NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
+_SERIES = 0.8  # of a folder's images, numbered, beside which others are strangers
 _TAIL = re.compile(r"(?<=[0-9])(?=[ (_-])")  # where the name of an image ends in that of its copy
 _COUNTED = re.compile(r"[_-][0-9]+")  # an own number, as of several images of one second
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
@@ -202,8 +203,15 @@ def _odd_numbers(path: Path, files: Sequence[Path]) -> Iterator[str]:
     """What the numbers at the ends of names tell: series run together, images that are missing."""
     found = [_NUMBER.fullmatch(file.stem) for file in files]
     known = [match for match in found if match is not None]
-    if len(known) < len(files):
-        return
+    strays = [file.name for file, match in zip(files, found, strict=True) if match is None]
+    if len(known) >= _SERIES * len(files) and strays:
+        names = ", ".join(repr(name)[:40] for name in strays[:4])
+        yield (
+            f"{path}: holds {names} without a number beside {len(known)} numbered images; taken "
+            "for frames of the video, so that all behind come too late: move them elsewhere"
+        )
+    elif strays:
+        return  # names of no series
     series = list(dict.fromkeys(match[1] for match in known))
     if len(series) > 1:
         names = ", ".join(repr(name)[:40] for name in series[:4])

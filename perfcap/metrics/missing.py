@@ -22,17 +22,17 @@ def check_same_joints(estimate: Tensor, truth: Tensor) -> None:
     """Refuse joints that do not belong together.
 
     Raises:
-        InputError: the shapes differ or are not (*b, F, J, d).
+        InputError: the shapes differ, are not (*b, F, J, d), or have no frame.
     """
     if not (isinstance(estimate, Tensor) and isinstance(truth, Tensor)):
         raise InputError(
             f"estimate is a {type(estimate).__name__} and truth a {type(truth).__name__}, expected "
             "tensors; torch.from_numpy makes them of arrays"
         )
-    if estimate.shape != truth.shape or estimate.dim() < 3:
+    if estimate.shape != truth.shape or estimate.dim() < 3 or not estimate.shape[-3]:
         raise InputError(
             f"estimate has shape {tuple(estimate.shape)} and truth {tuple(truth.shape)}; give "
-            "joints of the same frames as (*b, F, J, d)"
+            "joints of the same frames, one or more, as (*b, F, J, d)"
         )
 
 

@@ -14,7 +14,7 @@ from perfcap.io.clip import Clip
 def make_folder(path: Path, names: list[str]) -> Path:
     path.mkdir()
     for name in names:
-        value = int("".join(c for c in name if c.isdigit()))
+        value = int("".join(c for c in name if c.isdigit()) or 0)
         cv2.imwrite(str(path / name), picture(value)[..., ::-1])
     return path
 
@@ -140,3 +140,13 @@ def test_folders_of_videos_name_them(tmp_path: Path, inside: str) -> None:
         str(refused.value)
         == f"{folder}: holds no images, but videos; give these by name, {expected}"
     )
+
+
+def test_an_image_without_a_number_beside_a_series_is_named(tmp_path: Path) -> None:
+    numbered = [f"frame_{n:04d}.png" for n in (0, 1, 2, 3, 5, 6)]
+    clip = Clip.open(make_folder(tmp_path / "stray", ["background.png", *numbered]), fps=30)
+    stray, gap = clip.warnings
+    assert "'background.png' without a number beside 6 numbered images" in stray
+    assert "images are missing between 3 and 5" in gap
+    named = Clip.open(make_folder(tmp_path / "names", ["front.png", "side.png"]), fps=30)
+    assert not named.warnings

@@ -139,6 +139,8 @@ def test_limit_violations():
 def test_refuses_shapes():
     with pytest.raises(InputError, match="shape"):
         joint_errors(joints(), joints(frames=11), FPS)
+    with pytest.raises(InputError, match=r"\(0, 16, 3\).*one or more"):
+        joint_errors(joints()[:0], joints()[:0], FPS)
     with pytest.raises(InputError, match="shape"):
         reprojection_error(torch.zeros(3, 2), torch.zeros(3, 2))
 
