@@ -19,6 +19,7 @@ _FEWEST = 10  # frames that tell a rate
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
 _OTHER = 0.25  # m, after one rigid motion: another clip, whose place is most of the error
+_LARGER = 1.8  # than a person: a child captured as an average adult is not that far off
 _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
 
 
@@ -53,6 +54,12 @@ def _explained(
     estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int]
 ) -> Iterator[str]:
     now = _error(estimate, truth, valid)
+    larger = _size(truth, valid) / max(_size(estimate, valid), _STILL)
+    if not 1 / _LARGER < larger < _LARGER:
+        yield (
+            f"the person of the truth is {larger:.2f} times as large as that of the result; "
+            "expected metres (those in feet are 3.28 times as many)"
+        )
     if _stays(root_of(truth), valid) and not _stays(root_of(estimate), valid):
         yield (
             "the hips of the truth stay in one place, those of the result do not; the truth is "
@@ -105,6 +112,13 @@ def _error(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
 def _aligned(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
     """After a similarity of each frame."""
     return _error(similarity_align(estimate, truth, valid.to(estimate.dtype)), truth, valid)
+
+
+def _size(points: Tensor, valid: Tensor) -> float:
+    """Median distance of joints from the middle of those of their frame, m."""
+    known = torch.where(valid[..., None], points, torch.nan)
+    apart = (known - known.nanmean(-2, keepdim=True)).norm(dim=-1)
+    return float(apart[valid].median())
 
 
 def _stays(points: Tensor, valid: Tensor) -> bool:

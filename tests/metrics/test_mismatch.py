@@ -39,6 +39,12 @@ def test_errors_of_a_capture_are_not_explained(joints: Tensor, size: float) -> N
         ))  # fmt: skip
 
 
+@pytest.mark.parametrize("size", [1 / 0.3048, 0.3])
+def test_a_truth_in_feet(joints: Tensor, size: float) -> None:
+    line, *_ = told(joints, size * joints)
+    assert f"{size:.2f} times as large" in line and "metres" in line
+
+
 def test_frames_that_are_late(joints: Tensor) -> None:
     (line,) = told(joints[:-5], joints[5:])
     assert "5 frames earlier" in line
