@@ -175,7 +175,8 @@ def _painted(
         has_uv = bool(np.all(used[inside] >= 0))
         members.append(inside)
         triple = (float(color[0]), float(color[-2]), float(color[-1]))
-        kinds.append(Material(files.index(file) if file and has_uv else None, triple))
+        # programs write any Kd beside an image, and few multiply by it
+        kinds.append(Material(files.index(file)) if file and has_uv else Material(None, triple))
         coordinates.append(table[used[inside]] if has_uv else None)
     notes: list[Finding] = []
     texture, moved = one_texture(_Images(path, files), kinds, coordinates, notes)
@@ -212,8 +213,8 @@ _MAX_VERTICES = 4_000_000
 def read_mesh(path: str | Path) -> BareMesh:
     """Read a mesh in its own units and axes; vertices keep the order of the file.
 
-    Colours of a PLY's vertices become a texture. Vertices of an STL, which repeats them for every
-    triangle, are merged where they are equal.
+    Colours of vertices of a PLY, and of a glTF without an image, become a texture. Vertices of an
+    STL, which repeats them for every triangle, are merged where they are equal.
 
     Raises:
         InputError: missing, empty, damaged or oversized file, another format, no triangles, or a
