@@ -20,12 +20,20 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
-from perfcap.io.actor_folder import MANIFEST, MESH, UNKNOWN, save_actor, spare_actor
+from perfcap.io.actor_folder import (
+    MANIFEST,
+    MESH,
+    UNKNOWN,
+    save_actor,
+    spare_actor,
+    spare_files,
+)
 from perfcap.io.actor_import import import_actor, read_mapping, require_sound
 from perfcap.io.body_model import load_body_model
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf_document import open_document, require_readable_kind
 from perfcap.io.mesh import FORMATS, read_mesh
+from perfcap.io.result_folder import MEASURES
 from perfcap.pipeline.appearance import Appearance
 from perfcap.rigging import Person, RigReport, auto_rig, build_body, read_overrides
 
@@ -158,6 +166,7 @@ def run_build(request: ActorBuild) -> int:
         InputError: bad input, in one line; nothing has been written then.
     """
     _spare_inputs(request)
+    spare_files(request.out, (SHEET, MEASURES))
     actor, licence, provenance, measurements = _made(request, _person(request))
     if request.name is not None:
         actor = Actor(replace(actor.template, name=request.name), actor.skeleton.rig)

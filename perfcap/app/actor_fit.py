@@ -9,6 +9,7 @@ import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
+from perfcap.app.actor_sheet import SHEET
 from perfcap.app.capture_checks import examined
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import read_inputs
@@ -17,7 +18,8 @@ from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
 from perfcap.app.project import in_project
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
-from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor
+from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor, spare_files
+from perfcap.io.result_folder import BODY, MEASURES
 from perfcap.rigging import Person
 
 _LOG = logging.getLogger(__name__)
@@ -65,6 +67,7 @@ def run_fit(request: ActorFit) -> int:
 def _check(request: ActorFit) -> None:
     if request.out.exists() and not request.out.is_dir():
         raise InputError(f"--out {request.out}: is a file; expected a folder for {MANIFEST}")
+    spare_files(request.out, (SHEET, BODY, MEASURES, FIT_SHEET))
     if request.masks and request.evidence != "silhouettes":
         raise InputError(
             f"--masks: are given with --from {request.evidence}; leave one of them out"

@@ -122,7 +122,7 @@ def doubts(
     for finding in findings:
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
-    findings += examine_cameras(inputs.rig)
+    findings += examine_cameras(inputs.rig, first=inputs.clip.start)
     fitting = detected or not alone
     findings += examine_detections(
         inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=not people

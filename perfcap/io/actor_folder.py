@@ -10,7 +10,7 @@ import hashlib
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,13 @@ from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import read_template
 from perfcap.io.gltf_write import save_animation
-from perfcap.io.publish import publishing
+from perfcap.io.publish import WORK, publishing
 
 MESH, MANIFEST = "actor.glb", "manifest.toml"
 _LOG = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
+_MANIFEST = "the manifest of an actor"
 _KEYS = {
     *("name", "licence", "provenance", "generic", "shape_space", "joints", "landmarks", "limits"),
     "file",  # of models that are shipped
@@ -65,6 +66,28 @@ class Manifest:
     joints: Mapping[str, str] = field(default_factory=dict)
     landmarks: Mapping[str, tuple[str, tuple[float, float, float]]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def spare_files(folder: Path, beside: Iterable[str]) -> None:
+    """Refuse to replace files that have the names of an actor's and are of no actor.
+
+    Args:
+        folder: that an actor is to be written into.
+        beside: names of the files that are written besides mesh and manifest.
+
+    Raises:
+        InputError: there are such, and no manifest of an actor that perfcap wrote.
+    """
+    manifest = folder / MANIFEST
+    built = manifest.is_file() and "name" in read_toml(manifest, _MANIFEST, MEBIBYTE)
+    if built or (folder / WORK).exists():  # of a call that was killed
+        return
+    found = [name for name in (MESH, MANIFEST, *beside) if (folder / name).exists()]
+    if found:
+        raise InputError(
+            f"--out {folder}: holds {', '.join(found)} but no actor that perfcap has built; choose "
+            "another folder, or delete what may be replaced"
+        )
 
 
 def spare_actor(folder: Path, name: str) -> None:
@@ -238,7 +261,7 @@ def read_manifest(path: Path) -> Manifest:
     """
     if not path.is_file():
         return Manifest()
-    values = read_toml(path, "the manifest of an actor", MEBIBYTE)
+    values = read_toml(path, _MANIFEST, MEBIBYTE)
     unknown = sorted(set(values) - _KEYS)
     if unknown:
         _LOG.warning(

@@ -8,7 +8,7 @@ one, and coordinates follow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import cv2
@@ -20,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.image_file import image_size
+from perfcap.io.vertex_colors import colors_to_texture, read_colors, to_linear, to_srgb
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -30,6 +31,8 @@ _SHEET = 4096  # px, side that the images of several materials are fitted into
 _PATCH = 16  # px, side of a material of one colour
 _BORDER = 4  # px around each image, so that filters see nothing of its neighbours
 _JPEG_QUALITY = 95
+_WHITE = (1.0, 1.0, 1.0)
+_OF_VERTICES = -1  # number of the image that is made of their colours
 
 
 class ImageSource(Protocol):
@@ -44,32 +47,48 @@ class ImageSource(Protocol):
 
 @dataclass(frozen=True)
 class Material:
-    """What a part is painted with: an image of the file, or a plain colour in linear light."""
+    """What a part is painted with: an image of the file, colours of vertices, or a plain colour.
+
+    Attributes:
+        image: number of the image.
+        color: linear light, 0 to 1; an image is multiplied by it.
+        colors: of vertices where there is no image, sRGB, three bytes each.
+    """
 
     image: int | None
-    color: tuple[float, float, float]
+    color: tuple[float, float, float] = _WHITE
+    colors: bytes | None = None
 
 
 def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats]:
     """Material of a primitive, its set of texture coordinates, and their transform (2, 3)."""
     identity = np.eye(2, 3)
     if "material" not in primitive:
-        return Material(None, (1.0, 1.0, 1.0)), 0, identity
+        return _without_image(document, primitive, np.ones(3)), 0, identity
     material = document.item("materials", primitive["material"])
     surface: Any = material.get("pbrMetallicRoughness")
     surface = surface if isinstance(surface, dict) else {}
     factor = document.numbers(surface.get("baseColorFactor", [1, 1, 1, 1]), 4, "baseColorFactor")
-    color = (float(factor[0]), float(factor[1]), float(factor[2]))
+    light = np.clip(factor[:3], 0, 1)
     reference = surface.get("baseColorTexture")
     if not isinstance(reference, dict):
-        return Material(None, color), 0, identity
+        return _without_image(document, primitive, light), 0, identity
     texture = document.item("textures", reference.get("index"))
     coordinate = document.integer(reference.get("texCoord", 0), "texCoord", 0, 15)
     source = texture.get("source")
     if source is None:  # the image is in an extension's format
-        return Material(None, color), coordinate, identity
+        return _without_image(document, primitive, light), coordinate, identity
     number = document.integer(source, "texture.source", 0, len(document.items("images")) - 1)
-    return Material(number, (1.0, 1.0, 1.0)), coordinate, _transform(document, reference)
+    return Material(number, _triple(light)), coordinate, _transform(document, reference)
+
+
+def _without_image(document: Document, primitive: Object, light: Floats) -> Material:
+    colors = read_colors(document, primitive, light)
+    return Material(None, _triple(light), None if colors is None else colors.tobytes())
+
+
+def _triple(light: Floats) -> tuple[float, float, float]:
+    return float(light[0]), float(light[1]), float(light[2])
 
 
 def _transform(document: Document, reference: Object) -> Floats:
@@ -103,19 +122,21 @@ def one_texture(
         InputError: an image is too large to be decoded.
     """
     painted = [
-        m if uv is not None else Material(None, m.color)
+        m if uv is not None else replace(m, image=None)
         for m, uv in zip(materials, coordinates, strict=True)
     ]
-    images = {number: _encoded(source, number, notes) for number in _numbers(painted)}
-    painted = [
-        Material(None, (1.0, 1.0, 1.0)) if m.image is not None and images[m.image] is None else m
-        for m in painted
-    ]
+    found = {number: _encoded(source, number, notes) for number in _numbers(painted)}
+    encoded = {number: data for number, data in found.items() if data is not None}
+    painted = [m if m.image in encoded else replace(m, image=None) for m in painted]
+    painted, coordinates = _with_colors(painted, coordinates, encoded)
     kinds = list(dict.fromkeys(painted))
     if all(kind.image is None for kind in kinds):
         return None, list(coordinates)
+    if any(kind.image is not None and kind.color != _WHITE for kind in kinds):
+        what = "images are multiplied by the base colours of their materials"
+        notes.append(Finding(Severity.INFO, "materials", what))
     if len(kinds) == 1:
-        return images[_numbers(kinds)[0]], list(coordinates)
+        return _alone(source, kinds[0], encoded), list(coordinates)
     notes.append(
         Finding(
             Severity.INFO,
@@ -123,8 +144,24 @@ def one_texture(
             f"the images and colours of {len(kinds)} materials are put into one texture",
         )
     )
-    encoded = {number: data for number, data in images.items() if data is not None}
     return _sheet(source, kinds, encoded, painted, coordinates)
+
+
+def _with_colors(
+    painted: Sequence[Material], coordinates: Sequence[Floats | None], encoded: dict[int, bytes]
+) -> tuple[list[Material], list[Floats | None]]:
+    """Materials and coordinates with one more image, of the colours of all vertices that count."""
+    kept = [replace(m, colors=None) for m in painted]
+    moved = list(coordinates)
+    colored = [k for k, m in enumerate(painted) if m.image is None and m.colors is not None]
+    if not colored:
+        return kept, moved
+    colors = [np.frombuffer(painted[k].colors or b"", np.uint8).reshape(-1, 3) for k in colored]
+    uv, encoded[_OF_VERTICES] = colors_to_texture(np.concatenate(colors))
+    starts = np.cumsum([len(each) for each in colors])[:-1]
+    for k, part in zip(colored, np.split(uv, starts), strict=True):
+        kept[k], moved[k] = Material(_OF_VERTICES), part
+    return kept, moved
 
 
 def _numbers(materials: Sequence[Material]) -> list[int]:
@@ -171,9 +208,26 @@ def _sheet(
         inside = np.full((1, 2), 0.5) if uv is None or material.image is None else _inside(uv)
         local = inside * (columns, rows) + (left + _BORDER, top + _BORDER)
         moved.append(np.broadcast_to(local / (width, height), (1 if uv is None else len(uv), 2)))
-    jpeg = all(data.startswith(b"\xff\xd8") for data in encoded.values())
+    jpeg = all(_is_jpeg(data) for data in encoded.values())
+    return _written(sheet, jpeg), moved
+
+
+def _alone(source: ImageSource, kind: Material, encoded: dict[int, bytes]) -> bytes:
+    """The only image, byte for byte where it is not multiplied by anything."""
+    assert kind.image is not None
+    data = encoded[kind.image]
+    if kind.color == _WHITE:
+        return data
+    return _written(_decoded(source, kind, data), _is_jpeg(data))
+
+
+def _is_jpeg(data: bytes) -> bool:
+    return data.startswith(b"\xff\xd8")
+
+
+def _written(image: Image, jpeg: bool) -> bytes:
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if jpeg else []
-    return cv2.imencode(".jpg" if jpeg else ".png", sheet, options)[1].tobytes(), moved
+    return cv2.imencode(".jpg" if jpeg else ".png", image, options)[1].tobytes()
 
 
 def _inside(uv: Floats) -> Floats:
@@ -183,16 +237,30 @@ def _inside(uv: Floats) -> Floats:
 
 def _tile(source: ImageSource, kind: Material, encoded: dict[int, bytes]) -> Image:
     if kind.image is None:
-        light = np.clip(np.array(kind.color[::-1]), 0, 1)  # OpenCV's order is blue, green, red
-        curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-        return np.tile(np.round(255 * curve).astype(np.uint8), (_PATCH, _PATCH, 1))
-    tile = cv2.imdecode(np.frombuffer(encoded[kind.image], np.uint8), cv2.IMREAD_COLOR)
-    if tile is None:
-        raise source.error(f"image {kind.image} cannot be decoded; export it again")
+        return np.tile(to_srgb(_reversed(kind)), (_PATCH, _PATCH, 1))
+    tile = _decoded(source, kind, encoded[kind.image])
     shrink = min(1.0, (_SHEET // 2) / max(tile.shape[:2]))
     if shrink < 1:
-        tile = cv2.resize(tile, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    return np.asarray(tile, np.uint8)
+        tile = np.asarray(
+            cv2.resize(tile, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8
+        )
+    return tile
+
+
+def _decoded(source: ImageSource, kind: Material, data: bytes) -> Image:
+    """An image multiplied by its material's colour, in linear light."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise source.error(f"image {kind.image} cannot be decoded; export it again")
+    if kind.color != _WHITE:
+        shades = to_linear(np.arange(256, dtype=np.uint8))[:, None]
+        image = cv2.LUT(image, to_srgb(shades * _reversed(kind))[:, None])
+    return np.asarray(image, np.uint8)
+
+
+def _reversed(kind: Material) -> Floats:
+    """A material's colour in OpenCV's order, blue, green, red."""
+    return np.array(kind.color[::-1])
 
 
 def _arranged(sizes: Sequence[tuple[int, ...]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:

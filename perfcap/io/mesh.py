@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.errors import InputError
@@ -20,6 +18,7 @@ from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_part import joined, joined_uv, read_unskinned
 from perfcap.io.gltf_scene import read_tree
 from perfcap.io.gltf_texture import Floats, Material, one_texture
+from perfcap.io.vertex_colors import colors_to_texture
 
 # --- Read Wavefront OBJ meshes with their materials -----------------------------------------------
 
@@ -176,7 +175,8 @@ def _painted(
         has_uv = bool(np.all(used[inside] >= 0))
         members.append(inside)
         triple = (float(color[0]), float(color[-2]), float(color[-1]))
-        kinds.append(Material(files.index(file) if file and has_uv else None, triple))
+        # programs write any Kd beside an image, and few multiply by it
+        kinds.append(Material(files.index(file)) if file and has_uv else Material(None, triple))
         coordinates.append(table[used[inside]] if has_uv else None)
     notes: list[Finding] = []
     texture, moved = one_texture(_Images(path, files), kinds, coordinates, notes)
@@ -203,33 +203,6 @@ def _beside(path: Path, name: str, what: str) -> Path:
     return target
 
 
-# --- Colours of vertices as a texture, without splitting a vertex ---------------------------------
-
-_SIDE = 256  # px of the texture
-_MARGIN = 0.02  # of it, left around the colours
-
-
-def colors_to_texture(colors: NDArray[np.uint8]) -> tuple[Floats, bytes]:
-    """Texture coordinates (V, 2), origin at the top left, and a PNG, for RGB colours (V, 3).
-
-    The texture is the plane through the colours that lies nearest to them, in linear units of the
-    texture, so that colours between vertices are interpolated as if they were the vertices' own.
-    What lies off the plane is lost: little, as colours of one person mostly differ in brightness
-    and along one more axis.
-    """
-    values = colors.astype(np.float64)
-    middle = values.mean(0)
-    axes = np.linalg.svd(values - middle, full_matrices=False)[2][:2]
-    places = (values - middle) @ axes.T
-    low, extent = places.min(0), np.maximum(np.ptp(places, axis=0), 1.0)
-    uv = _MARGIN + (1 - 2 * _MARGIN) * (places - low) / extent
-    along = ((np.arange(_SIDE) + 0.5) / _SIDE - _MARGIN) / (1 - 2 * _MARGIN)
-    u, v = (low[k] + extent[k] * along for k in range(2))
-    plane = middle + u[None, :, None] * axes[0] + v[:, None, None] * axes[1]
-    image = plane.round().clip(0, 255).astype(np.uint8)
-    return uv, cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
-
-
 # --- Read meshes without bones: OBJ, PLY, STL, and glTF without a skin ----------------------------
 
 FORMATS = (".obj", ".ply", ".stl", ".glb", ".gltf")
@@ -240,8 +213,8 @@ _MAX_VERTICES = 4_000_000
 def read_mesh(path: str | Path) -> BareMesh:
     """Read a mesh in its own units and axes; vertices keep the order of the file.
 
-    Colours of a PLY's vertices become a texture. Vertices of an STL, which repeats them for every
-    triangle, are merged where they are equal.
+    Colours of vertices of a PLY, and of a glTF without an image, become a texture. Vertices of an
+    STL, which repeats them for every triangle, are merged where they are equal.
 
     Raises:
         InputError: missing, empty, damaged or oversized file, another format, no triangles, or a

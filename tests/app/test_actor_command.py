@@ -125,6 +125,34 @@ def test_another_actor_is_not_replaced(perfcap: Command, tmp_path: Path) -> None
     assert (folder / "manifest.toml").read_bytes() == before
 
 
+@pytest.mark.parametrize("name", ["actor.glb", "contact_sheet.jpg", "measurements.json"])
+def test_files_of_nobody_perfcap_built_are_not_replaced(
+    name: str, perfcap: Command, tmp_path: Path
+) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / name).write_bytes(b"of another program")
+    (folder / "notes.txt").write_bytes(b"to be kept")
+    call = ["actor", "build", write(tmp_path / "a.glb"), "--out", folder]
+    assert f"holds {name} but no actor that perfcap has built" in perfcap(call).refused()
+    assert (folder / name).read_bytes() == b"of another program"
+    assert {file.name for file in folder.iterdir()} == {name, "notes.txt"}
+    (folder / name).unlink()
+    for _ in range(2):  # what stands beside is nobody's concern, and one's own is made again
+        assert perfcap(call).code == 0
+    assert (folder / "notes.txt").read_bytes() == b"to be kept"
+
+
+def test_a_manifest_of_something_else_is_not_replaced(perfcap: Command, tmp_path: Path) -> None:
+    """Networks have one, too."""
+    manifest = tmp_path / "net/manifest.toml"
+    manifest.parent.mkdir()
+    manifest.write_text('kind = "detector"\n')
+    call = ["actor", "build", write(tmp_path / "a.glb"), "--out", manifest.parent]
+    assert "holds manifest.toml but no actor" in perfcap(call).refused()
+    assert manifest.read_text() == 'kind = "detector"\n'
+
+
 def write(path: Path, **changes: object) -> Path:
     write_actor(path, replace(Rig(MIXAMO).template(), **changes))  # type: ignore[arg-type]
     return path

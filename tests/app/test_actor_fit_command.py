@@ -53,6 +53,15 @@ def test_a_person_becomes_a_folder(take: TakeFiles, tmp_path: Path, perfcap: Com
         assert cv2.imread(str(tmp_path / "me" / picture)) is not None
 
 
+def test_the_body_of_a_capture_is_not_replaced(
+    take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    (tmp_path / "body.npz").write_bytes(b"of a capture")
+    line = perfcap(call(take, tmp_path, "--height", 1.7)).refused()
+    assert "holds body.npz but no actor that perfcap has built" in line
+    assert (tmp_path / "body.npz").read_bytes() == b"of a capture"
+
+
 @pytest.mark.parametrize(
     ("evidence", "words"), [("contours", "joints and contours"), ("joints", "joints")]
 )

@@ -73,6 +73,47 @@ def test_several_images_and_colours_show_what_they_showed() -> None:
     assert "3 materials" in notes[0].what
 
 
+@pytest.mark.parametrize("kind", [".png", ".jpg"])
+def test_an_image_is_multiplied_by_its_colour_in_linear_light(kind: str) -> None:
+    """Half the light of sRGB 255 is 188, and of 100 is 71."""
+    picture = np.full((16, 16, 3), (255, 100, 100), np.uint8)
+    source, uv = Source((encoded(picture, kind),)), middles(16, 16)
+    notes: list[Finding] = []
+    texture, moved = one_texture(source, [Material(0, (0.5, 0.5, 1.0))], [uv], notes)
+    assert texture is not None and moved[0] is uv
+    assert texture[:2] == source.images[0][:2]  # of the same format
+    shown = seen(texture, uv).astype(int)
+    assert np.abs(shown - (188, 71, 100)).max() <= (0 if kind == ".png" else 3)
+    assert "multiplied by the base colours" in notes[0].what
+
+
+def test_one_image_in_two_colours_shows_both() -> None:
+    picture, uv = gradient(16, 24, 90), middles(16, 24)
+    materials = [Material(0, WHITE), Material(0, (0.0, 1.0, 1.0))]
+    texture, moved = one_texture(Source((encoded(picture),)), materials, [uv, uv], [])
+    assert texture is not None
+    for factor, there in zip((1, 0), moved, strict=True):
+        assert there is not None
+        expected = picture.reshape(-1, 3) * (factor, 1, 1)
+        np.testing.assert_array_equal(seen(texture, there), expected)
+
+
+def test_colours_of_vertices_of_all_parts_stand_beside_images() -> None:
+    picture = gradient(20, 20, 10)
+    ramp = np.linspace((250, 40, 30), (20, 20, 120), 7).astype(np.uint8)
+    parts = [Material(None, WHITE, ramp[:4].tobytes()), Material(None, WHITE, ramp[4:].tobytes())]
+    alone, moved = one_texture(Source(()), parts, [None, middles(1, 3)], [])
+    assert alone is not None
+    shown = np.concatenate([seen(alone, uv) for uv in moved if uv is not None])
+    assert np.abs(shown.astype(int) - ramp).max() <= 3
+    source, uv = Source((encoded(picture),)), middles(20, 20)
+    texture, moved = one_texture(source, [*parts, Material(0)], [None, None, uv], [])
+    assert texture is not None and moved[2] is not None
+    np.testing.assert_array_equal(seen(texture, moved[2]), picture.reshape(-1, 3))
+    shown = np.concatenate([seen(texture, uv) for uv in moved[:2] if uv is not None])
+    assert np.abs(shown.astype(int) - ramp).max() <= 3
+
+
 def test_tiles_further_along_are_the_same_tile() -> None:
     pictures = [gradient(8, 8, 10), gradient(8, 8, 200)]
     source = Source(tuple(encoded(picture) for picture in pictures))

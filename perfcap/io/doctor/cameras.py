@@ -11,6 +11,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig, match_image
+from perfcap.io.doctor.camera_jumps import examine_poses
 from perfcap.io.doctor.finding import Finding, Severity
 
 # --- Cameras that no recording was made with, although every number in them is a number -----------
@@ -72,20 +73,22 @@ def examine_cameras(
     rig: CameraRig,
     video_sizes: Sequence[tuple[int, int]] | None = None,
     maps: dict[str, Tensor] | None = None,
+    first: int = 0,
 ) -> list[Finding]:
-    """Image sizes, units, lenses.
+    """Image sizes, units, lenses, and poses that are of no way of a moving camera.
 
     Args:
         rig: C views.
         video_sizes: (height, width) of their videos, if known.
         maps: from ``read_pixel_map``.
+        first: number of the first pose of moving cameras, as users count frames.
     """
     findings = [Finding(Severity.INFO, "cameras", warning) for warning in rig.warnings]
     if video_sizes is not None:
         findings += _sizes(rig, video_sizes, maps)
     for view in range(len(rig.names)):
         findings += _lens(rig, view)
-    return [*findings, *impossible_cameras(rig), *_units(rig)]
+    return [*findings, *impossible_cameras(rig), *_units(rig), *examine_poses(rig, first)]
 
 
 def _sizes(
