@@ -171,11 +171,15 @@ class _View:
             self._known[frame] = np.asarray(small), about_joints(joints, small.shape[:2])
         return self._known[frame]
 
+    def has(self, frame: int) -> bool:
+        """Whether there is such a frame."""
+        return 0 <= frame < self._count
+
     def rests(self, frame: int, step: int) -> bool:
         """Whether there are corners enough, and the background stays for some frames that way."""
         if len(find_landmarks(*self._read(frame), CORNERS).corners) < 2 * CORNERS.least:
             return False
-        there = frame + step if 0 <= frame + step < self._count else frame - step  # at an end
+        there = frame + step if self.has(frame + step) else frame - step  # at an end
         return self.held(frame, there)
 
     def held_before(self, frame: int, back: int) -> bool:
@@ -231,7 +235,8 @@ def _change(view: _View, anchors: list[int], index: int, stop: int, longest: int
     first = end - (_last(partial(view.held_before, end), 0, end - last) if still[1] else 0)
     if not all(still):
         from_, way = (last, 1) if still[0] else (first, -1)
-        moved = any(view.moved(from_, from_ + way * each) for each in _GOES)
+        there = [from_ + way * each for each in _GOES]
+        moved = any(view.moved(from_, each) for each in there if view.has(each))
         return Change(last, first, slow=True) if moved else None
     near = max(begin, last - _SHORTEST), min(end, first + _SHORTEST)
     if view.held(*near):  # what creeps is no cut
