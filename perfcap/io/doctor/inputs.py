@@ -131,9 +131,13 @@ def _examine_detections(
     frames = None if clip is None else len(clip)
 
     def read() -> tuple[Detections, list[str]]:
-        sizes = None if clip is None else clip.sizes
         return read_detections(
-            paths, views=rig.names, pixel_offset=rig.pixel_offset, frames=frames, sizes=sizes
+            paths,
+            views=rig.names,
+            pixel_offset=rig.pixel_offset,
+            frames=frames,
+            total=None if clip is None else clip.total,
+            sizes=None if clip is None else clip.sizes,
         )
 
     found = _try(findings, read)
