@@ -102,6 +102,7 @@ def doubts(
     detected: bool,
     alone: bool = True,
     people: bool | None = None,
+    everybody: Detections | None = None,
 ) -> tuple[str, ...]:
     """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
 
@@ -114,6 +115,7 @@ def doubts(
         detected: whether the joints were found in these very images.
         alone: whether nobody else is captured; of several people see ``places``.
         people: as of ``examined``.
+        everybody: as of ``examine_take``.
 
     Raises:
         InputError: most images of a view are of one color, and a stage needs them.
@@ -128,7 +130,13 @@ def doubts(
         inputs.rig, inputs.detections, coverage=False, detected=fitting, alone=not people
     )
     take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
-    findings += examine_take(*take, detected=detected, alone=people is False, rests=inputs.rests)
+    findings += examine_take(
+        *take,
+        detected=detected,
+        alone=people is False,
+        rests=inputs.rests,
+        everybody=everybody,
+    )
     return _sentences(findings)
 
 

@@ -197,9 +197,9 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
 
 def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
     """What may be wrong with the inputs; of one person, where it is not of all."""
+    seen = {"detected": detected, "alone": False, "people": True}
     lines = [
-        doubts(each, needs_images=images, detected=detected, alone=False, people=True)
-        for each in everybody
+        doubts(each, needs_images=images, everybody=inputs.detections, **seen) for each in everybody
     ]
     common = set(lines[0]).intersection(*lines[1:])
     found = [] if detected else [*places(inputs)]

@@ -170,7 +170,8 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     reader = read_candidates if request.everybody else read_detections
     read = partial(reader, list(request.detections), views=rig.names, sizes=clip.sizes)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
-    found, notes = read(pixel_offset=rig.pixel_offset, frames=whole, used=used)
+    offset = rig.pixel_offset
+    found, notes = read(pixel_offset=offset, frames=whole, used=used, total=clip.total)
     _require_possible(request.cameras, rig)
     chosen = _part_of(found, clip)
     if request.detections_in == "video":

@@ -62,7 +62,7 @@ _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
 @dataclass(frozen=True)
 class _Part:
-    """One person: from where, onto whom, and what came of it."""
+    """One person: from where, onto whom, what came of it, and what is odd about that."""
 
     name: str
     rig: MovingRig
@@ -70,6 +70,7 @@ class _Part:
     target: Actor
     found: Retargeted
     scores: RetargetScores
+    doubts: tuple[str, ...] = ()
 
 
 def run_retarget(request: Retarget) -> int:
@@ -168,7 +169,8 @@ def _solved(
         _LOG.warning("%s", note)
     rig = replace(rig, notes=(*rig.notes, *notes))
     scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
-    return _Part(name, rig, joints, target, found, scores)
+    part = _Part(name, rig, joints, target, found, scores)
+    return replace(part, doubts=tuple(_doubts(part)))
 
 
 def _write(request: Retarget, folder: Path, parts: Sequence[_Part]) -> None:
@@ -203,7 +205,7 @@ def _write_person(request: Retarget, folder: Path, part: _Part) -> None:
         _config(request),
         floor=found.floor,
         contact=found.contact,
-        warnings=part.rig.notes,
+        warnings=(*part.rig.notes, *part.doubts),
     )
     about = _about(request) | {"retarget": part.scores.report() | {"scale": found.scale}}
     if part.target.skeleton.rig.roles:
@@ -277,7 +279,7 @@ def _tell(folder: Path, parts: Sequence[_Part]) -> None:
             f"{limbs['median']:.1f} degrees off (95 %: {limbs['q95']:.1f}), wrists "
             f"{reach['median']:.0f} mm ({reach['q95']:.0f})"
         )
-        for line in _doubts(part):
+        for line in part.doubts:
             _LOG.warning("%s%s", name, line)
     model = folder / (SCENE if len(parts) > 1 else "capture.glb")
     console.print(f"{model} opens in Blender; perfcap export {folder} writes other formats")

@@ -92,7 +92,7 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ..
     if images is None or not images.examined:
         told += input_doubts(cameras, joints)
     if images is not None and looked_at and not images.examined:
-        told += _image_doubts(images, cameras, joints, scene.rate)
+        told += _image_doubts(images, scene, joints)
     return told
 
 
@@ -296,16 +296,13 @@ def _triangulated(cameras: Camera, detections: Detections) -> Tensor:
 _REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
 
 
-def _image_doubts(
-    images: Images, cameras: Camera, detections: Detections, rate: float
-) -> tuple[str, ...]:
+def _image_doubts(images: Images, scene: Scene, detections: Detections) -> tuple[str, ...]:
     """Sentences about images that show little, or something else.
 
     Args:
         images: as they are given to a capture.
-        cameras: C views in pixels of the detections.
-        detections: (F, C), of the same frames.
-        rate: frames a second.
+        scene: with C views in pixels of the detections, and everybody in it.
+        detections: of the person, (F, C), of the same frames.
 
     Raises:
         InputError: most images of a view are of one color.
@@ -318,11 +315,24 @@ def _image_doubts(
     for finding in found:
         if finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
-    if not (cameras.moving or images.cameras.moving):
-        given, shown = (each.map(Tensor.detach).to(plain) for each in (cameras, images.cameras))
-        rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
-        pixels = shown.project_camera(rays)
-        places = (pixels.numpy(), detections.confidence2d.numpy())
-        moved = examine_standing(images.reader, names, rate, *places)
+    both = scene.cameras, images.cameras
+    if not any(each.moving for each in both):
+        given, shown = (each.map(Tensor.detach).to(plain) for each in both)
+        pixels = _shown_at(given, shown, detections)
+        crowd = None
+        if len(scene.people) > 1:
+            people = [p.detections.finite().map(Tensor.detach).to(plain) for p in scene.people]
+            crowd = (
+                torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
+                torch.stack([each.confidence2d for each in people]).numpy(),
+            )
+        take = images.reader, names, scene.rate, pixels.numpy(), detections.confidence2d.numpy()
+        moved = examine_standing(*take, everybody=crowd)
         found += moved or examine_footage(images.reader, shown.size, detections, pixels)
     return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
+
+
+def _shown_at(given: Camera, shown: Camera, detections: Detections) -> Tensor:
+    """Joints (F, C, 16, 2) in the pixels of the images."""
+    rays = torch.nn.functional.pad(given.to_plane(detections.joints2d), (0, 1), value=1.0)
+    return shown.project_camera(rays)

@@ -13,7 +13,10 @@ from crowds import Crowd, make_crowd
 from painted_crowd import PaintedCrowd
 from runs import Command
 
+from perfcap.app import capture_checks
 from perfcap.cli import main
+from perfcap.detect.detections import Detections
+from perfcap.errors import InputError
 from perfcap.io.result import read_result
 from perfcap.io.result_folder import people_of
 
@@ -119,3 +122,19 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
     (out / "report.html").unlink()
     assert "report.html" in perfcap(["report", out]).out
     assert "Between people" in (out / "report.html").read_text()
+
+
+def test_what_is_behind_one_person_is_behind_everybody(
+    pair: CrowdFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who walked past another person was taken for a cut of the video."""
+    seen: list[tuple[int, ...]] = []
+
+    def examine(*_: object, everybody: Detections, **__: object) -> list[object]:
+        seen.append(tuple(everybody.joints2d.shape))
+        raise InputError("seen: enough; stop here")
+
+    monkeypatch.setattr(capture_checks, "examine_take", examine)
+    call = pair.command(tmp_path / "out", "--until", "initialize", "--no-overlay")
+    assert "enough" in perfcap(call).refused()
+    assert seen == [tuple(crowd().candidates.joints2d.shape)]

@@ -4,13 +4,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import torch
 from openpose_take import write_openpose
 from takes import TakeFiles, camera_entry, write_detections, write_json
 
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.commands.views import Views
+from perfcap.errors import InputError
+from perfcap.io.clip import Clip
 from perfcap.io.detections import save_detections
+from perfcap.io.doctor import Severity, examine_inputs
 
 PART = "10:16"
 
@@ -72,6 +76,33 @@ def test_detections_made_for_the_part(take: TakeFiles, tmp_path: Path) -> None:
         inputs = read(take, counted, frames)
         torch.testing.assert_close(neck(inputs), true_neck(take, part), atol=1e-3, rtol=0)
         assert not inputs.warnings
+
+
+@pytest.mark.parametrize("frames", [None, PART])
+def test_detections_of_a_longer_video(take: TakeFiles, tmp_path: Path, frames: str | None) -> None:
+    """A part of it has as many frames as this video; ``--frames`` alone made that be looked at."""
+    path = tmp_path / "longer.npz"
+    save_detections(path, take.take.detections, video_frames=60)
+    said = "longer.npz is of 60, the video has 24"
+    with pytest.raises(InputError, match=said):
+        read(take, path, frames)
+    (found,) = examine_inputs(take.camera, [path], [take.video])
+    assert found.severity is Severity.ERROR and said in found.what
+
+
+def test_detections_that_were_kept_of_a_broken_video(take: TakeFiles, tmp_path: Path) -> None:
+    """They count the frames that it promises, and are of those that it has."""
+    data = take.video.read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(data[: len(data) // 2])
+    clip = Clip.open(tmp_path / "cut.mp4")
+    assert clip.total == 24 and len(clip) < 18
+    path = tmp_path / "kept.npz"
+    kept = take.take.detections.frames(slice(0, len(clip)))
+    save_detections(path, kept, video_frames=clip.total)
+    request = Views(videos=(tmp_path / "cut.mp4",), cameras=take.camera, detections=(path,))
+    assert read_inputs(request).detections.frame_count == len(clip)
+    found = examine_inputs(take.camera, [path], [tmp_path / "cut.mp4"])
+    assert not any(each.severity is Severity.ERROR for each in found)
 
 
 def test_a_few_frames_more_or_less_than_the_video_promises(take: TakeFiles, tmp_path: Path) -> None:

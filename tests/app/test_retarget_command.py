@@ -72,6 +72,24 @@ def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Co
     assert any("retarget: rate is 0.12 frames a second" in line for line in outcome.notes)
 
 
+def test_what_is_told_is_kept(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+    """In the result and on its page; as of a capture, doubts alone are no failure."""
+    assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path, "--name", "b"]).code == 0
+    head, _, frames = (tmp_path / "b.bvh").read_text().partition("Frame Time:")
+    (tmp_path / "fast.bvh").write_text(head + "Frame Time: 0.0005\n" + frames.partition("\n")[2])
+    out = tmp_path / "out"
+    outcome = perfcap(["retarget", tmp_path / "fast.bvh", "--actor", "sam", "--out", out])
+    kept = json.loads((out / "run.json").read_text())["warnings"]
+    doubts = ("faster than any runner", "check its frame time")
+    assert outcome.code == 0
+    assert all(any(words in line for line in outcome.notes) for words in doubts)
+    assert all(any(words in line for line in kept) for words in doubts)
+    assert len(set(kept)) == len(kept) == len(outcome.notes)
+    assert perfcap(["report", out]).code == 0
+    page = (out / "report.html").read_text()
+    assert all(words in page for words in doubts)
+
+
 def test_places_that_no_person_is_in_are_told() -> None:
     """Above the floor, below it, and lying all the time; not who stands, jumps or falls."""
     take = make_take(20)

@@ -13,7 +13,7 @@ from detection_files import FRAMES, moving, person, pose3d_mm, write_json, write
 from perfcap.detect import joint_set as sets
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.detections import read_detections
+from perfcap.io.detections import read_candidates, read_detections
 
 
 def test_not_finite_is_dropped_and_counted(tmp_path: Path) -> None:
@@ -38,6 +38,22 @@ def test_confidence_above_one_is_cut_and_said(tmp_path: Path) -> None:
 def test_a_few_frames_at_the_end_may_differ(tmp_path: Path, video: int, kept: int) -> None:
     detections, warnings = read_detections(write_npz(tmp_path / "a.npz"), frames=video)
     assert detections.frame_count == kept and f"first {kept} are used" in warnings[0]
+
+
+@pytest.mark.parametrize("reader", [read_detections, read_candidates])
+def test_rows_of_a_longer_video_are_not_of_this_one(reader: Any, tmp_path: Path) -> None:
+    """As many rows as the video has frames may have been cut from elsewhere in another one."""
+    path = write_npz(tmp_path / "a.npz", video_frames=np.array(FRAMES + 20))
+    said = f"a.npz is of {FRAMES + 20}, the video has {FRAMES}"
+    with pytest.raises(InputError, match=said):
+        reader(path, frames=FRAMES)
+    with pytest.raises(InputError, match=said):
+        reader(path, frames=FRAMES, total=FRAMES + 10)
+    # a video that breaks off where the rows end, and one whose length is miscounted
+    assert reader(path, frames=FRAMES, total=FRAMES + 20)[1] == []
+    path = write_npz(tmp_path / "b.npz", video_frames=np.array(FRAMES + 4))
+    assert reader(path, frames=FRAMES)[1] == []
+    assert reader(path)[1] == []  # nothing is known of the video
 
 
 def test_many_frames_may_not(tmp_path: Path) -> None:

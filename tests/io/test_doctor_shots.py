@@ -30,8 +30,9 @@ class Filmed:
     name, lost, warnings, fps, timestamps = "filmed", 0, (), 30.0, None
     size, total = (SIDE, SIDE), FRAMES
 
-    def __init__(self, later: Image, until: int = FRAMES, fade: int = 1) -> None:
-        self.later, self.until, self.fade = later, until, fade
+    def __init__(self, later: Image, until: int = FRAMES, fade: int = 1, cut: int = CUT) -> None:
+        self.later, self.until, self.fade, self.cut = later, until, fade, cut
+        self.before = wall(0)
 
     def __len__(self) -> int:
         return FRAMES
@@ -44,8 +45,8 @@ class Filmed:
     def read(self, start: int, stop: int) -> Image:
         images = []
         for frame, joints in enumerate(self.joints()[start:stop, 0], start):
-            share = np.clip((frame - CUT + 1) / self.fade, 0, 1) if frame < self.until else 0.0
-            image = cv2.addWeighted(wall(0), 1 - share, self.later, share, 0)
+            share = np.clip((frame - self.cut + 1) / self.fade, 0, 1) if frame < self.until else 0.0
+            image = cv2.addWeighted(self.before, 1 - share, self.later, share, 0)
             (x0, y0), (x1, y1) = joints.min(0).astype(int), joints.max(0).astype(int)
             image[y0:y1, x0:x1] = 250
             images.append(image)
@@ -115,6 +116,16 @@ def test_a_camera_that_moves_for_a_while_is_named(begin: int, end: int) -> None:
 
 def test_somebody_who_goes_by_is_no_cut() -> None:
     assert looked_at(Filmed(wall(1), until=CUT + 20)) == []
+
+
+@pytest.mark.parametrize("at_end", [True, False])
+def test_a_few_frames_of_little_at_an_end(at_end: bool) -> None:
+    """Frames behind the last one, or before the first, were asked for."""
+    little = np.full((SIDE, SIDE), 90, np.uint8)
+    little[:60, 175:] = wall(6)[:60, 175:]
+    filmed = Filmed(little if at_end else wall(0), cut=FRAMES - 6 if at_end else 6)
+    filmed.before = wall(0) if at_end else little
+    assert looked_at(filmed) == []
 
 
 def test_the_demo_is_one_shot() -> None:

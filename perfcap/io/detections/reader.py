@@ -35,6 +35,7 @@ def read_detections(
     pixel_offset: float = 0.0,
     frames: int | None = None,
     used: int | None = None,
+    total: int | None = None,
     sizes: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[Detections, list[str]]:
     """Read the joints of one person, seen in C views.
@@ -47,6 +48,8 @@ def read_detections(
         frames: frames of the video, where known.
         used: of these the first that matter, where those behind them do not: all of the video
             should then have been detected nevertheless, or just these, and nothing is cut.
+        total: frames that the video promises, where some of them may be broken: detections that
+            say how long their video was may be of either number.
         sizes: height and width of each view's images, for files that hold shares of them.
 
     Returns:
@@ -60,7 +63,7 @@ def read_detections(
     tracks = [followed(view) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in tracks]
     _require_somebody(names, mapped)
-    shortest, note = _shared_length(tracks, frames, used)
+    shortest, note = _shared_length(tracks, frames, used, total)
     warnings = [warning for track in mapped for warning in track.warnings]
     crowded = [view for view in found if slots_of(view) > 1]
     if len(found) > 1 and crowded:
@@ -78,6 +81,7 @@ def read_candidates(
     pixel_offset: float = 0.0,
     frames: int | None = None,
     used: int | None = None,
+    total: int | None = None,
     sizes: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[Detections, list[str]]:
     """Read the joints of everybody who was detected in C views, before anybody says who is who.
@@ -88,6 +92,7 @@ def read_candidates(
         pixel_offset: added to pixel coordinates.
         frames: frames of the video, where known.
         used: of these the first that matter.
+        total: frames that the video promises.
         sizes: height and width of each view's images.
 
     Returns:
@@ -104,7 +109,7 @@ def read_candidates(
     mapped = [to_landmarks(track, pixel_offset) for track in rows]
     _require_somebody(names, mapped)
     each = [replace(track, joints2d=track.joints2d[::slots]) for track in rows]
-    shortest, note = _shared_length(each, frames, used)
+    shortest, note = _shared_length(each, frames, used, total)
     warnings = [warning for track in mapped for warning in track.warnings]
     flat = _stack(mapped, shortest * slots)
     return flat.map(lambda t: t.unflatten(0, (shortest, slots)).movedim(1, 0)), warnings + note
@@ -140,13 +145,16 @@ def _require_somebody(names: str, tracks: Sequence[LandmarkTrack]) -> None:
 
 
 def _shared_length(
-    tracks: Sequence[Track], frames: int | None, used: int | None
+    tracks: Sequence[Track], frames: int | None, used: int | None, total: int | None
 ) -> tuple[int, list[str]]:
     """The frames that all have and that matter, with notes."""
     shortest, note = _common_length(tracks, frames if used is None else None)
-    if used is not None and frames is not None:
-        note += _check_part(tracks, frames, used)
-    return shortest, note
+    if frames is None:
+        return shortest, note
+    if used is None:
+        _check_whole(tracks, frames, total)
+        return shortest, note
+    return shortest, note + _check_part(tracks, frames, used)
 
 
 def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[Track | Listing]:
@@ -210,6 +218,21 @@ def _common_length(tracks: Sequence[Track], frames: int | None) -> tuple[int, li
             "frame and view"
         )
     return shortest, [f"numbers of frames differ ({listing}); the first {shortest} are used"]
+
+
+def _check_whole(tracks: Sequence[Track], frames: int, total: int | None) -> None:
+    """Detections are of this video, where they say how long theirs was.
+
+    As many rows as the video has frames may be of a part of a longer one.
+    """
+    for track in tracks:
+        of, known = track.video_frames, (frames, frames if total is None else total)
+        if of is not None and all(abs(of - one) > END_SLACK for one in known):
+            raise InputError(
+                f"--detections: numbers of frames differ ({track.where} is of {of}, the video has "
+                f"{frames}); expected detections of this video: is it a part of the one that was "
+                "detected?"
+            )
 
 
 def _check_part(tracks: Sequence[Track], frames: int, used: int) -> list[str]:

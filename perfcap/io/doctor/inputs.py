@@ -88,6 +88,7 @@ def examine_take(
     detected: bool = False,
     rests: bool = False,
     alone: bool = True,
+    everybody: Detections | None = None,
 ) -> list[Finding]:
     """Whether cameras, joints and video belong together, of what is read already.
 
@@ -99,13 +100,19 @@ def examine_take(
         detected: whether the joints were found in this very video.
         rests: whether it is known that no camera moves.
         alone: whether nobody else is followed.
+        everybody: all people who are seen, (P, F, C), where there are more than this one.
     """
     findings = examine_agreement(rig, detections, alone=alone)
     fits = rig.cameras.views == detections.views and not rig.cameras.moving
     if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
         there = pixel_map.to_video(detections.joints2d)
         seen = there.numpy(), detections.confidence2d.numpy()
-        moved = examine_standing(*(clip, rig.names, clip.fps, *seen), first=clip.start, rests=rests)
+        crowd = None
+        if everybody is not None:
+            places = pixel_map.to_video(everybody.joints2d)
+            crowd = places.numpy(), everybody.confidence2d.numpy()
+        take = clip, rig.names, clip.fps, *seen
+        moved = examine_standing(*take, first=clip.start, rests=rests, everybody=crowd)
         # what else pixels show supposes a camera at rest
         findings += moved
         if not moved and not detected:
@@ -124,9 +131,13 @@ def _examine_detections(
     frames = None if clip is None else len(clip)
 
     def read() -> tuple[Detections, list[str]]:
-        sizes = None if clip is None else clip.sizes
         return read_detections(
-            paths, views=rig.names, pixel_offset=rig.pixel_offset, frames=frames, sizes=sizes
+            paths,
+            views=rig.names,
+            pixel_offset=rig.pixel_offset,
+            frames=frames,
+            total=None if clip is None else clip.total,
+            sizes=None if clip is None else clip.sizes,
         )
 
     found = _try(findings, read)

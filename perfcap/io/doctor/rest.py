@@ -24,7 +24,7 @@ _PAIRS, _FEWEST = 8, 3  # pairs of images looked at, and that must say something
 FAR = 0.002
 _SHARE = 1 / 3  # of the pairs; who follows a person with a camera stops now and then
 CONFIDENT = 0.3  # joints that say where the person is
-_MARGIN = 0.25  # about the joints, of their box
+MARGIN = 0.25  # about the joints, of their box
 CORNERS = RegistrationSettings(side=320, tolerance=0.7)
 _REMEDY = (
     "its motion becomes the person's, and the floor is lost: film from a tripod, or give R and t "
@@ -108,12 +108,15 @@ def _moved(
     return moved
 
 
-def about_joints(joints: Array, size: tuple[int, ...]) -> NDArray[np.bool_]:
-    """The box about joints (n, 2) in an image of (height, width), and a margin; none of none."""
+def about_joints(joints: Array, size: tuple[int, ...], share: float = MARGIN) -> NDArray[np.bool_]:
+    """The box about joints (n, 2) in an image of (height, width), and a margin; none of none.
+
+    The margin is a share of the box's longer side.
+    """
     hidden = np.zeros(size, np.bool_)
     if len(joints):
         low, high = joints.min(0), joints.max(0)
-        margin = _MARGIN * float((high - low).max())
+        margin = share * float((high - low).max())
         left, top = np.maximum(low - margin, 0).astype(int)
         right, bottom = np.maximum(high + margin + 1, 0).astype(int)
         hidden[top:bottom, left:right] = True

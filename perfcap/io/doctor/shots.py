@@ -17,6 +17,7 @@ from perfcap.io.doctor.rest import (
     CONFIDENT,
     CORNERS,
     FAR,
+    MARGIN,
     about_joints,
     examine_rest,
     median_shift,
@@ -28,6 +29,9 @@ _BETWEEN = 1.0  # s that one shot takes at most to become the next
 _ALIKE = 0.5  # correlation of edges; lamps that go on and off leave more
 _SHORTEST = 5  # frames of a shot
 _GOES = (2, 4, 8)  # frames within which a camera that is picked up is seen to move
+# margin about the joints of each of several people, of their box: with that of one person alone two
+# who fill the image leave so little of the background that half of the cuts are missed
+_CROWDED = 0.1
 _REMEDY = "parts can be captured one at a time; the longest is --frames"
 
 Array = NDArray[np.float64]
@@ -43,6 +47,7 @@ def examine_standing(
     *,
     first: int = 0,
     rests: bool = False,
+    everybody: tuple[Array, Array] | None = None,
 ) -> list[Finding]:
     """Views whose cameras move, and of the others those whose background does not stay.
 
@@ -54,11 +59,14 @@ def examine_standing(
         confidence: of them.
         first: number of the first frame in the video.
         rests: whether it is known that no camera moves.
+        everybody: joints (P, F, C, 16, 2) and confidence (P, F, C, 16) of all people, where there
+            are more than this one: who walks past is no part of the background.
     """
-    seen = clip, names, rate, joints2d, confidence
-    moved = [] if rests else examine_rest(*seen)
+    moved = [] if rests else examine_rest(clip, names, rate, joints2d, confidence)
     named = {finding.subject for finding in moved}
-    return moved + [each for each in examine_shots(*seen, first) if each.subject not in named]
+    seen = everybody or (joints2d, confidence)
+    shots = examine_shots(clip, names, rate, *seen, first)
+    return moved + [each for each in shots if each.subject not in named]
 
 
 def examine_shots(
@@ -75,13 +83,14 @@ def examine_shots(
         clip: C views.
         names: of the views, C.
         rate: frames a second.
-        joints2d: of the person in pixels of the videos, (F, C, 16, 2).
-        confidence: of them, (F, C, 16).
+        joints2d: of the person, or of everybody, in pixels of the videos, (*P, F, C, 16, 2).
+        confidence: of them, (*P, F, C, 16).
         first: number of the first frame in the video.
     """
     findings = []
     for view, name in enumerate(names):
-        changes = background_changes(clip, view, rate, joints2d[:, view], confidence[:, view])
+        seen = joints2d[..., view, :, :], confidence[..., view, :]
+        changes = background_changes(clip, view, rate, *seen)
         if not changes:
             continue
         ends = [[0, *(c.after for c in changes)], [*(c.before + 1 for c in changes), len(clip)]]
@@ -125,10 +134,12 @@ def background_changes(
         clip: the frames.
         view: which of its views.
         rate: frames a second.
-        joints2d: of the person in pixels of the video, (F, 16, 2).
-        confidence: of them, (F, 16).
+        joints2d: of the person, or of everybody, in pixels of the video, (*P, F, 16, 2).
+        confidence: of them, (*P, F, 16).
     """
-    count = min(len(clip), len(joints2d))
+    joints2d = joints2d.reshape(-1, *joints2d.shape[-3:])
+    confidence = confidence.reshape(-1, *confidence.shape[-2:])
+    count = min(len(clip), joints2d.shape[1])
     if count < 2 * _SHORTEST:
         return []
     seen = _View(clip, view, joints2d, confidence > CONFIDENT, count)
@@ -152,7 +163,10 @@ def _runs(flags: Sequence[bool]) -> list[tuple[int, int]]:
 
 
 class _View:
-    """Frames of a view, and whether two of them have one background."""
+    """Frames of a view, and whether two of them have one background.
+
+    Joints are (P, F, 16, 2) of everybody, and so is whether they are seen.
+    """
 
     def __init__(
         self, clip: Frames, view: int, joints: Array, seen: NDArray[np.bool_], count: int
@@ -162,20 +176,27 @@ class _View:
         self._known: dict[int, tuple[NDArray[np.uint8], NDArray[np.bool_]]] = {}
 
     def _read(self, frame: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """A frame, shrunk, and where the person may be."""
+        """A frame, shrunk, and where people may be."""
         if frame not in self._known:
             image = self._clip.read_view(self._view, frame, frame + 1)[0]
             scale = min(1.0, CORNERS.side / max(image.shape[:2]))
             small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            joints = scale * self._joints[frame, self._seen[frame]]
-            self._known[frame] = np.asarray(small), about_joints(joints, small.shape[:2])
+            margin = MARGIN if len(self._joints) == 1 else _CROWDED
+            hidden = np.zeros(small.shape[:2], np.bool_)
+            for joints, seen in zip(self._joints[:, frame], self._seen[:, frame], strict=True):
+                hidden |= about_joints(scale * joints[seen], small.shape[:2], margin)
+            self._known[frame] = np.asarray(small), hidden
         return self._known[frame]
+
+    def has(self, frame: int) -> bool:
+        """Whether there is such a frame."""
+        return 0 <= frame < self._count
 
     def rests(self, frame: int, step: int) -> bool:
         """Whether there are corners enough, and the background stays for some frames that way."""
         if len(find_landmarks(*self._read(frame), CORNERS).corners) < 2 * CORNERS.least:
             return False
-        there = frame + step if 0 <= frame + step < self._count else frame - step  # at an end
+        there = frame + step if self.has(frame + step) else frame - step  # at an end
         return self.held(frame, there)
 
     def held_before(self, frame: int, back: int) -> bool:
@@ -231,7 +252,8 @@ def _change(view: _View, anchors: list[int], index: int, stop: int, longest: int
     first = end - (_last(partial(view.held_before, end), 0, end - last) if still[1] else 0)
     if not all(still):
         from_, way = (last, 1) if still[0] else (first, -1)
-        moved = any(view.moved(from_, from_ + way * each) for each in _GOES)
+        there = [from_ + way * each for each in _GOES]
+        moved = any(view.moved(from_, each) for each in there if view.has(each))
         return Change(last, first, slow=True) if moved else None
     near = max(begin, last - _SHORTEST), min(end, first + _SHORTEST)
     if view.held(*near):  # what creeps is no cut
