@@ -133,16 +133,18 @@ def _video(known: Recording, files: str, view: int) -> Video:
 def _row(video: Video, out: Path) -> tuple[str | float, ...]:
     call = Capture(videos=(video.path,), out=out, until="track_motion", overlay=False)
     run_capture(call)
-    lens = json.loads((out / "run.json").read_text())["view_errors"]["lens"]
-    half = math.tan(math.radians(ASSUMED_FOV) / 2)
-    found = math.degrees(2 * math.atan(half / lens["factor"]))
+    lens = json.loads((out / "run.json").read_text())["view_errors"].get("lens", {})
+    camera = read_cameras(out / "assumed_camera.json", video.camera.size).cameras
+    focal = float(camera.intrinsics.reshape(-1, 3, 3)[0, 0, 0])
+    found = math.degrees(2 * math.atan(0.5 * max(camera.size[0]) / focal))
     scores = [_scores(video, out)]
     for lens_name, angle in (("assumed", ASSUMED_FOV), ("true", video.angle)):
         again = out.with_name(f"{out.name}_{lens_name}")
         run_capture(replace(call, out=again, detections=(out / "detections.npz",), fov=angle))
         scores.append(_scores(video, again))
     errors, distances = zip(*scores, strict=True)
-    off = _wrong(found, video.angle) / lens["log_deviation"]
+    # the way of a camera that moves shows its lens as well, and says no deviation
+    off = _wrong(found, video.angle) / lens.get("log_deviation", math.nan)
     return (video.name, video.angle, found, off, *errors, *distances)
 
 

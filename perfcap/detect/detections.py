@@ -30,8 +30,8 @@ class Detections(Record):
         joints3d: (*b, F, C, J, 3), metres in the axes of the view's camera, relative to the
             middle of the hips; None when the detector has none.
         trusted3d: (*b, F, C), bool: whether a view's 3D pose may be used in a frame.
-        deviation3d: (*b, F, C), metres: how far the joints of a 3D pose are expected to be off, in
-            the mean, by what gave it; NaN where it does not say, None where nothing does.
+        deviation3d: (*b, F, C), metres: how far the joints of a 3D pose are expected to be off,
+            root mean square, by what gave it; NaN where it does not say, None where nothing does.
     """
 
     joints2d: Tensor

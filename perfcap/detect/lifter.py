@@ -112,7 +112,7 @@ class OnnxLifter:
         joints, spread = self.lift(detections, cameras, rate)
         seen = (detections.confidence2d > 0).sum(-1) >= _MIN_JOINTS
         if detections.joints3d is None:
-            deviation = spread.mean(-1)
+            deviation = _overall(spread)
             return replace(detections, joints3d=joints, trusted3d=seen, deviation3d=deviation)
         lacks = seen & ~detections.trusted3d
         joints = torch.where(lacks[..., None, None], joints, detections.joints3d)
@@ -189,7 +189,10 @@ class OnnxLifter:
         if self.flip_test:
             flipped, other = self._run(mirrored_features(features))
             flipped = flipped[..., _MIRRORED, :] * flipped.new_tensor([-1.0, 1.0, 1.0])
-            joints, spread = 0.5 * (joints + flipped), 0.5 * (spread + other[..., _MIRRORED])
+            # where both are apart, more is to be expected than each says
+            apart = 0.5 * (joints - flipped)
+            square = 0.5 * (spread.square() + other[..., _MIRRORED].square())
+            joints, spread = joints - apart, (square + apart.square().sum(-1)).sqrt()
         return joints @ turn.mT, spread
 
     def _run(self, features: Tensor) -> tuple[Tensor, Tensor]:
@@ -235,7 +238,13 @@ def _deviation(detections: Detections, lacks: Tensor, spread: Tensor) -> Tensor:
     """Expected errors (F, C) where poses are lifted, and those known before elsewhere."""
     known = detections.deviation3d
     others = torch.full_like(spread[..., 0], torch.nan) if known is None else known
-    return torch.where(lacks, spread.mean(-1), others)
+    return torch.where(lacks, _overall(spread), others)
+
+
+def _overall(spread: Tensor) -> Tensor:
+    """Root mean square over joints: one that is far off makes a bad pose."""
+    mean: Tensor = spread.square().mean(-1).sqrt()
+    return mean
 
 
 def _between(values: Tensor, phase: int, step: int, frames: int) -> Tensor:

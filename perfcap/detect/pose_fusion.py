@@ -104,8 +104,8 @@ def _joined(first: Landmarks, other: Landmarks, size: Tensor) -> Landmarks:
 SHARE = 0.35  # of the other pose, where both agree
 APART = 0.15  # m, mean distance of two poses from which one of them is wrong
 # Errors of captures are as these products in the mean (``experiments/trust_video.py``).
-_ALONE = (1.61, 6.15)  # power of the lifter's own error, and a factor
-_TOGETHER = (1.276, 0.505, 8.1)  # powers of that error and of the distance, and a factor
+_ALONE = (1.445, 2.66)  # power of the lifter's own error, and a factor
+_TOGETHER = (1.276, 0.505, 5.2)  # powers of that error and of the distance, and a factor
 _LEAST = 0.01  # m
 _DOUBTED = 2.5  # expected distances of two poses from which a network that was adapted is doubted
 

@@ -100,9 +100,16 @@ class LifterCommittee(nn.Module):
         self.members = nn.ModuleList(members)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """As a ``Lifter``'s; the spread is the mean of theirs."""
+        """As a ``Lifter``'s; where its members are apart, more is to be expected than each says.
+
+        The spread is the root of their mean squared spread and of the variance among them (the law
+        of total variance; Lakshminarayanan and others 2017).
+        """
         joints, spread = zip(*(member(features) for member in self.members), strict=True)
-        return torch.stack(joints).mean(0), torch.stack(spread).mean(0)
+        places = torch.stack(joints)
+        middle = places.mean(0)
+        apart = (places - middle).square().sum(-1).mean(0)
+        return middle, (torch.stack(spread).square().mean(0) + apart).sqrt()
 
 
 class _Block(nn.Module):

@@ -114,8 +114,8 @@ def test_a_short_doubt_is_not_considerable() -> None:
 
 
 def test_evidence_is_in_the_stated_order() -> None:
-    assert len(FEATURES) == 10
-    evidence = torch.zeros(4, 10, dtype=F64)
+    assert len(FEATURES) == 11
+    evidence = torch.zeros(4, len(FEATURES), dtype=F64)
     worse = evidence.clone()
     worse[:, FEATURES.index("worst_pixels")] = 3.0
     assert (judge_frames(worse).value < judge_frames(evidence).value).all()

@@ -95,6 +95,23 @@ def test_flip_test_makes_mirror_images_of_mirror_images(folder: Path) -> None:
     torch.testing.assert_close(back, straight, atol=1e-5, rtol=0)
 
 
+def test_more_is_expected_where_a_track_and_its_mirror_image_differ(folder: Path) -> None:
+    take, order = make_take(20), list(lifter_module._MIRRORED)
+    plane = take.cameras.to_plane(take.detections.joints2d).float().transpose(0, 1)
+    sure = take.detections.confidence2d.float().transpose(0, 1)
+    flip = torch.tensor([-1.0, 1.0, 1.0])
+    both, one = OnnxLifter(folder), OnnxLifter(folder, flip_test=False)
+    joints, spread = both.lift_tracks(plane, sure)
+    mirror, other = one.lift_tracks(plane[..., order, :] * flip[:2], sure[..., order])
+    straight, own = one.lift_tracks(plane, sure)
+    mirror, other = mirror[..., order, :] * flip, other[..., order]
+    torch.testing.assert_close(joints, 0.5 * (straight + mirror), atol=1e-5, rtol=0)
+    apart = (0.5 * (straight - mirror)).square().sum(-1)
+    assert apart.max() > 1e-6  # a network that has learned nothing
+    expected = (0.5 * (own.square() + other.square()) + apart).sqrt()
+    torch.testing.assert_close(spread, expected, atol=1e-5, rtol=0)
+
+
 def test_frames_with_3d_keep_it_and_those_of_nobody_are_not_trusted(folder: Path) -> None:
     take = make_take(12, views=2)
     found = take.detections

@@ -10,12 +10,13 @@ import torch
 from motion_files import write_library
 from torch import nn
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.train import loop as loop_module
 from perfcap.train.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from perfcap.train.config import LifterConfig, LiftingData, LiftingLoss, LoopConfig
-from perfcap.train.lifter import Lifter
+from perfcap.train.lifter import Lifter, LifterCommittee
 from perfcap.train.lifter_task import LiftingTask, lifting_loss
 from perfcap.train.loop import BEST, LAST, LOG, learning_rate, mixed_seed, train
 from perfcap.train.motion_library import MotionLibrary
@@ -67,6 +68,23 @@ def test_the_middle_of_three_poses_is_the_whole_networks() -> None:
         model.sparse(features[:, :8])
     with pytest.raises(ValueError, match=re.escape("(1, 3)")):
         lifter(LifterConfig(16, (1, 2))).sparse(features)
+
+
+def test_a_committee_that_disagrees_expects_more_than_its_members() -> None:
+    one, other, features = lifter(), lifter(), torch.randn(2, 11, 49).double()
+    alone = one(features)
+    torch.testing.assert_close(LifterCommittee([one, other])(features), alone)
+    with torch.no_grad():  # 60 mm farther along x at the right wrist, 80 along y at the left
+        bias = other.across.bias
+        wrists = (LANDMARKS.index("r_wrist"), 0, 0.06), (LANDMARKS.index("l_wrist"), 1, 0.08)
+        for joint, axis, shift in wrists:
+            bias[3 * joint + axis] += shift
+    joints, spread = LifterCommittee([one, other])(features)
+    grown = (spread.square() - alone[1].square()).clamp(min=0).sqrt()
+    for joint, axis, shift in wrists:
+        torch.testing.assert_close(joints[..., joint, axis], alone[0][..., joint, axis] + shift / 2)
+        torch.testing.assert_close(grown[..., joint], torch.full_like(grown[..., 0], shift / 2))
+    torch.testing.assert_close(spread[..., :2], alone[1][..., :2])
 
 
 def test_loss_of_the_truth_is_least_and_spread_learns_the_error() -> None:
