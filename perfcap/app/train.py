@@ -47,7 +47,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     others = [_lifter(path, config.lifter) for path in request.together_with]
     make_folder(out, request.resume)
     learned = library.without((*config.held_out, *config.validation))
-    tracks = None if request.tracks is None else SeenTracks.read(request.tracks)
+    tracks = None if request.tracks is None else _tracks(request.tracks)
     task = LiftingTask(
         learned,
         library.of(config.validation),
@@ -77,6 +77,13 @@ def run_train_lifter(request: TrainLifter) -> int:
             model = LifterCommittee([trained, *others]) if others else trained
             _finish(model, request, library, learned.subjects)
     return 0
+
+
+def _tracks(path: Path) -> SeenTracks:
+    """Tracks of videos that are of their truth."""
+    tracks = SeenTracks.read(path)
+    tracks.require_followed(path)
+    return tracks
 
 
 def _described(library: MotionLibrary, tracks: SeenTracks | None) -> dict[str, str]:

@@ -23,7 +23,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.train.config import LiftingData
 from perfcap.train.detector_noise import unseen
-from perfcap.train.lifting_data import LiftingBatch, LiftingSamples, root_relative
+from perfcap.train.lifting_data import STANDING, LiftingBatch, LiftingSamples, root_relative
 from perfcap.train.loop import mixed_seed
 
 _WHAT = "tracks with their truth (joints2d, confidence, truth, intrinsics)"
@@ -32,6 +32,9 @@ _SHAPES = {
     "confidence": (len(LANDMARKS),),
     "truth": (len(LANDMARKS), 3),
 }
+_SPANS = 0.4, 3.0  # m, from end to end of a person in most frames
+_FOLLOWED = 0.1  # of a person's height
+_MOST = 0.5  # of the tracks
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
 
@@ -74,6 +77,44 @@ class SeenTracks:
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in kept))
         places, sure, joints = (torch.from_numpy(array) for array in kept)
         return cls(places, sure, joints, digest.hexdigest())
+
+    def require_followed(self, path: Path) -> None:
+        """Refuse tracks that are not of their truth, which a lifter would learn all the same.
+
+        Args:
+            path: that they were read from, for the message.
+
+        Raises:
+            InputError: most bodies are of no person's size in metres, a track is in the median a
+                tenth of a person's height from the truth before its camera, or most have left and
+                right exchanged.
+        """
+        span = float((self.joints.amax(-2) - self.joints.amin(-2)).norm(dim=-1).median())
+        if not _SPANS[0] < span < _SPANS[1]:
+            raise InputError(f"{path}: truth spans {span:.3g} a person; expected metres")
+        straight, other = self._misses(list(range(len(LANDMARKS)))), self._misses(_MIRRORED)
+        exchanged = float(((other < straight) & (other < _FOLLOWED)).double().mean())
+        if exchanged > _MOST:
+            raise InputError(
+                f"{path}: in {exchanged:.0%} of the tracks joints2d are nearer to the truth with "
+                "left and right exchanged; both are the person's own"
+            )
+        lost = (~(straight < _FOLLOWED)).nonzero().flatten().tolist()
+        if lost:
+            miss = f"{float(straight[lost[0]]):.0%} of a person's height"
+            raise InputError(
+                f"{path}: joints2d of {len(lost)} of {len(straight)} tracks are elsewhere, of "
+                f"track {lost[0]} {miss} from the truth before the camera; expected less than "
+                f"{_FOLLOWED:.0%}: truth in the axes of the camera, y down, of the same frames, "
+                "and intrinsics of the same pictures; leave tracks of somebody else out"
+            )
+
+    def _misses(self, order: list[int]) -> Tensor:
+        """Median distance of each track from true landmarks in an order, in heights, (N,)."""
+        true = (self.joints[..., :2] / self.joints[..., 2:])[:, :, order]
+        height = STANDING / self.joints[..., 2].mean(-1, keepdim=True)
+        apart = (self.plane - true).norm(dim=-1) / height
+        return torch.where(self.confidence > 0, apart, torch.nan).flatten(1).nanmedian(1).values
 
     def to(self, device: torch.device) -> SeenTracks:
         """The same on a device."""

@@ -9,7 +9,7 @@ import pytest
 import torch
 from motion_files import write_library
 
-from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.train.config import DetectorNoise, LiftingData
@@ -18,6 +18,7 @@ from perfcap.train.motion_library import MotionLibrary
 from perfcap.train.seen_tracks import MixedSamples, SeenTracks
 
 EXACT = LiftingData(frames=12, noise=DetectorNoise(*([0.0] * 14)))
+MIRRORED = list(LANDMARKS16.mirrored())
 LENS = np.array([[500.0, 0.0, 310.0], [0.0, 520.0, 250.0], [0.0, 0.0, 1.0]])
 
 
@@ -58,6 +59,42 @@ def test_what_was_not_seen_has_no_place(tmp_path: Path) -> None:
     tracks = read(tmp_path, joints2d=made["joints2d"])
     assert tracks.plane.isfinite().all() and tracks.confidence[0, 0, 3] == 0
     assert tracks.digest != read(tmp_path).digest
+
+
+def people(tracks: int = 5, frames: int = 20) -> dict[str, Any]:
+    """Somebody who walks to the right, before cameras."""
+    rest = np.zeros((16, 3))
+    rest[:, 1] = np.linspace(-0.8, 0.8, 16)
+    side = [0, 0, -1, -1.5, -2, 1, 1.5, 2, -0.5, -0.6, -0.6, -0.8, 0.5, 0.6, 0.6, 0.8]
+    rest[:, 0] = 0.2 * np.array(side)
+    rest[5:8], rest[12:] = rest[2:5] * [-1, 1, 1], rest[8:12] * [-1, 1, 1]
+    way = np.linspace(-1, 1, frames)[:, None, None] * [1.0, 0.0, 0.2] + [0.0, 0.0, 4.0]
+    truth = np.tile(rest + way, (tracks, 1, 1, 1))
+    pixels = truth @ LENS.T
+    seen = pixels[..., :2] / pixels[..., 2:]
+    seen += np.random.default_rng(0).normal(0, 4, seen.shape)
+    kept = arrays(tracks, frames)
+    return kept | {"joints2d": seen.astype(np.float32), "truth": truth.astype(np.float32)}
+
+
+SPOILED: dict[str, tuple[dict[str, Any], str]] = {
+    "millimetres": ({"truth": 1000 * people()["truth"]}, "expected metres"),
+    "upwards": ({"truth": people()["truth"] * np.float32([1, -1, 1])}, "5 of 5 tracks"),
+    "late": ({"truth": np.roll(people()["truth"], 5, 1)}, "of a person's height"),
+    "half": ({"intrinsics": people()["intrinsics"] * [[0.5], [0.5], [1]]}, "the same pictures"),
+    "sides": ({"joints2d": people()["joints2d"][:, :, MIRRORED]}, "left and right"),
+    "nobody": ({"confidence": 0 * people()["confidence"]}, "of track 0 nan"),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILED)
+def test_tracks_that_are_not_of_their_truth_are_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "tracks.npz"
+    read(tmp_path, **people()).require_followed(path)
+    other, words = SPOILED[kind]
+    with pytest.raises(InputError, match=words) as refused:
+        read(tmp_path, **(people() | other)).require_followed(path)
+    assert str(path) in str(refused.value)
 
 
 @pytest.mark.parametrize(
