@@ -150,7 +150,6 @@ class Moved:
             looked.seen_by(self.problem),
             looked.seen_by(self.judged),
         )
-        up = problem.up if problem.standing is None else problem.standing.floor.normal
         return Performance(
             actor=problem.actor,
             cameras=problem.cameras,
@@ -175,7 +174,7 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_frames(frame_evidence(judged, looked.motion, up)),
+            trust=judge_frames(frame_evidence(judged, looked.motion)),
         )
 
 

@@ -13,29 +13,25 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.detect.retarget import mid_hip
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.solve.energy import Energy
 
 FEATURES = (
     "pixels", "worst_pixels", "support", "least_support", "space", "worst_space", "no_space",
-    "spread", "views", "upright", "deviation",
+    "spread", "views", "deviation",
 )  # fmt: skip
 # Logistic regression of bad frames and linear regression of the log error (mm) on the evidence, the
 # last number the constant: 6760 frames of captures of 14 clips of the CMU library, in one, two and
 # six simulated views, with usual and with 2.2 times the errors, parts hidden, without 3D poses.
-# Nothing said there how far 3D poses may be off, and how upright people are was not asked.
-_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.0, 0.0, 0.953)
-_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0, 0.0, 5.169)
-# The same where one view sees the person and something says how far its 3D poses may be off: 2788
-# frames of 75 videos of rendered people, captured from the video alone; a tenth of the good frames
+# Nothing said there how far 3D poses may be off.
+_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.0, 0.953)
+_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0, 5.169)
+# The same where one view sees the person and something says how far its 3D poses may be off: 3024
+# frames of 84 videos of rendered people, captured from the video alone; a tenth of the good frames
 # is named (experiments/trust_video.py).
-_BAD_LIFTED = (0.345, 0.288, -1.11, -0.088, -1.188, 0.54, 0.807, 0.56, -0.535, 0.0, 0.883, 0.2)
-_ERROR_LIFTED = (
-    *(0.151, 0.085, -0.518, -0.001, -0.791, 0.293),
-    *(0.07, 0.155, 1.138, 0.0, 0.473, 3.779),
-)
+_BAD_LIFTED = (0.278, 0.182, -1.126, 0.007, 0.259, 0.661, 0.067, 0.232, -0.874, 1.033, 4.61)
+_ERROR_LIFTED = (0.126, 0.051, -0.368, -0.005, -0.186, 0.238, -0.124, 0.058, 0.688, 0.496, 5.377)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
@@ -52,13 +48,12 @@ _BASE = 0.3  # percent of the person's height: no error is known better
 _TYPICAL_SPACE = 0.06  # m, where there is no 3D pose to differ from
 _LACKED = ("head_top", "neck", "r_toe", "l_toe")  # by COCO's joints, among others
 _LIMBS = [place for place, name in enumerate(LANDMARKS) if name not in _LACKED]
-_NECK = LANDMARKS.index("neck")
 _DAMPING = 1e-6  # relative to the largest curvature
 
 
 @torch.no_grad()
-def frame_evidence(problem: ClipProblem, motion: Motion, up: Tensor | None = None) -> Tensor:
-    """What tells good frames from bad ones, (F, 11), in the order of ``FEATURES``.
+def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
+    """What tells good frames from bad ones, (F, 10), in the order of ``FEATURES``.
 
     Means over a tenth of a second to either side of:
 
@@ -72,7 +67,6 @@ def frame_evidence(problem: ClipProblem, motion: Motion, up: Tensor | None = Non
     - spread: log of the largest deviation (m) of a joint about the mean of all, from the
       covariance of the solve (the inverse curvature of its data and its pose prior);
     - views: log of one plus the number of views that see the person;
-    - upright: cosine of the trunk's angle to ``up``: lifters have seen few people who bend or lie;
     - deviation: log of the error (m) that 3D poses are expected to have, the least of all views;
       NaN where nothing says.
 
@@ -81,31 +75,18 @@ def frame_evidence(problem: ClipProblem, motion: Motion, up: Tensor | None = Non
     Args:
         problem: as it was before a first solve changed its weights.
         motion: the result, (F,).
-        up: against gravity, a unit vector (3,); the trunk's mean direction if nobody knows it.
     """
-    trunk = _trunk(problem.actor.joints(motion))
-    up = trunk.mean(0) if up is None else up.to(trunk)
-    upright = trunk @ (up / up.norm().clamp(min=1e-9))
     reach = max(0, round(min(_AROUND * problem.rate, motion.frames)))
     parts = []
     for start in range(0, motion.frames, _STRETCH):
         first, stop = max(0, start - reach), min(motion.frames, start + _STRETCH + reach)
         part = slice(first, stop)
-        found = _evidence(problem, motion[part], upright[part], part, reach)
+        found = _evidence(problem, motion[part], part, reach)
         parts.append(found[start - first : start - first + _STRETCH])
     return torch.cat(parts)
 
 
-def _trunk(joints: Tensor) -> Tensor:
-    """Directions from the middle of the hips to the neck, of landmarks (F, 16, 3), (F, 3)."""
-    trunk = joints[:, _NECK] - mid_hip(joints)
-    unit: Tensor = trunk / trunk.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    return unit
-
-
-def _evidence(
-    problem: ClipProblem, motion: Motion, upright: Tensor, part: slice, reach: int
-) -> Tensor:
+def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> Tensor:
     frames = problem.apart(part)
     cameras, seen = frames.cameras, frames.detections
     unit, known = problem.pixel_unit, seen.confidence2d > 0
@@ -131,7 +112,6 @@ def _evidence(
         _around(none, reach),
         (_spread(list(energies.values()), problem, motion, reach) + 1e-3).log(),
         _around(known.any(-1).sum(-1).to(unit).log1p(), reach),
-        _around(upright, reach),
         _around(_deviation(seen), reach).log(),
     )
     return torch.stack(features, -1)
@@ -246,7 +226,7 @@ class Trust:
 
 
 def judge_frames(evidence: Tensor) -> Trust:
-    """Trust from the evidence of each frame, (F, 11)."""
+    """Trust from the evidence of each frame, (F, 10)."""
     deviation, views = evidence[:, -1:], evidence[:, FEATURES.index("views")]
     alone = deviation[:, 0].isfinite() & (views < _ONE_VIEW)
     given = torch.cat((evidence[:, :-1], deviation.nan_to_num(), torch.ones_like(deviation)), -1)
