@@ -45,7 +45,7 @@ def examine_poses(rig: CameraRig, first: int = 0) -> Iterator[Finding]:
                 " between their neighbours'"
             )
             yield Finding(Severity.WARNING, name, what, remedy)
-        kept = torch.tensor([frame for frame in range(len(turns)) if frame not in set(lost)])
+        kept = torch.tensor(sorted(set(range(len(turns))) - set(lost)))
         yield from _slips(name, turns[kept], places[kept], kept + first)
 
 
