@@ -25,12 +25,15 @@ _SURE = 0.3  # confidence from which a joint counts
 _FEWEST, _HARDLY = 4, 0.1  # frames, and share of them, in which a joint is held
 _LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in ("elbow", "knee", "ankle")]
 _LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
+_UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
 _HEIGHT = 300.0  # px, rows of the pictures that are compared
 
 
 @dataclass(frozen=True)
 class _Overlap:
-    """Of each view (C,): joints in the mask, mask beyond the body, body beyond the mask; shares."""
+    """Shares: joints of each view in the mask (C,), and of the body's area, in each frame (F, C),
+    mask beyond the body and body beyond the mask; and whether a mask is empty.
+    """
 
     joints: Tensor
     beyond: Tensor
@@ -44,26 +47,44 @@ def mask_doubts(
     """Sentences about masks that are empty, of somebody else, or far larger than a body."""
     found = _overlap(model, fit, chosen, masks)
     for view, name in enumerate(chosen.clip.names):
-        if bool(found.empty[view]):
+        if float(found.empty[:, view].double().mean()) > 0.5:
             yield f"masks of {name}: are empty in most frames; the body follows the other views"
         elif float(found.joints[view]) < LEAST_INSIDE:
             yield (
                 f"masks of {name}: hold {100 * float(found.joints[view]):.0f} % of the detected "
                 "joints; expected those of the person that the joints belong to"
             )
-    sound = ~found.empty & (found.joints >= LEAST_INSIDE)
+        else:
+            yield from _unlike_others(name, view, found, chosen)
+    sound = (found.empty.double().mean(0) <= 0.5) & (found.joints >= LEAST_INSIDE)
     if not bool(sound.any()):
         return
-    if float(found.beyond[sound].median()) > _LOOSE:
+    beyond, missing = (
+        float(part.median(0).values[sound].median()) for part in (found.beyond, found.missing)
+    )
+    if beyond > _LOOSE:
         yield (
-            f"silhouettes exceed the body by {100 * float(found.beyond[sound].median()):.0f} % of "
-            "its area: a coat, a skirt or a bag; girths are too large, fit joints alone or give "
-            "the actor in these clothes"
+            f"silhouettes exceed the body by {100 * beyond:.0f} % of its area: a coat, a skirt or "
+            "a bag; girths are too large, fit joints alone or give the actor in these clothes"
         )
-    elif float(found.missing[sound].median()) > _BARE:
+    elif missing > _BARE:
         yield (
-            f"silhouettes leave out {100 * float(found.missing[sound].median()):.0f} % of the "
-            "body: cut-off limbs, or masks of somebody smaller; look at the picture of the body"
+            f"silhouettes leave out {100 * missing:.0f} % of the body: cut-off limbs, or masks of "
+            "somebody smaller; look at the picture of the body"
+        )
+
+
+def _unlike_others(name: str, view: int, found: _Overlap, chosen: ChosenFrames) -> Iterator[str]:
+    """Frames of a view whose masks miss the body by far more than its other masks do."""
+    off = (found.beyond + found.missing)[:, view]
+    usual = float(off.median())
+    odd = (off > usual + _UNLIKE).nonzero().flatten().tolist()
+    if odd:
+        frames = ", ".join(str(chosen.clip.start + chosen.frames[place]) for place in odd)
+        yield (
+            f"masks of {name}: miss the body by {100 * float(off.max()):.0f} % of its area in "
+            f"frames {frames} (counted from 0), by {100 * usual:.0f} % in most; are they of this "
+            "person, and true there? Leave them out"
         )
 
 
@@ -101,8 +122,7 @@ def _overlap(model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: Person
             rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
     table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
     inside = joints_inside(chosen, masks)
-    empty = table[..., 2].mean(0) > 0.5
-    return _Overlap(inside, table[..., 0].median(0).values, table[..., 1].median(0).values, empty)
+    return _Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
 
 
 def joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
