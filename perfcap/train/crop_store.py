@@ -116,8 +116,8 @@ def _require_same(folder: Path, text: str) -> None:
         found.pop("parts", None)
         if json.dumps(found, sort_keys=True) != text:
             raise InputError(
-                f"{folder}: holds crops of other settings or backgrounds; give another folder or "
-                "the same settings"
+                f"{folder}: holds crops of other settings, actors, body model or backgrounds; give "
+                "another folder or the same settings"
             )
     elif parts := sorted(folder.glob("crops_*.npz")):
         raise InputError(
