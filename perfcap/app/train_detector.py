@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from pathlib import Path
 
 import cv2
 import torch
@@ -12,9 +15,9 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.train import MODEL, make_folder, processes, read_library, tensorboard
 from perfcap.commands.train import TrainDetector
 from perfcap.errors import InputError
-from perfcap.io.actor import load_actor
+from perfcap.io.actor import actor_files, load_actor
 from perfcap.io.atomic import writing
-from perfcap.io.body_model import load_body_model
+from perfcap.io.body_model import body_model_files, load_body_model
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.card import write_detector_card
 from perfcap.train.cast import Cast
@@ -48,15 +51,14 @@ def run_train_detector(request: TrainDetector) -> int:
     if request.start is not None:
         require_unseen(request.start, (*config.held_out, *config.validation), library.digest)
     behind, photographs = Backgrounds(request.backgrounds), _photographs(request)
-    digests = {"backgrounds": behind.digest}
-    if photographs is not None:
-        digests["photographs"] = photographs.digest
-    learned_from = {"motion": library.digest, **{k: v for k, v in digests.items() if v is not None}}
+    drawn = describe_drawn(request, behind)
+    seen = {} if photographs is None else {"photographs": photographs.digest}
+    learned_from = {"motion": library.digest} | drawn | seen
     make_folder(request.out, request.resume)
     torch.set_num_threads(1)  # several processes are faster than several threads
     cv2.setNumThreads(1)
     with processes() as first, progress_bars() as tell:
-        rendered, validation = _crops(request, library, behind, first, tell)
+        rendered, validation = _crops(request, library, behind, drawn, first, tell)
         shots = rendered if photographs is None else Mixture(rendered, photographs)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         pictures = behind if request.backgrounds is not None else None
@@ -98,10 +100,33 @@ def _photographs(request: TrainDetector) -> Photographs | None:
     return Photographs(request.photographs, request.config.scene.size, request.config.scene.margin)
 
 
+def describe_drawn(request: TrainDetector, behind: Backgrounds) -> dict[str, object]:
+    """Who is drawn and before what, by digests: files of the same names may have been corrected.
+
+    Raises:
+        InputError: there is no such actor or body model.
+    """
+    described: dict[str, object] = {
+        "actors": [_digest(actor_files(name)) for name in request.actors],
+        "body_model": _digest(body_model_files(request.body_model)),
+    }
+    return described | ({} if behind.digest is None else {"backgrounds": behind.digest})
+
+
+def _digest(files: Iterable[Path]) -> str:
+    """SHA-256 of what files hold, one after the other, whatever they are called."""
+    total = hashlib.sha256()
+    for path in files:
+        with path.open("rb") as file:
+            total.update(hashlib.file_digest(file, "sha256").digest())
+    return total.hexdigest()
+
+
 def _crops(
     request: TrainDetector,
     library: MotionLibrary,
     behind: Backgrounds,
+    drawn: Mapping[str, object],
     first: bool,
     tell: Progress,
 ) -> tuple[Shots, Shots]:
@@ -121,10 +146,8 @@ def _crops(
             scenes = _scenes(request, people, behind, seed)
             described: dict[str, object] = {
                 **{"scene": asdict(config.scene), "seed": seed, "motion": people.digest},
-                **{"actors": request.actors, "body_model": request.body_model},
+                **drawn,
             }
-            if behind.digest is not None:
-                described["backgrounds"] = behind.digest
             render_crops(folder / name, scenes, count, described, tell)
     if distributed.is_initialized():
         distributed.barrier()  # the crops are there

@@ -22,7 +22,7 @@ from perfcap.io.actor_folder import (
 )
 from perfcap.io.actor_import import import_actor, mapping_rows, read_mapping, require_sound
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.gltf_document import require_readable_kind
+from perfcap.io.gltf_document import companions, require_readable_kind
 from perfcap.io.robot import is_robot, load_robot
 
 _LOG = logging.getLogger(__name__)
@@ -77,6 +77,17 @@ def find_actor(name: str | Path) -> ActorFile:
             f".glb, a folder with {MESH}, or one of {', '.join(known)}"
         )
     return ActorFile(folder / MESH, read_manifest(folder / MANIFEST).generic)
+
+
+def actor_files(name: str | Path) -> tuple[Path, ...]:
+    """The files that make an actor: its mesh, what this keeps beside it, and its manifest.
+
+    Raises:
+        InputError: there is no such actor; see ``find_actor``.
+    """
+    path = find_actor(name).path
+    beside = [*companions(path), *([path.with_name(MANIFEST)] if path.name == MESH else [])]
+    return (path, *(each for each in beside if each.is_file()))
 
 
 def _require_character(path: Path) -> None:

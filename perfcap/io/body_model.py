@@ -34,16 +34,26 @@ def load_body_model(name: str | Path = DEFAULT_BODY) -> BodyModel:
     Raises:
         InputError: there is no such model, or it cannot be used.
     """
-    path = _find(name)
+    path, *pictures = body_model_files(name)
     is_tensors = path.suffix == ".safetensors"
     arrays = _read_safetensors(path) if is_tensors else read_archive(path, ARRAYS, _WHAT)
-    picture = path.parent / _TEXTURE
     texture = None
-    if path.name == _FILE and picture.exists():
+    for picture in pictures:
         require_file(picture, _TEXTURE_LIMIT, "a texture")
         texture = picture.read_bytes()
     label = path.parent.name if path.name == _FILE else path.stem
     return BodyModel.from_arrays(arrays, label, texture)
+
+
+def body_model_files(name: str | Path) -> tuple[Path, ...]:
+    """The files that make a body model: its arrays, and its texture if it has one.
+
+    Raises:
+        InputError: there is no such model.
+    """
+    path = _find(name)
+    picture = path.parent / _TEXTURE
+    return (path, picture) if path.name == _FILE and picture.exists() else (path,)
 
 
 def _find(name: str | Path) -> Path:

@@ -22,6 +22,7 @@ from perfcap.errors import InputError
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
+from perfcap.rigging.loose_parts import height_doubt
 from perfcap.rigging.overrides import Override
 from perfcap.rigging.surface_match import TargetSurface
 from perfcap.rigging.upright import Upright, stand_up
@@ -118,8 +119,12 @@ def auto_rig(
         )
     template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
     inside = measure(model.template(fit.motion.shared[BODY]))
-    found = tuple(_warnings(best.upright, fit, heat))
-    report = RigReport(best.upright, fit, heat, found, inside, best.seen)
+    found = _warnings(best.upright, fit, heat)
+    if height is not None:
+        body = fitter.surface(fit.motion)[0].numpy()
+        doubt = height_doubt(best.mesh.vertices, faces, body, inside.height, height)
+        found += [] if doubt is None else [doubt]
+    report = RigReport(best.upright, fit, heat, tuple(found), inside, best.seen)
     for warning in report.warnings:
         logger.warning("%s: %s", mesh.name, warning)
     return template, report

@@ -78,6 +78,9 @@ def render_crops(
 ) -> CropStore:
     """Render what a folder lacks of a number of crops, rounded up to whole parts.
 
+    What describes them is written first: parts that a killed call leaves are taken for those of
+    its settings alone.
+
     Args:
         folder: made if need be.
         scenes: where crops come from.
@@ -86,31 +89,41 @@ def render_crops(
         progress: told what is done and what there is to do.
 
     Raises:
-        InputError: the folder holds crops of other settings.
+        InputError: the folder holds crops of other settings, or of unknown ones.
     """
     group = scenes.group_size
     each = _GROUPS * group
     parts = -(-crops // each)
     text = json.dumps({"each": each, "settings": described}, sort_keys=True, default=str)
-    path = folder / DESCRIPTION
-    if path.is_file():
-        found = json.loads(path.read_text(encoding="utf-8"))
-        found.pop("parts", None)
-        if json.dumps(found, sort_keys=True) != text:
-            raise InputError(
-                f"{folder}: holds crops of other settings or backgrounds; give another folder or "
-                "the same settings"
-            )
+    _require_same(folder, text)
     folder.mkdir(parents=True, exist_ok=True)
+    with writing(folder / DESCRIPTION) as file:
+        file.write(json.dumps({"parts": parts, **json.loads(text)}, indent=1).encode())
     for part in range(parts):
         if progress is not None:
             progress("render", part, parts)
         if not (folder / _name(part)).is_file():
             numbers = range(part * _GROUPS, (part + 1) * _GROUPS)
             _write_part(folder / _name(part), [s for n in numbers for s in scenes.group(n)])
-    with writing(path) as file:
-        file.write(json.dumps({"parts": parts, **json.loads(text)}, indent=1).encode())
     return CropStore(folder)
+
+
+def _require_same(folder: Path, text: str) -> None:
+    """Refuse a folder whose crops are not known to be those that a text describes."""
+    path = folder / DESCRIPTION
+    if path.is_file():
+        found = json.loads(path.read_text(encoding="utf-8"))
+        found.pop("parts", None)
+        if json.dumps(found, sort_keys=True) != text:
+            raise InputError(
+                f"{folder}: holds crops of other settings, actors, body model or backgrounds; give "
+                "another folder or the same settings"
+            )
+    elif parts := sorted(folder.glob("crops_*.npz")):
+        raise InputError(
+            f"{folder}: holds {parts[0].name} but no {DESCRIPTION}, so that nobody knows of which "
+            "settings its crops are; give another folder, or delete them"
+        )
 
 
 def _name(part: int) -> str:

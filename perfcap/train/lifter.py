@@ -34,6 +34,12 @@ class Lifter(nn.Module):
         self.across = nn.Linear(FEATURES, 4 * _JOINTS)
         self.leave = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, 4 * _JOINTS))
 
+    @property
+    def has_thirds(self) -> bool:
+        """Whether taps are apart by powers of three, as ``sparse`` needs them."""
+        taps = self.config.dilations
+        return taps == tuple(3**k for k in range(len(taps)))
+
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Poses of tracks.
 
@@ -67,7 +73,7 @@ class Lifter(nn.Module):
         """
         frames = 3 ** len(self.blocks)
         apart = tuple(3**k for k in range(len(self.blocks)))
-        if features.shape[1] != frames or self.config.dilations != apart:
+        if features.shape[1] != frames or not self.has_thirds:
             raise ValueError(
                 f"{features.shape[1]} frames with taps {self.config.dilations} apart; expected "
                 f"{frames} frames and {apart}"

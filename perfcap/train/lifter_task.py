@@ -32,7 +32,8 @@ class LiftingTask:
         data: of the tracks.
         loss: weights.
         seed: of the network's first weights and of the tracks.
-        dense: share of the training, at its end, that learns from whole tracks.
+        dense: share of the training, at its end, that learns from whole tracks; all of it where
+            dilations are not powers of three, so that poses cannot be had for less.
         tracks: of videos, to learn from as well.
         device: where to compute, and to make batches.
 
@@ -68,7 +69,7 @@ class LiftingTask:
         mixed = None if tracks is None else MixedSamples(simulated, tracks, data, seed)
         self._samples = mixed or simulated
         self._validation = LiftingSamples(validation, as_recorded(data), _VALIDATION_SEED)
-        self._loss, self._dense = loss, dense
+        self._loss, self._dense = loss, dense if self.model.has_thirds else 1.0
 
     def loss(self, number: int, size: int, progress: float = 1.0) -> dict[str, Tensor]:
         """Mean joint error (m) of a batch, with the parts that smooth it and tell its size.

@@ -162,8 +162,8 @@ class _State(Generic[Model]):
         if saved.values["config"] != self.described:
             raise InputError(
                 f"{saved.path}: was made with another configuration or --start, or of other "
-                "motion, videos, cameras, joints, backgrounds or photographs; expected the same to "
-                "resume; give another --out, or leave --resume"
+                "motion, videos, cameras, joints, actors, backgrounds or photographs; expected the "
+                "same to resume; give another --out, or leave --resume"
             )
         self.task.model.load_state_dict(saved.part("model"))
         self.averaged.load_state_dict(saved.part("average"))

@@ -1,5 +1,6 @@
 """``perfcap train detector``, from motion to a model that opens, and what it refuses."""
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,11 @@ import torch
 from motion_files import write_library
 from runs import Command
 
+from perfcap.app.train_detector import describe_drawn
+from perfcap.commands.train import TrainDetector
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.io.actor import models_folder
+from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.checkpoint import Checkpoint, save_checkpoint, start_from
 from perfcap.train.config import DetectorConfig
 from perfcap.train.detector import Detector
@@ -51,11 +56,51 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     pictures.mkdir()
     cv2.imwrite(str(pictures / "grey.png"), np.full((40, 60, 3), 99, np.uint8))
     behind = perfcap([*call, "--resume", "--backgrounds", pictures])
-    assert "crops of other settings or backgrounds" in behind.refused()
+    assert "crops of other settings, actors, body model or backgrounds" in behind.refused()
     more = ("--crops-folder", out / "crops", "--start", out / "model/weights.safetensors")
     wider = ("--detector.widths", 8, 8, 8, 16)
     other = perfcap([*call[:4], "--out", tmp_path / "b", *PEOPLE, *TINY, *more, *wider])
     assert "is of another network" in other.refused()
+
+
+@pytest.mark.slow
+def test_corrected_actors_are_others(perfcap: Command, library: Path, tmp_path: Path) -> None:
+    who = tmp_path / "who"
+    shutil.copytree(models_folder() / "actors" / "sam", who)
+    call = ["train", "detector", "--motion", library, *PEOPLE, *TINY, "--actors", who]
+    crops = ("--crops-folder", tmp_path / "crops")
+    assert perfcap([*call, "--out", tmp_path / "a", *crops]).code == 0
+    shutil.move(who, tmp_path / "same")  # other names, the same files
+    call[-1] = tmp_path / "same"
+    assert perfcap([*call, "--out", tmp_path / "a", *crops, "--resume"]).code == 0
+    with (tmp_path / "same" / "manifest.toml").open("a") as file:
+        file.write("# corrected\n")
+    for out in ("a", "b"):
+        refused = perfcap([*call, "--out", tmp_path / out, *crops, "--resume"]).refused()
+        assert "crops of other settings, actors" in refused
+    again = perfcap([*call, "--out", tmp_path / "a", "--crops-folder", tmp_path / "c", "--resume"])
+    assert "joints, actors, backgrounds or photographs; expected the same" in again.refused()
+
+
+def test_people_are_known_by_what_their_files_hold(tmp_path: Path) -> None:
+    for name in ("actor.glb", "manifest.toml", "body.npz", "texture.jpg", "who.bin"):
+        (tmp_path / name).write_bytes(b"# first")
+    (tmp_path / "who.gltf").write_text('{"buffers": [{"uri": "who.bin"}]}')
+
+    def described() -> list[dict[str, object]]:
+        actors = [(str(tmp_path),), (str(tmp_path / "who.gltf"),)]
+        asked = [TrainDetector(tmp_path, tmp_path, actors=each) for each in actors]
+        asked.append(TrainDetector(tmp_path, tmp_path, actors=(), body_model=str(tmp_path)))
+        return [describe_drawn(each, Backgrounds()) for each in asked]
+
+    # files, and which of the three are others when they are
+    changes = {"actor.glb": 0, "manifest.toml": 0, "who.bin": 1, "body.npz": 2, "texture.jpg": 2}
+    for name, other in changes.items():
+        before = described()
+        (tmp_path / name).write_text("# corrected")
+        assert [b != a for b, a in zip(before, described(), strict=True)] == [
+            number == other for number in range(3)
+        ]
 
 
 def test_a_network_grows(tmp_path: Path) -> None:

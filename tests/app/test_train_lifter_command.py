@@ -30,6 +30,12 @@ def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path:
     assert "of other motion" in perfcap([*call, other, "--resume"]).refused()
 
 
+def test_other_taps_are_learned_with(perfcap: Command, library: Path, tmp_path: Path) -> None:
+    call = ["train", "lifter", "--motion", library, *TINY, "--lifter.dilations", 1, 2, 4, 8]
+    assert perfcap([*call, "--out", tmp_path / "a"]).code == 0
+    assert OnnxLifter(tmp_path / "a" / "model").manifest.reach == 15
+
+
 def test_trains_exports_and_starts_from_what_it_wrote(
     perfcap: Command, library: Path, tmp_path: Path
 ) -> None:

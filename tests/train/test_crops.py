@@ -159,6 +159,32 @@ def test_store_is_made_once_and_read_back(scenes: Scenes, tmp_path: Path) -> Non
         CropStore(tmp_path / "nowhere")
 
 
+class Killed(Exception):
+    pass
+
+
+def test_parts_of_a_killed_call_are_taken_for_those_of_its_settings_alone(
+    scenes: Scenes, tmp_path: Path
+) -> None:
+    def kill(stage: str, done: int, total: int) -> None:
+        if done == 1:
+            raise Killed
+
+    with pytest.raises(Killed):
+        render_crops(tmp_path, scenes, 33, {"a": 1}, kill)
+    part = tmp_path / "crops_0000.npz"
+    stamp = part.stat().st_mtime_ns
+    with pytest.raises(InputError, match="complete them"):
+        CropStore(tmp_path)
+    with pytest.raises(InputError, match="crops of other settings"):
+        render_crops(tmp_path, scenes, 32, {"a": 2})
+    assert len(render_crops(tmp_path, scenes, 33, {"a": 1})) == 64
+    assert part.stat().st_mtime_ns == stamp  # it went on
+    (tmp_path / "crops.json").unlink()
+    with pytest.raises(InputError, match=r"holds crops_0000.npz but no crops.json.*delete them"):
+        render_crops(tmp_path, scenes, 33, {"a": 1})
+
+
 class Few:
     def __len__(self) -> int:
         return 5

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,16 @@ def test_the_middle_of_three_poses_is_the_whole_networks() -> None:
         model.sparse(features[:, :8])
     with pytest.raises(ValueError, match=re.escape("(1, 3)")):
         lifter(LifterConfig(16, (1, 2))).sparse(features)
+
+
+def test_taps_that_are_not_apart_by_powers_of_three_learn_from_whole_tracks(
+    library: MotionLibrary,
+) -> None:
+    config, data = replace(SMALL, dilations=(1, 2), dropout=0.0), LiftingData(frames=16)
+    people = library.without(["03"]), library.of(["03"])
+    learner = LiftingTask(*people, config, data, LiftingLoss(), 0, dense=0.15)
+    first, last = (learner.loss(0, 8, progress) for progress in (0.0, 1.0))
+    assert first["velocity"] > 0 and all(torch.equal(first[name], last[name]) for name in last)
 
 
 def test_a_committee_that_disagrees_expects_more_than_its_members() -> None:
