@@ -1,4 +1,4 @@
-"""Single poses of a moving camera that are of no camera's way: unsolved images, and slips."""
+"""Poses of a moving camera that are of no camera's way: unsolved images, slips, and steps."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _SHORT = 12  # frames; a shot by a camera that stands at the origin is longer
 def examine_poses(rig: CameraRig, first: int = 0) -> Iterator[Finding]:
     """Frames in which a moving camera is somewhere else, as no camera moves.
 
-    A step that stays is a cut, and speed that changes is motion: neither comes back to where it
-    was within a frame.
+    Speed that changes is motion. A step that stays is a cut, or a stretch that was solved wrongly:
+    the file does not say which.
 
     Args:
         rig: C views.
@@ -46,7 +46,12 @@ def examine_poses(rig: CameraRig, first: int = 0) -> Iterator[Finding]:
             )
             yield Finding(Severity.WARNING, name, what, remedy)
         kept = torch.tensor(sorted(set(range(len(turns))) - set(lost)))
-        yield from _slips(name, turns[kept], places[kept], kept + first)
+        poses = turns[kept], places[kept]
+        slipped = _slipped(*poses)
+        if slipped.any():
+            yield _about_slips(name, *poses, slipped, kept + first)
+        poses = turns[kept][~slipped], places[kept][~slipped]
+        yield from _steps(name, *poses, kept[~slipped] + first)
 
 
 def _listed(frames: list[int], first: int) -> str:
@@ -77,30 +82,62 @@ def _least(usual: Tensor, far: float) -> float:
     return max(far, _TIMES * float(usual.median())) if len(usual) else far
 
 
-def _slips(name: str, turns: Tensor, places: Tensor, numbers: Tensor) -> Iterator[Finding]:
-    """Frames whose pose is far from the middle of its neighbours', which are near each other."""
-    if len(turns) < 3:
-        return
+def _departures(turns: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
+    """Of the inner poses from the middle of their neighbours, rad and m, (F - 2,) each."""
     before, after = (turns[:-2], places[:-2]), (turns[2:], places[2:])
     half = 0.5 * matrix_to_rotvec(before[0].mT @ after[0])
     middle = before[0] @ rotvec_to_matrix(half), 0.5 * (before[1] + after[1])
-    departures = _between(turns[1:-1], places[1:-1], *middle)
-    gaps = _between(*before, *after)
-    turned, shifted = (
-        (departure > far) & (departure > _TIMES * _usual(departure)) & (2 * gap < departure)
-        for departure, gap, far in zip(departures, gaps, (_TURN, _SHIFT), strict=True)
-    )
-    away = turned | shifted
-    if not away.any():
-        return
+    return _between(turns[1:-1], places[1:-1], *middle)
+
+
+def _slipped(turns: Tensor, places: Tensor) -> Tensor:
+    """Frames whose pose is far from the middle of its neighbours', which are near each other."""
+    found = torch.zeros(len(turns), dtype=torch.bool)
+    if len(turns) < 3:
+        return found
+    gaps = _between(turns[:-2], places[:-2], turns[2:], places[2:])
+    for departure, gap, far in zip(_departures(turns, places), gaps, (_TURN, _SHIFT), strict=True):
+        large = (departure > far) & (departure > _TIMES * _usual(departure))
+        found[1:-1] |= large & (2 * gap < departure)
+    return found
+
+
+def _about_slips(
+    name: str, turns: Tensor, places: Tensor, slipped: Tensor, numbers: Tensor
+) -> Finding:
+    departures, away = _departures(turns, places), slipped[1:-1]
     degrees, metres = math.degrees(float(departures[0][away].max())), departures[1][away].max()
     usual = math.degrees(float(departures[0].median())), departures[1].median()
     what = (
-        f"its pose jumps away and back in frames {ranges(numbers[1:-1][away].tolist())}, by up to "
+        f"its pose jumps away and back in frames {ranges(numbers[slipped].tolist())}, by up to "
         f"{degrees:.1f} degrees and {metres:.2f} m from between its neighbours; {usual[0]:.2g} "
         f"degrees and {usual[1]:.2g} m are usual"
     )
     remedy = "solve the camera again there, or give these frames poses between their neighbours'"
+    return Finding(Severity.WARNING, name, what, remedy)
+
+
+def _steps(name: str, turns: Tensor, places: Tensor, numbers: Tensor) -> Iterator[Finding]:
+    """Frames before which a pose is far from the last one, though it hardly moves beside."""
+    if len(turns) < 4:
+        return
+    steps = _between(turns[:-1], places[:-1], turns[1:], places[1:])
+    found = torch.zeros(len(turns) - 1, dtype=torch.bool)
+    for step, far in zip(steps, (_TURN, _SHIFT), strict=True):
+        beside = torch.maximum(step[:-2], step[2:])
+        large = (step > far) & (step > _TIMES * _usual(step))
+        found[1:-1] |= large[1:-1] & (2 * beside < step[1:-1])
+    if not found.any():
+        return
+    degrees, metres = math.degrees(float(steps[0][found].max())), steps[1][found].max()
+    what = (
+        f"its pose steps by up to {degrees:.1f} degrees and {metres:.2f} m before frames "
+        f"{ranges(numbers[1:][found].tolist())}, and hardly moves beside"
+    )
+    remedy = (
+        "if the video is cut there, capture one shot at a time (--frames A:B); else solve the "
+        "camera again from there"
+    )
     yield Finding(Severity.WARNING, name, what, remedy)
 
 
