@@ -111,8 +111,8 @@ class TrainLifterConfig:
 
     held_out: tuple[str, ...] = ("06",)  # people to report on
     validation: tuple[str, ...] = ("07",)  # people that the best weights are chosen by
-    dense: float = 0.15  # share of the steps, at the end, that learn from whole tracks; all do
-    # where dilations are not 1, 3, 9, ...
+    dense: float = 0.15
+    """Share of the steps, at the end, that learn from whole tracks; all, for taps not 1 3 9 ..."""
     loop: LoopConfig = field(default_factory=LoopConfig)
     lifter: LifterConfig = field(default_factory=LifterConfig)
     data: LiftingData = field(default_factory=LiftingData)
