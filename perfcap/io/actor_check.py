@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ _LEANING = 30.0  # degrees, of the trunk
 _SEATED, _CROUCHED, _RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
 _INSIDE = 0.3  # winding number of a place within the body; 1 in a closed surface
 _TREE_BONES, _TREE_HEIGHT = 12, 0.6  # of a skeleton that is a person's
+_LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+_UNEVEN = 1.15  # times the other side's
+_ASIDE, _NEARER = 0.06, 0.5  # of the height, and of the way to a bone, that its flesh is elsewhere
+_BEYOND = 0.1  # of the height: hands and heads
 _INWARDS = 0.1  # a sphere has 1, a flat sheet 0
 _SMALL_PIECE = 0.01  # share of the area below which a piece is not looked at
 _FACES_AT_ONCE = 4096
@@ -30,9 +34,11 @@ def examine_actor(template: Template) -> tuple[Finding, ...]:
     return (
         *_size(template),
         *_chains(template),
+        *_lengths(template),
         *_pose(template),
         *_people(template),
         *_skin(template),
+        *_weights(template),
         *_surface(template, topology),
         *_inside_out(template, topology),
         *_outside(template, topology),
@@ -56,9 +62,8 @@ def _chains(template: Template) -> Iterator[Finding]:
             bone = int(parents[bone])
         return bone == above
 
-    limbs = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
     for side, other in ("lr", "rl"):
-        for upper, lower in limbs:
+        for upper, lower in _LIMBS:
             own, end = bones[f"{side}_{upper}"], bones[f"{side}_{lower}"]
             crossed = below(own, end) or below(end, bones[f"{other}_{upper}"])
             if crossed and not below(end, own):
@@ -69,6 +74,22 @@ def _chains(template: Template) -> Iterator[Finding]:
                 )
                 remedy = "name the right bones in a mapping file"
                 yield Finding(Severity.ERROR, "limbs", what, remedy)
+
+
+def _lengths(template: Template) -> Iterator[Finding]:
+    """Bones of one side that are longer than the other's: a joint lies at the wrong place."""
+    at = {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
+    odd = []
+    for upper, lower in _LIMBS:
+        left, right = (
+            float(np.linalg.norm(at[f"{side}_{upper}"] - at[f"{side}_{lower}"])) for side in "lr"
+        )
+        if max(left, right) > _UNEVEN * min(left, right):
+            odd.append(f"from {upper} to {lower} {100 * left:.0f} and {100 * right:.0f} cm")
+    if odd:
+        what = f"left and right differ, {'; '.join(odd)}"
+        remedy = "put the bones at the joints, or name others in a mapping file"
+        yield Finding(Severity.WARNING, "limbs", what, remedy)
 
 
 def _pose(template: Template) -> Iterator[Finding]:
@@ -137,13 +158,63 @@ def _skin(template: Template) -> Iterator[Finding]:
 
 
 def _below(template: Template, bone: int, moved: Floats) -> bool:
-    """Whether bones that hang on a bone, joints excepted, move anything."""
+    """Whether a bone, or those that hang on it, joints excepted, move anything."""
+    return any(moved[each] > 0 for each in _helpers(template, bone))
+
+
+def _helpers(template: Template, bone: int) -> set[int]:
+    """A bone and those that hang on it, joints excepted."""
     joints = set(template.joint_bones.values())
     inside = {bone}
     for child, parent in enumerate(template.bone_parents.tolist()):
         if parent in inside and child not in joints:
             inside.add(child)
-    return any(moved[each] > 0 for each in inside)
+    return inside
+
+
+def _weights(template: Template) -> Iterator[Finding]:
+    """Limbs that move what lies about another one: their weights hang on the wrong bones."""
+    at = {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
+    height = float(np.ptp(template.vertices[:, 1]))
+    limbs = _limbs(at, height)
+    starts, ends = (np.array([limb[end] for limb in limbs.values()]) for end in (0, 1))
+    wrong = []
+    for place, name in enumerate(limbs):
+        own = np.isin(template.weight_bones, [*_helpers(template, template.joint_bones[name])])
+        mass = np.where(own, template.weights, 0).sum(1)
+        if mass.sum() > 0:
+            middle = mass @ template.vertices / mass.sum()
+            apart = _from_segments(middle, starts, ends)
+            nearest = int(apart.argmin())
+            if apart[place] > _ASIDE * height and apart[nearest] < _NEARER * apart[place]:
+                wrong.append(f"{name} moves what lies about {list(limbs)[nearest]}")
+    if wrong:
+        remedy = "paint the weights anew, or name the right bones in a mapping file"
+        yield Finding(Severity.WARNING, "weights", "; ".join(wrong), remedy)
+
+
+def _limbs(at: Mapping[str, Floats], height: float) -> dict[str, tuple[Floats, Floats]]:
+    """Where the flesh of a joint's bone lies: along the bone, and beyond the last ones."""
+    beyond = _BEYOND * height
+    crown = at["head"] + [0.0, beyond, 0.0]
+    found = {"spine": (at["spine"], at["neck"]), "head": (at["head"], crown)}
+    for side in "lr":
+        names = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+        shoulder, elbow, wrist, hip, knee, ankle = (at[f"{side}_{name}"] for name in names)
+        hand = (wrist - elbow) / max(float(np.linalg.norm(wrist - elbow)), 1e-9)
+        ends = (elbow, wrist, wrist + beyond * hand, knee, ankle, ankle)
+        starts = (shoulder, elbow, wrist, hip, knee, ankle)
+        pairs = zip(starts, ends, strict=True)
+        found |= {f"{side}_{name}": pair for name, pair in zip(names, pairs, strict=True)}
+    return found
+
+
+def _from_segments(point: Floats, starts: Floats, ends: Floats) -> Floats:
+    """Distances of a point (3,) from segments (N, 3) to (N, 3), (N,)."""
+    along = ends - starts
+    share = ((point - starts) * along).sum(1) / np.maximum((along**2).sum(1), 1e-12)
+    distance: Floats = np.linalg.norm(starts + share.clip(0, 1)[:, None] * along - point, axis=1)
+    return distance
 
 
 def _surface(template: Template, topology: SurfaceTopology) -> Iterator[Finding]:

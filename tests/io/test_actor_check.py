@@ -91,6 +91,29 @@ def test_bones_without_skin_are_told() -> None:
 
 
 @pytest.mark.parametrize(
+    ("one", "other"), [("l_elbow", "r_elbow"), ("l_hip", "r_hip"), ("r_wrist", "head")]
+)
+def test_weights_on_the_wrong_bones_are_told(one: str, other: str) -> None:
+    template = joined()
+    a, b = template.bone(one), template.bone(other)
+    bones = template.weight_bones
+    bones = np.where(bones == a, b, np.where(bones == b, a, bones))
+    severity, what = told(replace(template, weight_bones=bones))["weights"]
+    assert severity is Severity.WARNING
+    assert f"{one} moves what lies about" in what and f"{other} moves what lies about" in what
+
+
+def test_a_joint_at_the_wrong_place_on_one_side_is_told() -> None:
+    template = joined()
+    rest = template.bone_rest.copy()
+    rest[template.bone("l_knee"), 1, 3] -= 0.12
+    assert "limbs" not in told(template)
+    severity, what = told(replace(template, bone_rest=rest))["limbs"]
+    assert severity is Severity.WARNING
+    assert "from hip to knee" in what and "from knee to ankle" in what
+
+
+@pytest.mark.parametrize(
     ("pose", "what", "severity"),
     [
         ({"arms": 5.0}, "lifted by 5 degrees only", Severity.WARNING),
