@@ -17,7 +17,12 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
 from perfcap.train.card import write_lifter_card
-from perfcap.train.checkpoint import described_start, require_unseen, start_from
+from perfcap.train.checkpoint import (
+    described_start,
+    require_taps,
+    require_unseen,
+    start_from,
+)
 from perfcap.train.config import LifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter, LifterCommittee
@@ -44,6 +49,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     library = read_library(request.motion, (*config.held_out, *config.validation))
     for path in (*request.together_with, *((request.start,) if request.start else ())):
         require_unseen(path, (*config.held_out, *config.validation), library.digest)
+        require_taps(path, config.lifter.dilations)
     others = [_lifter(path, config.lifter) for path in request.together_with]
     make_folder(out, request.resume)
     learned = library.without((*config.held_out, *config.validation))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,6 +106,29 @@ def described_start(path: Path | None) -> dict[str, str]:
         return {}
     with path.open("rb") as file:
         return {"start": hashlib.file_digest(file, "sha256").hexdigest()}
+
+
+def require_taps(path: Path, dilations: Sequence[int]) -> None:
+    """Refuse weights of a lifter whose taps lie otherwise in time: they have the same shapes.
+
+    Args:
+        path: of the checkpoint.
+        dilations: of the lifter that they are for.
+
+    Raises:
+        InputError: it was trained with others.
+    """
+    try:
+        config = json.loads(load_checkpoint(path).values["config"])
+    except ValueError:
+        return
+    lifter = config.get("lifter") if isinstance(config, dict) else None
+    other = lifter.get("dilations") if isinstance(lifter, dict) else None
+    if other is not None and other != list(dilations):
+        raise InputError(
+            f"{path}: has learned with --lifter.dilations {other}, expected {list(dilations)}; "
+            "give those that it was trained with"
+        )
 
 
 def require_unseen(path: Path, people: Collection[str], motion: str) -> None:

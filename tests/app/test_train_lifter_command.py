@@ -63,6 +63,11 @@ def test_trains_exports_and_starts_from_what_it_wrote(
         assert "another configuration or --start" in refused
     wider = perfcap([*call, tmp_path / "c", "--start", best, "--lifter.channels", 12])
     assert "is of another network" in wider.refused()
+    taps = ("--lifter.dilations", 1, 2, 4, 8)  # their weights have the same shapes
+    for option in ("--start", "--together-with"):
+        refused = perfcap([*call, tmp_path / "d", option, best, *taps]).refused()
+        assert "has learned with --lifter.dilations [1, 3, 9, 27], expected [1, 2, 4, 8]" in refused
+    assert not (tmp_path / "d").exists()
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
 
 
