@@ -71,6 +71,30 @@ def test_poses_of_other_frames_say_which(late: int, said: str) -> None:
     assert f"moves as poses of {said} do" in one(examined(ROOM, ROOM.camera.frames(frames))).what
 
 
+class Counted:
+    """Counts the frames that are read."""
+
+    def __init__(self) -> None:
+        self.read: set[int] = set()
+
+    def __len__(self) -> int:
+        return FRAMES
+
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+        self.read.update(range(start, stop))
+        return ROOM.read_view(view, start, stop)
+
+
+def test_a_long_clip_is_looked_at_in_parts() -> None:
+    """Three frames a second are a clip of 25 s, one a second of 75."""
+    backwards = ROOM.camera.frames(torch.arange(FRAMES).flip(0))
+    for rate, most in ((3.0, FRAMES), (1.5, 40)):
+        for camera, named in ((ROOM.camera, 0), (backwards, 1)):
+            clip = Counted()
+            assert len(examine_way(clip, ["phone"], camera, rate, ROOM.seen)) == named
+            assert len(clip.read) <= most
+
+
 def test_distortion_is_taken_out() -> None:
     bent = Room(distortion=(-0.5, 0.25, 0.0, 0.0, 0.0))
     assert examined(bent) == []
