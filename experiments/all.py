@@ -57,6 +57,7 @@ LONG = (
     "detector_frames",
     "detector_noise", "detector_photographs", "export_check", "filmed_tracks",
     "finetune_through_solver", "followed_person",
+    "given_cameras",
     "hand_held", "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lens",
     "lifter_films", "lifter_motion",
     "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",

@@ -132,7 +132,18 @@ def joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
     return torch.where(counted.any(-1).any(0), share.double(), 1.0)
 
 
-def left_out(chosen: ChosenFrames, masks: PersonMasks) -> list[list[str]]:
+def limb_doubts(chosen: ChosenFrames, masks: PersonMasks) -> Iterator[str]:
+    """Sentences about views whose masks end before limbs that are seen there."""
+    shares = joints_inside(chosen, masks).tolist()
+    for name, share, limbs in zip(chosen.clip.names, shares, _left_out(chosen, masks), strict=True):
+        if share >= LEAST_INSIDE and limbs:
+            yield (
+                f"masks of {name}: leave out {', '.join(limbs)}; expected all of the person: is a "
+                "part cut off, or hidden by something?"
+            )
+
+
+def _left_out(chosen: ChosenFrames, masks: PersonMasks) -> list[list[str]]:
     """Elbows, knees and ankles of each view that the masks of hardly any frame hold."""
     held, counted = (part.sum(0) for part in _held(chosen, masks))  # C 16
     never = (counted >= _FEWEST) & (held < _HARDLY * counted)

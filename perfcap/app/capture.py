@@ -155,7 +155,13 @@ def _run(
     inputs, views = settled(
         given, request.sync == "auto", request.refine_cameras, assumed=alone, held=held
     )
-    inputs = examined(inputs, needs_images=images, detected=detected, people=request.everybody)
+    inputs = examined(
+        inputs,
+        needs_images=images,
+        detected=detected,
+        people=request.everybody,
+        given=not alone,
+    )
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
     if masks is not None:

@@ -19,7 +19,7 @@ from perfcap.io.doctor import (
     examine_places,
 )
 from perfcap.io.doctor.footage import examine_blank
-from perfcap.io.doctor.inputs import examine_take
+from perfcap.io.doctor.inputs import examine_take, examine_ways
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
 
@@ -32,7 +32,12 @@ _WHOLE = ("cameras", "detections")  # subjects of mistakes that spoil every view
 
 
 def examined(
-    inputs: Inputs, *, needs_images: bool, detected: bool, people: bool | None = None
+    inputs: Inputs,
+    *,
+    needs_images: bool,
+    detected: bool,
+    people: bool | None = None,
+    given: bool = True,
 ) -> Inputs:
     """The inputs with all there is to say of them, which is said before any work is done.
 
@@ -41,12 +46,14 @@ def examined(
         needs_images: whether a stage looks at the images.
         detected: whether the joints were found in these very images.
         people: whether ``--people`` is given; None where there is no such option to advise.
+        given: whether the cameras are, not found in these very images.
 
     Raises:
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
     refuse_wrong(inputs, detected and people is False)
     more = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
+    more += way_doubts(inputs) if given else ()
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     return told(inputs, more)
@@ -138,6 +145,16 @@ def doubts(
         everybody=everybody,
     )
     return _sentences(findings)
+
+
+def way_doubts(inputs: Inputs) -> tuple[str, ...]:
+    """Whether videos show the ways of their cameras, where these are given and move.
+
+    Args:
+        inputs: of the capture, with joints of everybody who is known, (*P, F, C, 16).
+    """
+    take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
+    return _sentences(examine_ways(*take))
 
 
 def places(inputs: Inputs) -> tuple[str, ...]:

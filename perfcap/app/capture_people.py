@@ -19,6 +19,7 @@ from perfcap.app.capture_checks import (
     refuse_wrong,
     refuse_wrong_cameras,
     wants_bones,
+    way_doubts,
 )
 from perfcap.app.capture_request import casting_of, edge_network, find_device, settings_of
 from perfcap.app.console import progress_bars
@@ -202,7 +203,7 @@ def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected:
         doubts(each, needs_images=images, everybody=inputs.detections, **seen) for each in everybody
     ]
     common = set(lines[0]).intersection(*lines[1:])
-    found = [] if detected else [*places(inputs)]
+    found = [*way_doubts(inputs), *(() if detected else places(inputs))]
     found += [line for line in lines[0] if line in common]
     for number, own in enumerate(lines, 1):
         found += [f"person {number}: {line}" for line in own if line not in common]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from perfcap.app.body_doubts import (
     LEAST_INSIDE,
     joints_inside,
-    left_out,
+    limb_doubts,
     outline_doubts,
     require_person,
 )
@@ -63,12 +63,8 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     clip = inputs.clip
     chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
     shares = joints_inside(chosen, found).tolist()
-    for name, share, limbs in zip(clip.names, shares, left_out(chosen, found), strict=True):
-        if share >= LEAST_INSIDE and limbs:
-            yield (
-                f"masks of {name}: leave out {', '.join(limbs)}; expected all of the person: is a "
-                "part cut off, or hidden by something?"
-            )
+    yield from limb_doubts(chosen, found)
+    for name, share in zip(clip.names, shares, strict=True):
         if share < LEAST_INSIDE:
             yield (
                 f"masks of {name}: hold {100 * share:.0f} % of the detected joints; expected those "

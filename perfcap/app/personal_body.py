@@ -16,7 +16,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import mask_doubts, outline_doubts
+from perfcap.app.body_doubts import limb_doubts, mask_doubts, outline_doubts
 from perfcap.app.body_map import body_map
 from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
@@ -242,6 +242,7 @@ class PersonalBody:
             )
         if self.masks is not None:
             yield from mask_doubts(self.model, fit, self.chosen, self.masks)
+            yield from limb_doubts(self.chosen, self.masks)
             yield from outline_doubts(self.chosen, self.masks)
 
 

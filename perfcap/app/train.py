@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from torch import distributed
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
+from perfcap.io.result_folder import locked
 from perfcap.train.card import write_lifter_card
 from perfcap.train.checkpoint import (
     described_start,
@@ -68,7 +69,7 @@ def run_train_lifter(request: TrainLifter) -> int:
     if request.start is not None:
         start_from(task.model, request.start)
     torch.set_num_threads(1)  # tensors are small
-    with processes() as first, progress_bars() as tell:
+    with sole_training(out), processes() as first, progress_bars() as tell:
         trained = train(
             task,
             config.loop,
@@ -162,6 +163,18 @@ def make_folder(out: Path, resume: bool) -> None:
         raise InputError(
             f"--out {out}: cannot be made ({error.strerror}); choose another"
         ) from None
+
+
+@contextmanager
+def sole_training(out: Path) -> Iterator[None]:
+    """Be the only training that writes into a folder, in the first of torchrun's processes.
+
+    Raises:
+        InputError: another one, or a capture, writes there.
+    """
+    first = os.environ.get("RANK", "0") == "0"  # the others write nothing
+    with locked(out) if first else nullcontext():
+        yield
 
 
 @contextmanager

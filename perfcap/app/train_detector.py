@@ -12,7 +12,14 @@ import torch
 from torch import distributed
 
 from perfcap.app.console import PlainConsole, progress_bars
-from perfcap.app.train import MODEL, make_folder, processes, read_library, tensorboard
+from perfcap.app.train import (
+    MODEL,
+    make_folder,
+    processes,
+    read_library,
+    sole_training,
+    tensorboard,
+)
 from perfcap.commands.train import TrainDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import actor_files, load_actor
@@ -57,7 +64,7 @@ def run_train_detector(request: TrainDetector) -> int:
     make_folder(request.out, request.resume)
     torch.set_num_threads(1)  # several processes are faster than several threads
     cv2.setNumThreads(1)
-    with processes() as first, progress_bars() as tell:
+    with sole_training(request.out), processes() as first, progress_bars() as tell:
         rendered, validation = _crops(request, library, behind, drawn, first, tell)
         shots = rendered if photographs is None else Mixture(rendered, photographs)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")

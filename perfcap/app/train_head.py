@@ -19,7 +19,7 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, find_model
 from perfcap.app.project import in_project
-from perfcap.app.train import MODEL, make_folder, tensorboard
+from perfcap.app.train import MODEL, make_folder, sole_training, tensorboard
 from perfcap.commands.train import TrainHead
 from perfcap.commands.views import DEFAULT_DETECTORS
 from perfcap.detect.joint_set import LANDMARKS16, JointSet
@@ -74,6 +74,13 @@ def run_train_head(request: TrainHead) -> int:
         raise InputError("--cameras: move; a head is adapted to views of fixed cameras")
     for folder in (request.out / CHOSEN, request.out):
         make_folder(folder, request.resume)
+    with sole_training(request.out):
+        _adapt(request, network, inputs)
+    return 0
+
+
+def _adapt(request: TrainHead, network: FrozenNetwork, inputs: Inputs) -> None:
+    config = request.config
     performance = _solution(request, inputs)
     watched, step = _watched(performance, inputs, config.crops.frames)
     if len(watched.joints) < _FEWEST:
@@ -85,7 +92,6 @@ def run_train_head(request: TrainHead) -> int:
         refine = refiner(performance.actor, watched.rate)
         taught = _teach(request, network, crops, watched, refine, tell)
     _finish(request, network, taught, inputs, step * len(watched.joints))
-    return 0
 
 
 def doubts_of(scores: Mapping[str, float]) -> Iterator[str]:

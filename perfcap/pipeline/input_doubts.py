@@ -29,6 +29,7 @@ from perfcap.io.doctor import (
 )
 from perfcap.io.doctor.evidence import Scene as Seen
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
@@ -315,19 +316,20 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> tuple
     for finding in found:
         if finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
-    both = scene.cameras, images.cameras
-    if not any(each.moving for each in both):
-        given, shown = (each.map(Tensor.detach).to(plain) for each in both)
-        pixels = _shown_at(given, shown, detections)
-        crowd = None
-        if len(scene.people) > 1:
-            people = [p.detections.finite().map(Tensor.detach).to(plain) for p in scene.people]
-            crowd = (
-                torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
-                torch.stack([each.confidence2d for each in people]).numpy(),
-            )
-        take = images.reader, names, scene.rate, pixels.numpy(), detections.confidence2d.numpy()
-        moved = examine_standing(*take, everybody=crowd)
+    given, shown = (each.map(Tensor.detach).to(plain) for each in (scene.cameras, images.cameras))
+    pixels = _shown_at(given, shown, detections)
+    seen, crowd = (pixels.numpy(), detections.confidence2d.numpy()), None
+    if len(scene.people) > 1:
+        people = [p.detections.finite().map(Tensor.detach).to(plain) for p in scene.people]
+        crowd = (
+            torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
+            torch.stack([each.confidence2d for each in people]).numpy(),
+        )
+    take = images.reader, names
+    if shown.moving:
+        found += examine_way(*take, shown, scene.rate, crowd or seen)
+    elif not given.moving:
+        moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
         found += moved or examine_footage(images.reader, shown.size, detections, pixels)
     return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
 

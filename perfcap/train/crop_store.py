@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
+from perfcap.io.files import read_json
 from perfcap.train.scenes import Scenes, Shot
 
 DESCRIPTION = "crops.json"
@@ -31,15 +33,15 @@ class CropStore:
         folder: that ``render_crops`` filled.
 
     Raises:
-        InputError: it holds no crops, or a part of them is missing.
+        InputError: it holds no crops, a part of them is missing, or what describes them is damaged.
     """
 
     def __init__(self, folder: Path) -> None:
         path = folder / DESCRIPTION
         if not path.is_file():
             raise InputError(f"{folder}: has no {DESCRIPTION}; expected a folder of rendered crops")
-        described = json.loads(path.read_text(encoding="utf-8"))
-        self._files = [folder / _name(part) for part in range(int(described["parts"]))]
+        described = _described(path)
+        self._files = [folder / _name(part) for part in range(described["parts"])]
         self._each = int(described["each"])
         missing = [file for file in self._files if not file.is_file()]
         if missing:
@@ -89,7 +91,8 @@ def render_crops(
         progress: told what is done and what there is to do.
 
     Raises:
-        InputError: the folder holds crops of other settings, or of unknown ones.
+        InputError: the folder holds crops of other settings, or of unknown ones, as where what
+            describes them is damaged.
     """
     group = scenes.group_size
     each = _GROUPS * group
@@ -112,8 +115,8 @@ def _require_same(folder: Path, text: str) -> None:
     """Refuse a folder whose crops are not known to be those that a text describes."""
     path = folder / DESCRIPTION
     if path.is_file():
-        found = json.loads(path.read_text(encoding="utf-8"))
-        found.pop("parts", None)
+        found = _described(path)
+        found.pop("parts")
         if json.dumps(found, sort_keys=True) != text:
             raise InputError(
                 f"{folder}: holds crops of other settings, actors, body model or backgrounds; give "
@@ -124,6 +127,18 @@ def _require_same(folder: Path, text: str) -> None:
             f"{folder}: holds {parts[0].name} but no {DESCRIPTION}, so that nobody knows of which "
             "settings its crops are; give another folder, or delete them"
         )
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """What is written about crops: the number of parts, that of shots in each, and settings."""
+    found = read_json(path, "what describes rendered crops")
+    counts = [found.get(key) for key in ("parts", "each")] if isinstance(found, dict) else [None]
+    if not all(type(count) is int and count > 0 for count in counts):
+        raise InputError(
+            f"{path}: has no numbers of parts and of crops in each; expected what a training wrote "
+            "there; restore it, or give another folder"
+        )
+    return dict(found)
 
 
 def _name(part: int) -> str:

@@ -87,6 +87,28 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
     assert "80x60" in line and "160x120" in line and not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_masks_that_end_at_half_the_height_are_named(
+    take: TakeFiles, tmp_path: Path, perfcap: Command, share: float
+) -> None:
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for frame, joints in enumerate(take.take.detections.joints2d[:, 0]):
+        low, high = joints[:, 1].amin(), joints[:, 1].amax()
+        picture = np.full((120, 160), 255, np.uint8)
+        if share < 1:
+            picture[round(float(low + share * (high - low))) :] = 0
+        cv2.imwrite(str(masks / f"{frame:06d}.png"), picture)
+    call_ = call(take, tmp_path / "me", "--masks", masks, "--count", 6, "--height", 1.7)
+    done = perfcap(call_)
+    assert done.code == 0, done
+    told = [
+        note for note in done.notes if "leave out" in note and f"masks of {take.video.stem}" in note
+    ]
+    assert bool(told) == (share < 1), done.notes
+    assert not told or ("l_knee" in told[0] and "r_ankle" in told[0])
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [

@@ -2,17 +2,22 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 import yaml
-from foreign_rigs import RIGS
+from foreign_rigs import MIXAMO, RIGS
 from runs import Command
-from takes import make_take
+from synthetic import actor
+from takes import make_take, sway
 
 from perfcap.app.retarget import places_doubts
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.bvh_read import bvh_motion
+from perfcap.io.bvh_write import save_bvh
 from perfcap.io.gltf_document import open_document
 from perfcap.io.result import read_result
 
@@ -70,6 +75,34 @@ def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Co
     outcome = perfcap(["retarget", tmp_path / "c.bvh", "--actor", "sam", "--out", tmp_path / "c"])
     assert outcome.code == 0 and any("check its frame time" in line for line in outcome.notes)
     assert any("retarget: rate is 0.12 frames a second" in line for line in outcome.notes)
+
+
+def test_a_root_in_another_unit_than_the_bones_is_told(tmp_path: Path, perfcap: Command) -> None:
+    person = actor()
+    motion = sway(person, 60, 30.0)
+    feet = [LANDMARKS.index(name) for name in ("l_ankle", "r_ankle", "l_toe", "r_toe")]
+    points = person.joints(motion)[:, feet]
+    lower = (points[1:, :, 1] + points[:-1, :, 1]).argmin(1)
+    slid = points.diff(dim=0)[torch.arange(len(lower)), lower].cumsum(0)  # of who should stand
+    moved = motion.translation - torch.nn.functional.pad(slid, (0, 0, 1, 0))
+    stands = replace(motion, translation=moved)
+    names = tuple(MIXAMO[name] for name in person.template.bone_names)
+    template = replace(person.template, bone_names=names, joint_bones={}, landmarks={})
+    source, transforms = tmp_path / "a.bvh", person.bone_transforms(stands).numpy()
+    save_bvh(source, bvh_motion(template, transforms, 30.0))
+    head, _, rows = source.read_text().partition("Frame Time:")
+    first, *lines = (line.split() for line in rows.strip().splitlines())
+    for factor, told in ((1.0, False), (0.01, True)):
+        scaled = [[str(factor * float(v)) for v in line[:3]] + line[3:] for line in lines]
+        text = "\n".join(" ".join(line) for line in [first, *scaled])
+        source.write_text(f"{head}Frame Time: {text}\n")
+        out = tmp_path / f"{told}"
+        done = perfcap(["retarget", source, "--actor", "sam", "--out", out])
+        assert done.code == 0, done
+        found = [line for line in done.notes if "another unit than its bones" in line]
+        assert bool(found) == told, done.notes
+        kept = json.loads((out / "run.json").read_text())["warnings"]
+        assert all(line in kept for line in found)
 
 
 def test_what_is_told_is_kept(captured: Path, tmp_path: Path, perfcap: Command) -> None:

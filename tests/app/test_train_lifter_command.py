@@ -8,7 +8,9 @@ import torch
 from motion_files import write_library
 from runs import Command
 
+from perfcap.app.train import sole_training
 from perfcap.detect.lifter import OnnxLifter
+from perfcap.io.result_folder import locked
 from perfcap.train.checkpoint import load_checkpoint
 
 TINY = (
@@ -69,6 +71,20 @@ def test_trains_exports_and_starts_from_what_it_wrote(
         assert "has learned with --lifter.dilations [1, 3, 9, 27], expected [1, 2, 4, 8]" in refused
     assert not (tmp_path / "d").exists()
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
+
+
+def test_one_folder_is_of_one_training_at_a_time(
+    perfcap: Command, library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = ["train", "lifter", "--motion", library, *TINY, "--out", tmp_path / "a"]
+    assert perfcap(call).code == 0
+    with locked(tmp_path / "a"):
+        assert "another perfcap writes into this folder" in perfcap([*call, "--resume"]).refused()
+        monkeypatch.setenv("RANK", "1")  # of torchrun's processes the first one has the folder
+        with sole_training(tmp_path / "a"):
+            pass
+    monkeypatch.delenv("RANK")
+    assert perfcap([*call, "--resume"]).code == 0
 
 
 @pytest.mark.parametrize("option", ["--start", "--together-with"])

@@ -109,6 +109,18 @@ def test_what_is_no_person_is_refused(model: BodyModel) -> None:
         auto_rig(BareMesh(*pair), model)
 
 
+def test_a_scan_that_is_inside_out_is_turned_round(fitter: BodyFitter) -> None:
+    surface, faces = fitter.surface(person(fitter))[0].numpy(), fitter.model.rig.faces
+    right, inside_out = (
+        auto_rig(BareMesh(surface, each), fitter.model, settings=QUICK)
+        for each in (faces, faces[:, ::-1].copy())
+    )
+    assert np.array_equal(right[0].faces, inside_out[0].faces)
+    assert np.allclose(right[0].bone_rest, inside_out[0].bone_rest)
+    assert not right[1].warnings
+    assert ["faced inwards" in line for line in inside_out[1].warnings] == [True]
+
+
 def test_given_joints_are_kept(fitter: BodyFitter) -> None:
     truth = person(fitter)
     surface = fitter.surface(truth)[0].numpy()

@@ -185,6 +185,22 @@ def test_parts_of_a_killed_call_are_taken_for_those_of_its_settings_alone(
         render_crops(tmp_path, scenes, 33, {"a": 1})
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is not valid JSON"), ("", "is empty"), ("[1]", "has no numbers of parts"),
+        ('{"each": 32}', "has no numbers of parts"), ('{"parts": "a", "each": 1}', "no numbers"),
+    ],
+)  # fmt: skip
+def test_a_damaged_description_is_a_sentence(
+    scenes: Scenes, tmp_path: Path, text: str, said: str
+) -> None:
+    (tmp_path / "crops.json").write_text(text)
+    for use in (lambda: CropStore(tmp_path), lambda: render_crops(tmp_path, scenes, 1, {"a": 1})):
+        with pytest.raises(InputError, match=f"crops.json: .*{said}"):
+            use()
+
+
 class Few:
     def __len__(self) -> int:
         return 5

@@ -26,6 +26,7 @@ from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
 
@@ -74,10 +75,11 @@ def examine_inputs(
         doubts = (*rates, *of_others(detections, names, known))
         findings += [_said(line, Severity.WARNING) for line in doubts]
     findings += examine_cameras(rig, sizes, maps)
+    pixel_map = _pixel_map(rig, clip, maps)
     if detections:
-        pixel_map = _pixel_map(rig, clip, maps)
-        findings += _examine_detections(rig, detections, clip, pixel_map, detections_in)
-    return findings
+        return findings + _examine_detections(rig, detections, clip, pixel_map, detections_in)
+    posed = None if clip is None else _try(findings, partial(camera_frames, rig, clip, len(clip)))
+    return findings if posed is None else findings + examine_ways(posed, None, clip, pixel_map)
 
 
 def examine_take(
@@ -120,6 +122,31 @@ def examine_take(
     return findings
 
 
+def examine_ways(
+    rig: CameraRig, detections: Detections | None, clip: Clip | None, pixel_map: PixelMap | None
+) -> list[Finding]:
+    """Whether videos of moving cameras show the ways that are given.
+
+    Args:
+        rig: C views, of the clip's frames.
+        detections: of everybody who is known, (*P, F, C), in pixels of the calibration.
+        clip: the same frames and views; None of no video.
+        pixel_map: from the clip's pixels to the calibration's.
+    """
+    if clip is None or pixel_map is None or not rig.cameras.moving:
+        return []
+    if rig.cameras.views != clip.views:
+        return []
+    seen = None
+    if detections is not None:
+        if detections.views != clip.views:
+            return []
+        places = pixel_map.to_video(detections.joints2d)
+        seen = places.double().numpy(), detections.confidence2d.double().numpy()
+    cameras = pixel_map.cameras(rig.cameras, clip.sizes)
+    return examine_way(clip, rig.names, cameras, clip.fps, seen, clip.start)
+
+
 def _examine_detections(
     rig: CameraRig,
     paths: Sequence[str | Path],
@@ -156,6 +183,7 @@ def _examine_detections(
         *_warnings("detections", warnings),
         *examine_detections(rig, detections),
         *examine_take(rig, detections, clip, pixel_map),
+        *examine_ways(rig, detections, clip, pixel_map),
     ]
 
 
