@@ -56,7 +56,7 @@ LONG = (
     "contour_bodies", "contour_clocks", "contour_cues", "contours", "deformation_speed",
     "detector_frames",
     "detector_noise", "detector_photographs", "export_check", "filmed_tracks",
-    "finetune_through_solver",
+    "finetune_through_solver", "followed_person",
     "given_cameras",
     "hand_held", "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lens",
     "lifter_films", "lifter_motion",

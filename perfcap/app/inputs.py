@@ -17,6 +17,7 @@ from perfcap.app.networks import (
     detect_everybody,
     find_model,
     open_networks,
+    open_watcher,
     parse_boxes,
 )
 from perfcap.commands.views import Views
@@ -98,6 +99,7 @@ def read_inputs(request: Views, checkpoint: Checkpoint = NO_CHECKPOINT) -> Input
             *(detectors, boxes, request.person or 1, tell, checkpoint),
             poses=lifter is not None,
             finder=finder,
+            watcher=open_watcher(request.watcher),
             chosen=request.person is not None,
         )
         if request.everybody:

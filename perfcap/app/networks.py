@@ -45,6 +45,7 @@ class Detecting:
         people: how many of a search are followed, each on their own; None for that one.
         poses: whether 3D joints of the others are of use where the first one has none.
         finder: finds the people of whole images; windows are searched without one.
+        watcher: tells others from the one who is followed; the finder if None.
         tell: told how far it is.
         checkpoint: keeps what the network answered.
     """
@@ -57,6 +58,7 @@ class Detecting:
     people: int | None = None
     poses: bool = False
     finder: OnnxFinder | None = None
+    watcher: OnnxFinder | None = None
     chosen: bool = False
 
 
@@ -81,6 +83,11 @@ def open_networks(names: Sequence[str]) -> tuple[OnnxFinder | None, tuple[OnnxDe
         )
     finder = OnnxFinder(folders[0]) if finds[0] else None
     return finder, tuple(OnnxDetector(folder) for folder in folders[finds[0] :])
+
+
+def open_watcher(name: str | None) -> OnnxFinder | None:
+    """The shipped network that tells others from the person, by its name; none without one."""
+    return None if name is None else OnnxFinder(find_model(name, DETECTORS))
 
 
 def find_model(name: str, kind: str) -> Path:
@@ -195,7 +202,8 @@ def detect_clip(clip: Clip, detecting: Detecting, cameras: Camera) -> Detections
         frames, camera = _frames(clip, view, detecting.tell), _view(cameras, view, len(clip))
         # of several views, the others show who is followed
         alone = clip.views == 1 and detecting.people is None and not detecting.chosen
-        start = Start(box, detecting.person, detecting.finder, alone)
+        finder = detecting.finder
+        start = Start(box, detecting.person, finder, alone, detecting.watcher or finder)
         found.append(follow_person(first, frames, start, camera, others, detecting.poses))
     whole = stack_views(found)
     if not (whole.confidence2d > 0).any() and whole.joints3d is None:

@@ -9,7 +9,7 @@ from typing import Literal
 import tyro
 
 DEFAULT_DETECTORS = ("thunder", "blazepose_heavy", "rendered")  # the first one follows the person
-FINDER = "multipose"  # before them, where several people are wanted
+FINDER = "multipose"  # before them, where several people are wanted; else it watches for others
 DEFAULT_LIFTER = "cmu"
 NO_LIFTER = "none"
 
@@ -32,7 +32,7 @@ class Views:
     detector: tuple[str, ...] = ()
     """Networks that find the joints, shipped ones by name or folders with manifest.toml. The first
     one follows the person, the others add to it; one that finds people in whole images, as
-    multipose, goes before them. perfcap models lists them."""
+    multipose, goes before them, and tells others from the person. perfcap models lists them."""
     box: tuple[float, ...] = ()
     """Where the person is in the first frame: LEFT TOP RIGHT BOTTOM for each view, pixels; searched
     for if not given."""
@@ -65,6 +65,11 @@ class Views:
             return ()
         before = (FINDER,) if self.everybody else ()
         return self.detector or (*before, *DEFAULT_DETECTORS)
+
+    @property
+    def watcher(self) -> str | None:
+        """The network that tells others from the one person who is followed, if any does."""
+        return None if self.everybody or self.detections or self.detector else FINDER
 
     @property
     def lifters(self) -> tuple[str, ...]:

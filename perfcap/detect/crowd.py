@@ -109,7 +109,7 @@ def _unfollowed(
     Where a look up close shows somebody else, who hides the person, what the finder saw is kept.
     """
     joints, free = network.joint_set, list[Look]()
-    seen = [_renamed(look, finder.joint_set, joints) for look in finder(frame)]
+    seen = [renamed(look, finder.joint_set, joints) for look in finder(frame)]
     seen = [look for look in seen if not _among(look, taken, joints)]
     pairs = [(look, look.around(network, joints)) for look in seen]
     placed = [(look, crop) for look, crop in pairs if crop is not None]
@@ -125,8 +125,8 @@ def _unfollowed(
     return free
 
 
-def _renamed(look: Look, joint_set: JointSet, wanted: JointSet) -> Look:
-    """The same with the joints of another set; those it lacks are not seen."""
+def renamed(look: Look, joint_set: JointSet, wanted: JointSet) -> Look:
+    """A look with the joints of another set; those it lacks are not seen."""
     order = [joint_set.joints.index(j) if j in joint_set.joints else -1 for j in wanted.joints]
     known = torch.tensor(order) >= 0
     confidence = torch.where(known, look.confidence[order], 0)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from perfcap.detect.combine import Seen, combined
+from perfcap.detect.company import Company
 from perfcap.detect.crop import Crop, Frame, next_crop
 from perfcap.detect.crowd import follow_all, same_person
 from perfcap.detect.detections import Detections
@@ -41,12 +42,15 @@ class Start:
         person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
         finder: network that finds people in whole images; None to search with windows.
         alone: whether to warn of others in that image.
+        watcher: network that finds people in whole images, to tell others who come near from the
+            person; who covers the person may take their place without one.
     """
 
     box: Box | None = None
     person: int = 1
     finder: Finder | None = None
     alone: bool = False
+    watcher: Finder | None = None
 
 
 def follow_person(
@@ -81,10 +85,10 @@ def follow_person(
     Raises:
         InputError: nobody is in the box of the first frame.
     """
-    seen = [
-        None if look is None else _seen(network, frame, look, others)
-        for frame, look in _follow(network, frames, start)
-    ]
+    seen: list[Seen | None] = []
+    for frame, look, near in _follow(network, frames, start):
+        found = None if look is None else _seen(network, frame, look, others)
+        seen.append(None if found is None else _of_one(found, near, network, others))
     return combined(seen, network, camera, others, poses)
 
 
@@ -149,32 +153,40 @@ def _of_one(
 
 def _follow(
     network: CropNetwork, frames: Iterable[Frame], start: Start
-) -> Iterator[tuple[Frame, Look | None]]:
+) -> Iterator[tuple[Frame, Look | None, list[Look]]]:
+    """Frames with the look at the person and those at others who are near."""
     spec = network.manifest.input
     crop = None if start.box is None else Crop.around(start.box, spec.size, spec.padding)
     known = ANYWHERE
+    company = None if start.watcher is None else Company(network, start.watcher)
     for number, frame in enumerate(frames):
         if network.manifest.output.kind == "joints3d":  # no 2D joints to follow
             padding = spec.padding if start.box else 1.0
             part = Crop.around(start.box or whole(frame), spec.size, padding)
-            yield frame, look_at(network, frame, [part])[0]
+            yield frame, look_at(network, frame, [part])[0], []
             continue
         look = None if crop is None else look_at(network, frame, [crop])[0]
         if look is not None and number == 0:
-            look = _shown(network, frame, start, look)
-        if look is None or not is_person(look.confidence, network.joint_set):
+            look = _shown(network, frame, start, look, company)
+        seen = look is not None and is_person(look.confidence, network.joint_set)
+        present = company is not None and company.present
+        if company is not None and present:
+            look = company.told_apart(frame, look if seen else None)
+        elif look is None or not seen:
             whom = replace(start, person=1, alone=False) if known.ever else start
             look = search(network, frame, whom.person, None, whom.finder, known, whom.alone)
         elif known.doubts(look):
             again = search(network, frame, finder=start.finder, last=known)
-            seen = [look] if again is None else [look, again]
-            look = max(seen, key=lambda one: known.likely(one, network.joint_set))
+            both = [look] if again is None else [look, again]
+            look = max(both, key=lambda one: known.likely(one, network.joint_set))
         else:
             look = turn_around(network, frame, look, UNSURE)
+        if company is not None and not present:
+            company.met(number, frame, look)
         if known.age >= AGE and look is not None and (apart := known.moved(look.box())) > NEARBY:
             _LOG.warning(_OTHER, number, known.age, apart)
         known = known.after(look)
-        yield frame, look
+        yield frame, look, [] if company is None else company.near
         crop = None
         if look is not None:
             angle = turned(look, network.joint_set, spec.turns)
@@ -182,9 +194,13 @@ def _follow(
             crop = next_crop(look.crop, *joints, spec.padding, angle)
 
 
-def _shown(network: CropNetwork, frame: Frame, start: Start, look: Look) -> Look:
+def _shown(
+    network: CropNetwork, frame: Frame, start: Start, look: Look, company: Company | None
+) -> Look:
     """The person in the user's box, nobody else: the crop of the box, or what is found in it."""
     look = turn_around(network, frame, centre(network, frame, look))
+    if company is not None and start.box is not None:
+        look = company.in_box(frame, start.box, look)
     box, joints = look.box(), network.joint_set
     if start.box is None or (
         box is not None and overlap(start.box, box) >= SAME and is_person(look.confidence, joints)
