@@ -28,6 +28,8 @@ _FORGOTTEN = 30  # frames after which somebody who is not seen is forgotten
 _SAME = 0.5  # cost up to which a sighting is of whoever was there a frame before
 _WIDER = 0.06  # more of it for each frame in which they were not seen
 _FARTHEST = 1.2  # the most that it becomes
+_ANYWHERE = 1.5  # the same, once the person may be anywhere
+_DOUBTED = 0.3  # cost from which a look at a person who was alone is compared with other people
 _LOST = 3  # frames after which whoever turned up since may be the person
 _NEVER = 1e3
 
@@ -65,18 +67,13 @@ class Company:
         looks = self._looks(frame, look)
         seen = [Sighting.of(each, joints, frame) for each in looks]
         tracks = [] if self._person is None else [self._person, *self._others]
-        given = _given(tracks, seen)
-        self._person = self._after(None if 0 not in given else seen[given[0]])
-        if self._person is None:
-            return None
-        self._renew(self._person, looks, seen, given)
-        if 0 not in given:
-            return None
-        found = looks[given[0]]
-        return found if found is look else self._closer(frame, found)
+        found = self._go_on(looks, seen, _given(tracks, seen))
+        return found if found is None or found is look else self._closer(frame, found)
 
-    def met(self, number: int, frame: Frame, look: Look | None) -> None:
-        """Go on in a frame in which nobody was near, and see now and then whether somebody is.
+    def met(self, number: int, frame: Frame, look: Look | None) -> Look | None:
+        """The look at the person in a frame before which nobody was near.
+
+        Now and then, and where they moved as people do not, it is seen whether somebody is.
 
         Args:
             number: of the frame.
@@ -85,13 +82,32 @@ class Company:
         """
         self.near = []
         joints = self._network.joint_set
-        if look is None or number % _EVERY:
-            self._person = self._after(None if look is None else Sighting.of(look, joints))
-            return
+        alone = None if look is None else Sighting.of(look, joints)
+        doubted = (
+            alone is not None
+            and self._person is not None
+            and self._person.age == 0
+            and self._person.cost(alone) > _DOUBTED
+        )
+        if look is None or not (doubted or number % _EVERY == 0):
+            self._person = self._after(alone)
+            return look
         looks = self._looks(frame, look)
         seen = [Sighting.of(each, joints, frame) for each in looks]
-        self._person = self._after(seen[0]) or Trace.from_sighting(seen[0])
-        self._renew(self._person, looks, seen, {0: 0})
+        given = _given([self._person], seen) if doubted and self._person is not None else {}
+        found = self._go_on(looks, seen, given or {0: 0})
+        return found if found is None or found is look else self._closer(frame, found)
+
+    def _go_on(
+        self, looks: Sequence[Look], seen: Sequence[Sighting], given: dict[int, int]
+    ) -> Look | None:
+        """The look that is at the person, once everybody has gone on; None without one."""
+        mine = given.get(0)
+        self._person = self._after(None if mine is None else seen[mine])
+        if self._person is None:
+            return None
+        self._renew(self._person, looks, seen, given)
+        return None if mine is None else looks[mine]
 
     def in_box(self, frame: Frame, box: Box, look: Look) -> Look:
         """Whoever fits a box best, of a look at its middle and all whom the finder sees."""
@@ -151,8 +167,8 @@ class Company:
             return
         anywhere = person.age >= AGE
         best = min(new, key=lambda each: person.cost(each.last, anywhere))
-        if person.cost(best.last, anywhere) < _FARTHEST:
-            self._person = best
+        if person.cost(best.last, anywhere) < (_ANYWHERE if anywhere else _FARTHEST):
+            self._person = person.after(best.last)
             self._others = [each for each in self._others if each is not best]
 
     def _closer(self, frame: Frame, look: Look) -> Look:
@@ -194,7 +210,8 @@ def _given(tracks: Sequence[Trace], seen: Sequence[Sighting]) -> dict[int, int]:
     table = np.full((len(tracks), len(seen) + len(tracks)), _NEVER)
     for row, track in enumerate(tracks):
         most = min(_SAME + _WIDER * track.age, _FARTHEST)
+        most = _ANYWHERE if row == 0 and track.age >= AGE else most
         table[row, : len(seen)] = np.where(costs[row] < most, costs[row], _NEVER)
-        table[row, len(seen) + row] = _FARTHEST  # none
+        table[row, len(seen) + row] = _ANYWHERE  # none
     found = zip(*linear_sum_assignment(table), strict=True)
     return {int(row): int(column) for row, column in found if column < len(seen)}

@@ -182,7 +182,7 @@ def _follow(
         else:
             look = turn_around(network, frame, look, UNSURE)
         if company is not None and not present:
-            company.met(number, frame, look)
+            look = company.met(number, frame, look)
         if known.age >= AGE and look is not None and (apart := known.moved(look.box())) > NEARBY:
             _LOG.warning(_OTHER, number, known.age, apart)
         known = known.after(look)

@@ -23,6 +23,7 @@ _POSE, _GROWTH, _CLOTHES = 2.0, 0.3, 0.4  # weights beside that of the way, in s
 _FARTHEST = 1.0  # sizes, that count of whoever was not seen for long: they may be anywhere
 _DIFFERENT = 40.0  # of CIELAB in 8 bits: what clothes of other colours differ by
 _LIGHTER = 0.5  # weight of lightness, which shadows change
+_KEPT_SIZE = 0.97  # of the size of a body, from one sighting to the next
 _RENEWED = 0.2  # of the colours, with each frame
 _KINDS = ("shoulder", "hip", "knee")
 _TORSO = [(u, w) for u in (0.25, 0.5, 0.75) for w in (0.25, 0.5, 0.75)]  # across, down
@@ -93,6 +94,7 @@ class Trace:
 
     Attributes:
         last: the last sighting, with colours of all.
+        size: of the body, pixels: as of the largest of late.
         speed: pixels a frame, (2,).
         age: frames since the last sighting.
         count: sightings.
@@ -100,6 +102,7 @@ class Trace:
     """
 
     last: Sighting
+    size: float
     speed: Tensor
     age: int = 0
     count: int = 1
@@ -108,7 +111,7 @@ class Trace:
     @classmethod
     def from_sighting(cls, sighting: Sighting) -> Trace:
         """Of somebody new."""
-        return cls(sighting, sighting.points.new_zeros(2))
+        return cls(sighting, sighting.size, sighting.points.new_zeros(2))
 
     def after(self, sighting: Sighting | None) -> Trace:
         """One frame later."""
@@ -121,7 +124,8 @@ class Trace:
         colors = torch.where(new.isfinite(), torch.lerp(old, new, _RENEWED), old)
         colors = torch.where(old.isfinite(), colors, new)
         last = replace(sighting, colors=colors)
-        return replace(self, last=last, speed=speed, age=0, count=self.count + 1)
+        size = max(sighting.size, _KEPT_SIZE * self.size)  # some see a part of a body
+        return replace(self, last=last, size=size, speed=speed, age=0, count=self.count + 1)
 
     def cost(self, sighting: Sighting, anywhere: bool = False) -> float:
         """How unlikely a sighting in the next frame is of this person, in sizes of the body.
@@ -135,8 +139,8 @@ class Trace:
         """
         way, pose = self.last.moved(sighting)
         steps = min(self.age + 1, _AHEAD)
-        off = float((way - steps * self.speed).norm()) / self.last.size
-        growth = min(abs(math.log(sighting.size / self.last.size)), 1.0)
+        off = float((way - steps * self.speed).norm()) / self.size
+        growth = min(abs(math.log(sighting.size / self.size)), 1.0)
         return (
             (min(off, _FARTHEST) if anywhere else off)
             + _GROWTH * growth

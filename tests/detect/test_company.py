@@ -139,3 +139,22 @@ def test_who_left_long_ago_is_forgotten() -> None:
     found, watcher = follow(steps)
     assert all(off(found, number, PERSON) < 0.1 * 110 for number in range(len(steps)))
     assert watcher.frames < 45, "once in ten frames again"
+
+
+def test_who_turns_up_close_by_between_two_looks_around_does_not_take_over() -> None:
+    """Where the person seems to jump, it is seen at once who else is there."""
+    sudden = (182.0, 120.0, 112.0)
+    steps: list[tuple[Place, ...]] = [*[(PERSON,)] * 4, *[(sudden, PERSON)] * 5]
+    found, watcher = follow(steps)
+    assert all(off(found, number, PERSON) < 0.1 * 110 for number in range(len(steps)))
+    assert watcher.frames == 1 + 1 + 5
+    without, _ = follow(steps, told_apart=False)
+    assert off(without, 6, sudden) < 3
+
+
+def test_who_was_hidden_for_long_may_come_back_far_away_in_another_light() -> None:
+    person, beside, back = (60.0, 120.0, 50.0), (110.0, 120.0, 56.0), (250.0, 120.0, 80.0)
+    steps: list[tuple[Place, ...]] = [(beside, person)] * 4
+    steps += [*[(beside,)] * (2 * AGE), *[(beside, back)] * 3]
+    found, _ = follow(steps, box=(30, 88, 86, 152))
+    assert off(found, len(steps) - 1, back) < 0.1 * 80

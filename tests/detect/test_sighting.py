@@ -93,3 +93,13 @@ def test_colors_of_a_trace_are_those_of_all_its_sightings() -> None:
     torch.testing.assert_close(mixed, torch.lerp(own, new, 0.2))
     first = Trace.from_sighting(sighting(100)).after(sighting(100, frame=painted(RED)))
     assert torch.equal(first.last.colors, own)
+
+
+def test_who_is_seen_in_part_is_no_smaller() -> None:
+    """A head seen alone made everybody else ten bodies away."""
+    trace = Trace.from_sighting(sighting(100))
+    part = sighting(100, unseen=13)
+    assert part.size < 0.4 * trace.size
+    assert trace.after(part).size == pytest.approx(0.97 * trace.size)
+    assert trace.after(part).cost(sighting(130)) == pytest.approx(0.32, abs=0.02)
+    assert trace.after(sighting(100, 150)).size == sighting(100, 150).size
