@@ -18,6 +18,7 @@ from takes import (
 )
 from tiny_networks import write_tiny
 
+from perfcap.app.head_checks import LEARNED
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.video_writer import VideoWriter
 
@@ -95,6 +96,34 @@ def test_other_footage_is_not_gone_on_with(
     write_json(moved, entries)
     again = perfcap([*mine, *TINY, "--out", tmp_path / "a", "--resume"])
     assert again.code == 2 and "another configuration" in again.err
+
+
+@pytest.mark.parametrize("before", ["--no-through-solver", "--through-solver"])
+def test_a_model_of_other_footage_is_not_replaced(
+    perfcap: Command, call: list[object], tmp_path: Path, before: str
+) -> None:
+    """Without the solver there is no checkpoint that would say what was learned from."""
+    out = tmp_path / "a"
+    direct = [*call, *TINY, "--no-through-solver", "--out", out, "--resume"]
+    assert perfcap([*call, *TINY, before, "--out", out]).code == 0
+    written = (out / "model" / "model.onnx").read_bytes()
+    cameras = Path(str(call[call.index("--cameras") + 1]))
+    entries = json.loads(cameras.read_text())
+    for entry in entries["views"].values():
+        entry["t"][2] += 0.05
+    write_json(tmp_path / "cameras.json", entries)
+    other = [tmp_path / "cameras.json" if each == cameras else each for each in direct]
+    assert "not the same: " in perfcap(other).refused()
+    again = perfcap(direct)
+    if before == "--no-through-solver":
+        assert again.code == 0
+        (out / LEARNED).unlink()
+        assert f"but no {LEARNED}" in perfcap(direct).refused()
+        (out / LEARNED).write_text("[")
+        assert "is malformed" in perfcap(direct).refused()
+    else:
+        assert "(not the same: through_solver)" in again.refused()
+    assert (out / "model" / "model.onnx").read_bytes() == written
 
 
 def test_a_network_that_is_there_is_not_replaced(
