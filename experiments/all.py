@@ -58,7 +58,8 @@ LONG = (
     "detector_noise", "detector_photographs", "export_check", "filmed_tracks",
     "finetune_through_solver", "followed_person",
     "given_cameras",
-    "hand_held", "held_out_masks", "image_memory", "joint_refinement", "learned_edges", "lens",
+    "hand_held", "held_out_masks", "image_memory", "joint_places",
+    "joint_refinement", "learned_edges", "lens",
     "lifter_films", "lifter_motion",
     "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",
     "moved_cameras", "orbit_frames", "paired_or_soft", "people_detected", "people_labels",
@@ -72,8 +73,8 @@ LONG = (
 # make what they need themselves
 _NO_DATA = (
     "adjoint_speed", "batch", "body_fit", "bundle_adjustment", "deformation_speed",
-    "image_memory", "long_clip", "own_skeleton", "paired_or_soft", "shape_over_time",
-    "silhouette_speed", "solver_classics", "solver_speed",
+    "image_memory", "joint_places", "long_clip", "own_skeleton", "paired_or_soft",
+    "shape_over_time", "silhouette_speed", "solver_classics", "solver_speed",
 )  # fmt: skip
 
 

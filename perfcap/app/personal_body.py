@@ -28,8 +28,8 @@ from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
 from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY
+from perfcap.pipeline.bone_doubts import leg_ratio
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
-from perfcap.pipeline.input_doubts import leg_ratio
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
 

@@ -55,6 +55,7 @@ from perfcap.pipeline.surroundings import upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
+_NECKS = 5.0  # degrees more of trunks, whose necks are drawn elsewhere: up to 13 in recordings
 _OFF_FLOOR = 0.5  # m
 _LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
 _HASTE = 0.98  # of the speed that hinges of robots may have
@@ -248,6 +249,8 @@ def _doubts(part: _Part) -> Iterator[str]:
             "and the order of its rotations"
             + (", and axes and limits of the robot's joints" if robot else "")
         )
+    if not robot:
+        yield from rest_doubts(part.scores)
     if max(speeds, default=0.0) > FASTEST:
         yield (
             f"the hips move at {max(speeds):.0f} m/s, faster than any runner; check the unit of "
@@ -264,6 +267,17 @@ def _doubts(part: _Part) -> Iterator[str]:
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"
+
+
+def rest_doubts(scores: RetargetScores) -> Iterator[str]:
+    """What is odd about how a figure bears itself, as against the source."""
+    aside, lean = float(scores.facing.median()), float(scores.trunk.median())
+    if max(aside, lean - _NECKS) > _FAR_OFF:
+        yield (
+            f"hips and shoulders are {aside:.0f} degrees and the trunk is {lean:.0f} degrees off "
+            "the source's in half of the frames; stand the character, or the source's skeleton, "
+            "upright and facing ahead in its rest pose"
+        )
 
 
 def places_doubts(joints: Tensor) -> Iterator[str]:
@@ -289,11 +303,13 @@ def _tell(folder: Path, parts: Sequence[_Part]) -> None:
     for part in parts:
         kept = part.scores.report()
         limbs, reach = kept["limbs_degrees"], kept["reach_mm"]
+        facing, trunk = kept["facing_degrees"], kept["trunk_degrees"]
         name = f"{part.name}: " if part.name else ""
         console.print(
             f"{name}{part.found.motion.frames} frames on {part.target.template.name}: limbs "
-            f"{limbs['median']:.1f} degrees off (95 %: {limbs['q95']:.1f}), wrists "
-            f"{reach['median']:.0f} mm ({reach['q95']:.0f})"
+            f"{limbs['median']:.1f} degrees off (95 %: {limbs['q95']:.1f}), hips and shoulders "
+            f"{facing['median']:.1f} ({facing['q95']:.1f}), trunk {trunk['median']:.1f} "
+            f"({trunk['q95']:.1f}), wrists {reach['median']:.0f} mm ({reach['q95']:.0f})"
         )
         for line in part.doubts:
             _LOG.warning("%s%s", name, line)

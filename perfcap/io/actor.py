@@ -205,7 +205,8 @@ def load_actor(
         return load_actor_folder(path.parent)
     imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
     require_sound(path, imported.findings)
-    for finding in imported.about_file:
+    limbs = [each for each in imported.about_actor if each.subject == "limbs"]
+    for finding in (*imported.about_file, *limbs):
         if finding.severity is Severity.WARNING:
             _LOG.warning("%s: %s", path, finding)
     return limited(imported.actor, manifest, path.parent)

@@ -11,6 +11,7 @@ from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.actor.template import Template
 from perfcap.geometry.surface_topology import SurfaceTopology, face_areas, surface_topology
+from perfcap.io.actor_limbs import LIMBS, carried_by, joint_places, limb_findings
 from perfcap.io.doctor.finding import Finding, Severity
 
 Floats = NDArray[np.float64]
@@ -19,8 +20,6 @@ _LEANING = 30.0  # degrees, of the trunk
 _SEATED, _CROUCHED, _RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
 _INSIDE = 0.3  # winding number of a place within the body; 1 in a closed surface
 _TREE_BONES, _TREE_HEIGHT = 12, 0.6  # of a skeleton that is a person's
-_LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
-_UNEVEN = 1.15  # times the other side's
 _ASIDE, _NEARER = 0.06, 0.5  # of the height, and of the way to a bone, that its flesh is elsewhere
 _BEYOND = 0.1  # of the height: hands and heads
 _INWARDS = 0.1  # a sphere has 1, a flat sheet 0
@@ -34,7 +33,7 @@ def examine_actor(template: Template) -> tuple[Finding, ...]:
     return (
         *_size(template),
         *_chains(template),
-        *_lengths(template),
+        *limb_findings(template),
         *_pose(template),
         *_people(template),
         *_skin(template),
@@ -63,7 +62,7 @@ def _chains(template: Template) -> Iterator[Finding]:
         return bone == above
 
     for side, other in ("lr", "rl"):
-        for upper, lower in _LIMBS:
+        for upper, lower in LIMBS:
             own, end = bones[f"{side}_{upper}"], bones[f"{side}_{lower}"]
             crossed = below(own, end) or below(end, bones[f"{other}_{upper}"])
             if crossed and not below(end, own):
@@ -76,25 +75,9 @@ def _chains(template: Template) -> Iterator[Finding]:
                 yield Finding(Severity.ERROR, "limbs", what, remedy)
 
 
-def _lengths(template: Template) -> Iterator[Finding]:
-    """Bones of one side that are longer than the other's: a joint lies at the wrong place."""
-    at = {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
-    odd = []
-    for upper, lower in _LIMBS:
-        left, right = (
-            float(np.linalg.norm(at[f"{side}_{upper}"] - at[f"{side}_{lower}"])) for side in "lr"
-        )
-        if max(left, right) > _UNEVEN * min(left, right):
-            odd.append(f"from {upper} to {lower} {100 * left:.0f} and {100 * right:.0f} cm")
-    if odd:
-        what = f"left and right differ, {'; '.join(odd)}"
-        remedy = "put the bones at the joints, or name others in a mapping file"
-        yield Finding(Severity.WARNING, "limbs", what, remedy)
-
-
 def _pose(template: Template) -> Iterator[Finding]:
     """A rest pose from which nobody can be posed well."""
-    at = {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
+    at = joint_places(template)
     up = np.array([0.0, 1.0, 0.0])
     angles = {"trunk": (_angle(at["neck"] - at["pelvis"], up), 0.0, _LEANING, "leans by")}
     for side in "lr":
@@ -159,28 +142,18 @@ def _skin(template: Template) -> Iterator[Finding]:
 
 def _below(template: Template, bone: int, moved: Floats) -> bool:
     """Whether a bone, or those that hang on it, joints excepted, move anything."""
-    return any(moved[each] > 0 for each in _helpers(template, bone))
-
-
-def _helpers(template: Template, bone: int) -> set[int]:
-    """A bone and those that hang on it, joints excepted."""
-    joints = set(template.joint_bones.values())
-    inside = {bone}
-    for child, parent in enumerate(template.bone_parents.tolist()):
-        if parent in inside and child not in joints:
-            inside.add(child)
-    return inside
+    return any(moved[each] > 0 for each in carried_by(template, bone))
 
 
 def _weights(template: Template) -> Iterator[Finding]:
     """Limbs that move what lies about another one: their weights hang on the wrong bones."""
-    at = {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
+    at = joint_places(template)
     height = float(np.ptp(template.vertices[:, 1]))
     limbs = _limbs(at, height)
     starts, ends = (np.array([limb[end] for limb in limbs.values()]) for end in (0, 1))
     wrong = []
     for place, name in enumerate(limbs):
-        own = np.isin(template.weight_bones, [*_helpers(template, template.joint_bones[name])])
+        own = np.isin(template.weight_bones, [*carried_by(template, template.joint_bones[name])])
         mass = np.where(own, template.weights, 0).sum(1)
         if mass.sum() > 0:
             middle = mass @ template.vertices / mass.sum()

@@ -27,23 +27,20 @@ from perfcap.io.doctor import (
     examine_cameras,
     examine_detections,
 )
-from perfcap.io.doctor.evidence import Scene as Seen
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
+from perfcap.pipeline.bone_doubts import LEGS, NO_LEGS, bone_doubts, triangulated
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
 
 _HEIGHT = (0.5, 2.6)  # m, of people
-_RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 _SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
 _CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
 _EXCHANGED = 0.7  # of the difference that is left; where more is, neither fits
 _OTHER = 0.05  # of bone lengths, by which people who have one actor differ
-_NONE = 0.01  # m: these are no legs
-_TRIMS = 6  # rounds in which triangulation lets outliers go
 _NO_POSE = (
     "3D joints are given but no pose of them counts: in each a joint is not a finite number, or it "
     "is not trusted; leave out what the estimator does not have"
@@ -51,7 +48,6 @@ _NO_POSE = (
 _BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
-_LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
 def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) -> None:
@@ -170,10 +166,10 @@ def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
     """Whether joints that are placed in the world (F, C, 16, 3) are of a person of another size."""
     seen = torch.where(certain[..., None] > 0, places, torch.nan).detach().double().cpu()
     own, shown = (
-        float(points[..., _LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
+        float(points[..., LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
         for points in (actor.skeleton.rest_landmarks.detach().double().cpu(), seen)
     )
-    if shown > _NONE and not _SIZES[0] < own / shown < _SIZES[1]:
+    if shown > NO_LEGS and not _SIZES[0] < own / shown < _SIZES[1]:
         yield (
             f"the actor's legs are {own / shown:.2g} times as long as those of the placed 3D "
             "joints; check their unit, and give the actor of this person"
@@ -204,31 +200,8 @@ def actor_doubts(
             f"the actor is {height:.3g} m tall, a grown person {SHORTEST} to {TALLEST}; from one "
             "view distances and sizes follow it, scale it unless the person is so tall"
         )
-    ratio = None if solve_bones else leg_ratio(actor, cameras, detections)
-    if ratio is not None and not _RATIO[0] < ratio < _RATIO[1]:
-        yield (
-            f"the actor's legs are {ratio:.2g} times as long as those that the views show; check "
-            "the scale and the focal lengths of the calibration, solve the bone lengths (--bones "
-            "solve, solve_bones=True), or give the actor of this person"
-        )
-
-
-def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | None:
-    """Length of an actor's legs over that of the legs which several views show; None if unknown.
-
-    Args:
-        actor: in its rest pose.
-        cameras: C views, (C,) or (F, C).
-        detections: (F, C).
-    """
-    if detections.views < 2:
-        return None
-    rest = actor.skeleton.rest_landmarks.detach().double().cpu()
-    points = _triangulated(cameras, detections)
-    seen = points[:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1)
-    own = float(rest[None][:, _LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
-    shown = float(seen.nanmedian()) if seen.numel() else math.nan
-    return own / shown if math.isfinite(shown) and shown > _NONE else None
+    if not solve_bones:
+        yield from bone_doubts(actor, cameras, detections)
 
 
 def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
@@ -241,7 +214,7 @@ def exchanged_actors(scene: Scene) -> list[tuple[str, ...]]:
         return told
     rest = [each.actor.skeleton.rest_landmarks.detach().double().cpu() for each in scene.people]
     own = torch.stack([bone_lengths(each) for each in rest])
-    seen = (_triangulated(scene.cameras, each.detections.finite()) for each in scene.people)
+    seen = (triangulated(scene.cameras, each.detections.finite()) for each in scene.people)
     shown = torch.stack([tracked_bones(each) for each in seen])
     off = bone_difference(own[:, None], shown)
     for i, j in combinations(range(len(told)), 2):
@@ -282,14 +255,6 @@ def _pairs(off: Tensor, i: int, j: int) -> tuple[tuple[Tensor, Tensor], tuple[Te
 
 def _solved(*people: Person) -> bool:
     return any(each.solve_bones for each in people)
-
-
-def _triangulated(cameras: Camera, detections: Detections) -> Tensor:
-    """Joints of some frames where two views see them, (N, 16, 3) m, else NaN."""
-    known = cameras.map(lambda part: part.detach().double().cpu())
-    found = detections.to(known.intrinsics).map(lambda part: part.detach())
-    points, _ = Seen(known, found).straightened().sampled().triangulated(_TRIMS)
-    return points
 
 
 # --- Whether images show the person whose joints are given, where nobody has looked yet -----------

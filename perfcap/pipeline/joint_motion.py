@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.anatomy import JOINTS
+from perfcap.actor.anatomy import JOINTS, human_rig
 from perfcap.actor.skeleton import Skeleton
 from perfcap.actor.sole_points import SOLE_POINTS, sole_skeleton
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.rest_stance import upright_turn
 
 SOLES = 2 * len(SOLE_POINTS)
 LIMBS = tuple(
@@ -150,12 +151,23 @@ def arm_length(skeleton: Skeleton) -> float:
 
 
 def neutral_turns(skeleton: Skeleton) -> Tensor:
-    """Rotations of the joints from the rest pose to the anatomical neutral one, (16, 3, 3)."""
-    if skeleton.rig.neutral is not None:
-        return skeleton.rig.neutral.to(skeleton.rest_positions)
+    """Rotations of the joints from the rest pose to the anatomical neutral one, (16, 3, 3).
+
+    The neutral pose stands along y and faces +z, also where the rest pose leans or faces elsewhere.
+    """
+    rig = skeleton.rig
+    if rig.neutral is not None:
+        return rig.neutral.to(skeleton.rest_positions)
+    marks = zip(rig.landmarks, skeleton.rest_landmarks, strict=True)
+    at = dict(marks) | dict(zip(rig.joints[: len(JOINTS)], skeleton.rest_positions, strict=False))
+    upright = upright_turn(at)
+    if not torch.equal(upright, torch.eye(3).to(upright)):
+        # angles are measured from trunks as they rest: of a body that leans, limbs are not at rest
+        standing = Skeleton(human_rig({name: upright @ place for name, place in at.items()}))
+        skeleton = standing.to(skeleton.rest_positions)
     rest = skeleton.rest_motion()
     rotation: Tensor = skeleton(replace(rest, angles=torch.zeros_like(rest.angles))).rotation
-    return rotation[0, person_joints(skeleton)]
+    return rotation[0, person_joints(skeleton)] @ upright
 
 
 def wanted_turns(source: Actor, joints: JointMotion, target: Skeleton) -> Tensor:

@@ -23,6 +23,7 @@ from perfcap.pipeline.joint_motion import (
 from perfcap.pipeline.retargeting import Retargeted
 
 _FEET = ("r_ankle", "r_toe", "l_ankle", "l_toe")
+_ACROSS = (("r_hip", "l_hip"), ("r_shoulder", "l_shoulder"))
 _UP = (0.0, 1.0, 0.0)
 _MILLIMETRES = 1000.0
 
@@ -33,6 +34,10 @@ class RetargetScores:
 
     Attributes:
         limbs: angles between limbs and the source's, (F, 8), degrees.
+        facing: angles between the lines through hips and shoulders and the source's, (F, 2),
+            degrees.
+        trunk: angle between the way from the hips to the neck and the source's, (F,), degrees.
+            Skeletons of recordings have necks up to 10 degrees behind.
         reach: of the wrists, as seen from the shoulders and in lengths of the arm, from the
             source's, (F, 2), mm.
         slide: mean way along the floor in a frame of feet that stand in the source, mm; NaN where
@@ -41,6 +46,8 @@ class RetargetScores:
     """
 
     limbs: Tensor
+    facing: Tensor
+    trunk: Tensor
     reach: Tensor
     slide: float
     source_slide: float
@@ -54,6 +61,8 @@ class RetargetScores:
 
         return {
             "limbs_degrees": two(self.limbs),
+            "facing_degrees": two(self.facing),
+            "trunk_degrees": two(self.trunk),
             "reach_mm": two(self.reach),
             "slide_mm": self.slide,
             "source_slide_mm": self.source_slide,
@@ -76,7 +85,6 @@ def retarget_scores(
     pose = target.skeleton(found.motion)
     ours = pose.position[:, person_joints(target.skeleton)]
     theirs = joints.position.to(ours)
-    cosine = (_along(ours) * _along(theirs)).sum(-1).clamp(-1, 1)
     ratio = arm_length(target.skeleton) / arm_length(source.skeleton)
     reach = (_reach(ours) - ratio * _reach(theirs)).norm(dim=-1)
     names = source.skeleton.rig.landmarks
@@ -85,16 +93,25 @@ def retarget_scores(
     contact = floor_contact(before, before[..., 1], rate)
     up = before.new_tensor(_UP)
     return RetargetScores(
-        limbs=cosine.acos().rad2deg(),
+        limbs=_apart(_between(ours, LIMBS), _between(theirs, LIMBS)),
+        facing=_apart(_between(ours, _ACROSS), _between(theirs, _ACROSS)),
+        trunk=_apart(_trunk(ours), _trunk(theirs)),
         reach=_MILLIMETRES * reach,
         slide=float(foot_skate(pose.landmarks[:, feet], contact, up)),
         source_slide=found.scale * float(foot_skate(before, contact, up)),
     )
 
 
-def _along(position: Tensor) -> Tensor:
-    """Directions of the limbs, (F, 8, 3)."""
-    return unit_vectors(_between(position, LIMBS))
+def _apart(one: Tensor, other: Tensor) -> Tensor:
+    """Angles between vectors (..., 3), degrees."""
+    cosine = (unit_vectors(one) * unit_vectors(other)).sum(-1).clamp(-1, 1)
+    return cosine.acos().rad2deg()
+
+
+def _trunk(position: Tensor) -> Tensor:
+    """From the middle of the hips to the neck, (F, 3)."""
+    hips = [JOINTS.index(f"{side}_hip") for side in "lr"]
+    return position[:, JOINTS.index("neck")] - position[:, hips].mean(1)
 
 
 def _reach(position: Tensor) -> Tensor:

@@ -19,14 +19,10 @@ from perfcap.io.image_file import image_size
 from perfcap.train.backgrounds import digest_of
 from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.crop_batches import Shots
+from perfcap.train.photograph_checks import PEOPLE, require_people, require_places
 from perfcap.train.scenes import Shot
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
-_NORMALISED = 2.0  # pixels: nobody is so small
-_PEOPLE, _UPRIGHT = 20, 0.35  # and share of them: of athletes and gymnasts it is 0.68
-_ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "lr"]
-_QUARTER = 0.55  # of the sides: labels of copies half as large end there
-_OUTSIDE = 0.05  # of the joints: who is cut off has some
 _NOWHERE = ((0, 0), (-1, -1))  # where programs put what they do not know
 _HEADER = 2**18  # bytes that say how large a photograph is
 _FEWEST = 6  # joints that say where somebody is
@@ -142,29 +138,9 @@ def read_annotations(folder: Path) -> tuple[Annotation, ...]:
     if not entries:
         raise InputError(f"{path}: names no photograph; expected at least one")
     found = tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
-    _require_people(path, np.stack([each.joints2d for each in found]))
+    require_people(path, np.stack([each.joints2d for each in found]))
     _require_images(path, found, entries)
     return found
-
-
-def _require_people(path: Path, joints: NDArray[np.float32]) -> None:
-    """Refuse joints (N, 16, 2) that are no pixels, or of people most of whom are upside down."""
-    most = np.nanmax(np.abs(joints)) if np.isfinite(joints).any() else np.inf
-    if most <= _NORMALISED:
-        raise InputError(
-            f"{path}: joints are up to {most:.2g}, expected pixels; multiply by the image size"
-        )
-    down = joints[:, _ANKLES].mean(1) - joints[:, LANDMARKS.index("neck")]
-    known = np.isfinite(down).all(-1)
-    if known.sum() < _PEOPLE:
-        return
-    upright = float((down[known, 1] > 0).mean())
-    aside = float((down[known, 0] > np.abs(down[known, 1])).mean())
-    if upright < _UPRIGHT or aside > 1 - _UPRIGHT:
-        raise InputError(
-            f"{path}: {upright:.0%} of the people have their feet below their necks; expected x "
-            "before y, y down, and joints in the order of joint_names"
-        )
 
 
 def _require_images(
@@ -174,7 +150,7 @@ def _require_images(
 
     Before the first step: a training would come to some of them after hours.
     """
-    reach, outside, known = [], 0, 0
+    judged, sizes, outside = [], [], []
     for person, entry in zip(people, entries, strict=True):
         size, told = _size(person.path), (entry.get("width"), entry.get("height"))
         if size is None:
@@ -185,22 +161,14 @@ def _require_images(
                 f"{path}: says that {person.path.name} has {told[0]}x{told[1]} pixels, it has "
                 f"{size[0]}x{size[1]}; annotate the photographs as they are"
             )
-        if np.isfinite(person.joints2d).any():
-            reach.append(np.nanmax(person.joints2d, 0) / size)
         there = np.isfinite(person.joints2d).all(-1)
-        outside += min(int((_beyond(person.joints2d, way) & there).sum()) for way in _ways(size))
-        known += int(there.sum())
-    if len(reach) >= _PEOPLE and outside > _OUTSIDE * known:
-        raise InputError(
-            f"{path}: {outside / known:.0%} of the joints lie outside of their photographs; "
-            "expected pixels of these very files, and joints of the person in each"
-        )
-    farthest = float(np.max(reach)) if reach else 1.0
-    if len(reach) >= _PEOPLE and farthest < _QUARTER:
-        raise InputError(
-            f"{path}: joints of all {len(reach)} people lie in the upper left quarter of their "
-            "photographs; expected pixels of these very files, not of smaller copies"
-        )
+        if there.any():
+            beyond = [_beyond(person.joints2d, way) & there for way in _ways(size)]
+            outside.append(min(beyond, key=np.sum))
+            judged.append(person.joints2d)
+            sizes.append(size)
+    if len(judged) >= PEOPLE:
+        require_places(path, np.stack(judged), np.array(sizes, np.float32), np.stack(outside))
 
 
 def _beyond(joints: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:

@@ -2,9 +2,11 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from runs import Command
 from takes import (
     camera_entry,
@@ -18,6 +20,7 @@ from takes import (
 )
 from tiny_networks import write_tiny
 
+from perfcap.app.head_checks import LEARNED, image_doubts, misses_of
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.video_writer import VideoWriter
 
@@ -54,6 +57,7 @@ def call(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
 def test_adapts_a_network_and_goes_on(perfcap: Command, call: list[object], tmp_path: Path) -> None:
     outcome = perfcap([*call, *TINY, "--out", tmp_path / "a"])
     assert outcome.code == 0 and "shipped, solved_mm" in outcome.out, outcome
+    assert any("sees the joints far from where" in note for note in outcome.notes)  # it is random
     written = OnnxDetector(tmp_path / "a" / "model").manifest
     assert written.output.error3d is not None and "2 views, seed 0" in written.file.origin
     assert "without labels" in (tmp_path / "a" / "model" / "card.md").read_text()
@@ -97,6 +101,34 @@ def test_other_footage_is_not_gone_on_with(
     assert again.code == 2 and "another configuration" in again.err
 
 
+@pytest.mark.parametrize("before", ["--no-through-solver", "--through-solver"])
+def test_a_model_of_other_footage_is_not_replaced(
+    perfcap: Command, call: list[object], tmp_path: Path, before: str
+) -> None:
+    """Without the solver there is no checkpoint that would say what was learned from."""
+    out = tmp_path / "a"
+    direct = [*call, *TINY, "--no-through-solver", "--out", out, "--resume"]
+    assert perfcap([*call, *TINY, before, "--out", out]).code == 0
+    written = (out / "model" / "model.onnx").read_bytes()
+    cameras = Path(str(call[call.index("--cameras") + 1]))
+    entries = json.loads(cameras.read_text())
+    for entry in entries["views"].values():
+        entry["t"][2] += 0.05
+    write_json(tmp_path / "cameras.json", entries)
+    other = [tmp_path / "cameras.json" if each == cameras else each for each in direct]
+    assert "not the same: " in perfcap(other).refused()
+    again = perfcap(direct)
+    if before == "--no-through-solver":
+        assert again.code == 0
+        (out / LEARNED).unlink()
+        assert f"but no {LEARNED}" in perfcap(direct).refused()
+        (out / LEARNED).write_text("[")
+        assert "is malformed" in perfcap(direct).refused()
+    else:
+        assert "(not the same: through_solver)" in again.refused()
+    assert (out / "model" / "model.onnx").read_bytes() == written
+
+
 def test_a_network_that_is_there_is_not_replaced(
     perfcap: Command, call: list[object], tmp_path: Path
 ) -> None:
@@ -127,6 +159,22 @@ def test_videos_that_show_nothing_are_refused(
                 writer.write(np.zeros((*SIZE, 3), np.uint8))
     blind = [*call[:2], *black, *call[4:], *TINY, "--out", tmp_path / "a"]
     assert "of one color" in perfcap(blind).refused()
+
+
+def test_images_in_which_the_network_sees_the_person_elsewhere_are_said() -> None:
+    known = torch.rand(3, 5, 2, 16, 2, generator=torch.Generator().manual_seed(0)) * 100
+    size = (known.amax(-2) - known.amin(-2)).amax(-1)[..., None, None]
+    off = torch.tensor([0.03, 0.12, 0.05])[:, None, None, None, None]
+    seen = known + off * size * torch.tensor([0.6, -0.8])
+    seen[:, :, 1] += 1000  # moved crops are no evidence
+    misses = misses_of(SimpleNamespace(joints2d=seen, known2d=known))
+    assert misses == pytest.approx([0.03, 0.12, 0.05], rel=1e-3)
+    names = ("left", "middle", "right")
+    (line,) = image_doubts(misses, names)
+    assert "middle 12 % of the person (medians, up to 5 % in the other views)" in line
+    assert not [*image_doubts([0.03, 0.07, 0.05], names)]
+    (line,) = image_doubts([0.1, 0.2, 0.3], names)
+    assert "left 10 %, middle 20 %, right 30 % of the person (medians)" in line
 
 
 def test_a_head_that_gains_nothing_is_said() -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import pytest
 import torch
+from synthetic import rest_positions, template
 from takes import make_take
 
 from perfcap.actor.actor import Actor
+from perfcap.pipeline.bone_doubts import bone_ratios
 from perfcap.pipeline.input_doubts import actor_doubts
 from perfcap.pipeline.jobs import capture
 
@@ -31,6 +34,41 @@ def test_an_actor_of_another_size_is_told() -> None:
     (told,) = actor_doubts(longer, take.cameras, take.detections, False)
     assert "--bones solve" in told
     assert not list(actor_doubts(longer, take.cameras, take.detections, True))
+
+
+@pytest.mark.parametrize(
+    ("joint", "towards", "share", "words"),
+    [
+        ("elbow", "shoulder", 0.4, "upper arms 0.60, forearms 1."),
+        ("shoulder", "elbow", 0.35, "upper arms 0.65 times"),
+        ("knee", "hip", 0.3, "thighs 0.70, shanks 1."),
+    ],
+)
+def test_joints_at_wrong_places_on_both_sides_are_told(
+    joint: str, towards: str, share: float, words: str
+) -> None:
+    take = make_take(20, views=3)
+    at = rest_positions()
+    for side in "lr":
+        own, other = f"{side}_{joint}", f"{side}_{towards}"
+        at[own] = at[own] + share * (at[other] - at[own])
+    wrong = Actor(template(at))
+    (told,) = actor_doubts(wrong, take.cameras, take.detections, False)
+    assert words in told and "perfcap actor inspect" in told
+    assert not list(actor_doubts(wrong, take.cameras, take.detections, True))
+    assert not list(
+        actor_doubts(wrong, take.cameras.select([0]), take.detections.select([0]), False)
+    )
+
+
+def test_bones_that_are_hardly_seen_say_nothing() -> None:
+    take = make_take(20, views=3)
+    places = take.actor.joints(take.truth)
+    assert bone_ratios(take.actor, places) == pytest.approx(
+        dict.fromkeys(("upper arms", "forearms", "thighs", "shanks"), 1.0)
+    )
+    places[3:] = torch.nan
+    assert not bone_ratios(take.actor, places)
 
 
 def test_half_a_grown_person_in_one_view_is_told() -> None:
