@@ -1,0 +1,80 @@
+"""What is wrong in the last third of the frames, of which medians over the clip show nothing."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+from doctored_views import FRAMES, NAMES, detections, one, rig, with_joints
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor import Severity, examine_agreement
+
+FROM = 16  # of 24 frames
+WHERE = f"frames {FROM}-{FRAMES - 1}"
+
+
+def three() -> CameraRig:
+    good = rig()
+    return CameraRig(NAMES[:3], good.cameras.select([0, 1, 2]))
+
+
+def aside(joints: Tensor) -> Tensor:
+    return joints + torch.tensor([40.0, 0.0])
+
+
+def swapped(joints: Tensor) -> Tensor:
+    return joints[..., list(LANDMARKS16.mirrored()), :]
+
+
+def half(joints: Tensor) -> Tensor:
+    return 0.5 * joints
+
+
+def spoil(change: Callable[[Tensor], Tensor], view: int) -> Callable[[Tensor], None]:
+    def spoiled(joints: Tensor) -> None:
+        joints[FROM:, view] = change(joints[FROM:, view])
+
+    return spoiled
+
+
+@pytest.mark.parametrize("view", range(3))
+@pytest.mark.parametrize("views", [3, 4])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (aside, "of their height or more from where the other views see them"),
+        (swapped, "left and right joints look swapped in this view"),
+        (half, "detections look as if made in an image 0.5 times"),
+    ],
+)
+def test_a_view_that_is_wrong_in_the_end(
+    change: Callable[[Tensor], Tensor], words: str, views: int, view: int
+) -> None:
+    some = three() if views == 3 else rig()
+    seen = detections().select(list(range(views)))
+    assert examine_agreement(some, seen) == []
+    finding = one(examine_agreement(some, with_joints(seen, spoil(change, view))))
+    assert finding.subject == NAMES[view] and words in finding.what
+    assert finding.severity is Severity.WARNING  # the rest is captured as well as ever
+    first = int(finding.what.split("in frames ")[1].split("-")[0])
+    assert abs(first - FROM) <= 1 and f"-{FRAMES - 1} (of the capture" in finding.what
+
+
+def test_somebody_who_is_hidden_for_a_while_is_no_mistake() -> None:
+    """Joints of one side are knocked aside where another passes; the rest stays."""
+    seen = detections().select([0, 1, 2])
+
+    def hidden(joints: Tensor) -> None:
+        joints[FROM:, 1, 2:7] += 60.0
+
+    assert examine_agreement(three(), with_joints(seen, hidden)) == []
+
+
+def test_a_clip_hardly_longer_than_a_part_is_looked_at_as_a_whole() -> None:
+    short = detections().select([0, 1, 2]).frames(slice(FROM - 12, FROM + 6))
+    moved = short.joints2d.clone()
+    moved[12:, 1] += 40.0
+    assert examine_agreement(three(), replace(short, joints2d=moved)) == []
