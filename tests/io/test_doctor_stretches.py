@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from doctored_views import FRAMES, NAMES, detections, one, rig, with_joints
+from doctored_views import FRAMES, NAMES, detections, one, person, rig, with_joints
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_agreement
 
@@ -78,3 +79,30 @@ def test_a_clip_hardly_longer_than_a_part_is_looked_at_as_a_whole() -> None:
     moved = short.joints2d.clone()
     moved[12:, 1] += 40.0
     assert examine_agreement(three(), replace(short, joints2d=moved)) == []
+
+
+@pytest.mark.parametrize("views", [3, 4])
+def test_sides_that_change_places_in_all_views(views: int) -> None:
+    """Rays cross as well as before: the motion shows it, and the feet which frames are wrong."""
+    some = CameraRig(NAMES[:views], rig().cameras.select(list(range(views))))
+    seen = detections().select(list(range(views)))
+
+    def exchanged(joints: Tensor) -> None:
+        joints[FROM:] = swapped(joints[FROM:])
+
+    assert examine_agreement(some, seen) == []
+    finding = one(examine_agreement(some, with_joints(seen, exchanged)))
+    assert finding.subject == "detections" and finding.severity is Severity.WARNING
+    assert f"left and right look exchanged in every view in {WHERE}" in finding.what
+
+
+def test_somebody_who_turns_around_quickly_is_no_exchange() -> None:
+    """By 24 degrees a frame, as in a pirouette."""
+    turn = torch.arange(FRAMES, dtype=torch.float64) * torch.pi / 7.5
+    spin = rotvec_to_matrix(torch.stack((0 * turn, turn, 0 * turn), -1))
+    pixels = rig().cameras.project(person() @ spin.mT)
+    noise = 4.0 * torch.randn(pixels.shape, generator=torch.Generator().manual_seed(0)).to(pixels)
+    for views in ([0, 1], [0, 1, 2], [0, 1, 2, 3]):
+        some = CameraRig(tuple(NAMES[view] for view in views), rig().cameras.select(views))
+        seen = replace(detections(), joints2d=pixels + noise).select(views)
+        assert examine_agreement(some, seen) == []

@@ -21,7 +21,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
-from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
@@ -72,7 +72,7 @@ def examine_agreement(
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
         findings += _scale(points) + examine_sides("detections", points)
-        return findings + examine_stretches(scene.sure(), names, height, alone=alone)
+        return findings + _stretches(scene.sure(), names, height, alone)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
@@ -156,6 +156,15 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     if len(views) > 3 and errors[suspect] > max(enough, OUTLIER * others):
         return _Outcast(suspect, errors[suspect], rest[suspect])
     return None
+
+
+def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> list[Finding]:
+    """What is wrong in a part of the clip alone."""
+    findings = examine_stretches(scene, names, height, alone=alone)
+    points, _ = scene.triangulated(rounds=6)
+    seen = scene.detections
+    sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
+    return findings + sides
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:
