@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -10,9 +11,11 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.io.calibration import CameraRig
+from perfcap.io.calibration import CameraRig, read_cameras
+from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Severity, examine_agreement
 
+TAKE = Path(__file__).parents[3] / "shared" / "data" / "rendered_multi" / "dev_views"
 FROM = 16  # of 24 frames
 WHERE = f"frames {FROM}-{FRAMES - 1}"
 
@@ -79,6 +82,24 @@ def test_a_clip_hardly_longer_than_a_part_is_looked_at_as_a_whole() -> None:
     moved = short.joints2d.clone()
     moved[12:, 1] += 40.0
     assert examine_agreement(three(), replace(short, joints2d=moved)) == []
+
+
+@pytest.mark.skipif(not TAKE.exists(), reason="needs the shared data beside this tree")
+def test_of_two_views_that_fit_alike_with_sides_exchanged_the_right_one_is_named() -> None:
+    """Exchanged in another one as well, the sides change places at that frame."""
+    whole = read_cameras(TAKE / "cameras.json")
+    found = TAKE / "person1" / "detections.npz"
+    seen = read_detections([found], views=whole.names, pixel_offset=whole.pixel_offset)[0]
+    views = [0, 2, 5]
+    some = CameraRig(tuple(whole.names[view] for view in views), whole.cameras.select(views))
+    seen = seen.select(views)
+    assert examine_agreement(some, seen) == []
+
+    def late(joints: Tensor) -> None:
+        joints[25:, 2] = swapped(joints[25:, 2])
+
+    finding = one(examine_agreement(some, with_joints(seen, late)))
+    assert finding.subject == "cam06" and "in frames 25-35" in finding.what
 
 
 @pytest.mark.parametrize("views", [3, 4])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -28,6 +28,7 @@ _RAISED, _LEAST = 1.5, 0.02  # times what is usual in the clip, and of the perso
 _ASIDE = 0.07
 _SHORTEST = 8  # frames; who hides another walks by faster
 _HOLE = 3  # frames of a stretch that look well by chance
+_CLOSE = 1.4  # times the least disagreement: mistakes that explain a part as well
 _ALIKE = 1.5  # times the smallest leap: views that may be to blame as well
 
 
@@ -104,11 +105,31 @@ class _Views:
         lowest = min(range(len(left)), key=left.__getitem__)
         if left[lowest] >= enough:
             return None
-        best, changed = self.undone[lowest]
-        better = frame_residuals(changed) < frame_residuals(self.scene)
+        remedy = self.undone[lowest][0].remedy
+        # exchanged sides of one view fit those of another, but not from one frame to the next
+        alike = [
+            (each, changed, self._where(changed, part))
+            for (each, changed), rest in zip(self.undone, left, strict=True)
+            if each.remedy == remedy and rest <= _CLOSE * left[lowest]
+        ]
+        best, _, frames = min(alike, key=lambda each: _leap(self._mended(*each[1:]), each[2]))
         # of two views it is unknown which one is wrong
         whose = best.subject if self.others else " or ".join(self.names)
-        return _Mistake(whose, best.remedy, best.what, _around(better, part))
+        return _Mistake(whose, remedy, best.what, frames)
+
+    def _where(self, changed: Scene, part: Tensor) -> frozenset[int]:
+        """Frames in and beside a part that fit better with a mistake undone."""
+        return _around(frame_residuals(changed) < frame_residuals(self.scene), part)
+
+    def _mended(self, changed: Scene, frames: frozenset[int]) -> Scene:
+        """The clip with a mistake undone in some frames alone."""
+        cameras, seen, other = changed.cameras, self.scene.detections, changed.detections
+        there = torch.zeros(seen.frame_count, 1, 1, dtype=torch.bool)
+        there[sorted(frames)] = True
+        joints = torch.where(there[..., None], other.joints2d, seen.joints2d)
+        confidence = torch.where(there, other.confidence2d, seen.confidence2d)
+        mended = replace(seen, joints2d=joints, confidence2d=confidence)
+        return Scene(cameras, mended)
 
     def elsewhere(self, part: Tensor, enough: float, alone: bool) -> _Mistake | None:
         """A view whose joints are elsewhere, without which a part disagrees by less."""
