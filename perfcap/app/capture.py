@@ -37,7 +37,7 @@ from perfcap.app.capture_request import (
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
-from perfcap.app.masked_frames import given_doubts, partly_masked
+from perfcap.app.masked_frames import given_doubts, order_doubts, partly_masked
 from perfcap.app.memory_budget import threads_within
 from perfcap.app.project import in_project
 from perfcap.app.report import write_people_report, write_report
@@ -165,7 +165,7 @@ def _run(
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
     if masks is not None:
-        more = [*partly_masked(inputs, masks)]
+        more = [*partly_masked(inputs, masks), *order_doubts(inputs, masks)]
         if request.actor != (AUTO,):  # a body says the same of its own
             more += given_doubts(inputs, masks)
         inputs = told(inputs, more)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from functools import partial
 
 from perfcap.app.body_doubts import (
     LEAST_INSIDE,
@@ -13,6 +14,7 @@ from perfcap.app.body_doubts import (
 )
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
+from perfcap.io.doctor.masks import examine_masks
 from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
 
@@ -45,6 +47,17 @@ def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
                 f"{last} (counted from 0); those of the others are found in the images"
                 f"{_FROM_ONE if start == 0 and _counts_from_one(files, len(clip)) else ''}"
             )
+
+
+def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
+    """Views whose masks are of other frames for a while, or stay the same, a sentence each."""
+    seen, start = inputs.detections, inputs.clip.start
+    pixels = inputs.pixel_map.to_video(seen.joints2d)
+    for view, name in enumerate(inputs.clip.names):
+        read = partial(masks.mask, view)
+        shown = pixels[:, view].numpy(), seen.confidence2d[:, view].numpy()
+        for found in examine_masks(name, read, *shown, first=start):
+            yield f"{found.subject}: {found.what}; {found.remedy}"
 
 
 def _counts_from_one(frames: Collection[int], count: int) -> bool:

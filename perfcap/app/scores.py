@@ -107,7 +107,9 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
             f"{truth.sequence.folder}: has the joints of the result itself, to the last bit, so "
             "that nothing is measured; give the truth"
         ]
-    return list(mismatches(estimate, true, valid, LANDMARKS16.mirrored()))
+    numbers = found.frames[rows].tolist()
+    order = LANDMARKS16.mirrored()
+    return list(mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS))
 
 
 def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[Scores, list[str]]:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes, similarity_align
 from perfcap.metrics.alignment import HIPS, root_of
+from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
@@ -24,22 +25,36 @@ _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
 
 
 def mismatches(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int]
+    estimate: Tensor,
+    truth: Tensor,
+    valid: Tensor,
+    mirrored: Sequence[int],
+    *,
+    frames: Sequence[int] = (),
+    joints: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """A sentence for each mistake in the truth, or in what it is compared with, that shows.
 
-    Each must take most of the error away by itself; errors of captures do not look like that.
+    Each must take most of the error away by itself, in all frames or in a stretch of them; errors
+    of captures do not look like that.
 
     Args:
         estimate: joints (F, J, 3), metres.
         truth: the same.
         valid: joints that count, (F, J).
         mirrored: each joint's counterpart on the other side; itself in the middle.
+        frames: their numbers, (F,); counted from 0 where none are given.
+        joints: their names, (J,).
     """
-    if not bool(valid.any()) or _error(estimate, truth, valid) < _FAR:
+    if not bool(valid.any()):
         return ()
-    told = tuple(_explained(estimate, truth, valid, mirrored))
-    if told:
+    named = Numbered(frames, joints)
+    far = _error(estimate, truth, valid) >= _FAR
+    told = tuple(sizes_in_parts(estimate, truth, valid, named))
+    if far and not told:
+        told = tuple(_explained(estimate, truth, valid, mirrored))
+    told = told or tuple(explained_in_parts(estimate, truth, valid, mirrored, named))
+    if told or not far:
         return told
     left = _aligned(estimate, truth, valid)
     if not left > _STRANGE:

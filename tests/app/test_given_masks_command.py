@@ -129,3 +129,13 @@ def test_masks_of_nobody_are_refused_before_any_solve(
     folder = write_masks(tmp_path / "m", {f: spoil(true_masks(small)[f]) for f in GIVEN})
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
     assert words in perfcap(small.command(tmp_path / "out", *call)).refused()
+
+
+def test_masks_that_stay_while_the_person_moves_are_told(
+    small: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    truth = true_masks(small)
+    folder = write_masks(tmp_path / "held", {f: truth[min(f, 2)] for f in range(FRAMES)})
+    call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
+    done = perfcap(small.command(tmp_path / "out", *call))
+    assert any("masks are the same in frames 2-9" in note for note in done.notes), done.notes

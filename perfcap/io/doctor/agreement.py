@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.evidence import (
+    BETTER,
     Scene,
     disagreement,
     left_out_error,
@@ -20,7 +21,8 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
-from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.sides import examine_exchange, examine_sides
+from perfcap.io.doctor.stretches import examine_stretches
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
 # 0.01 to 0.02.
@@ -30,7 +32,6 @@ CULPRIT = 0.03
 HOPELESS = 0.08
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
-BETTER = 0.65  # a mistake explains the disagreement if undoing it leaves at most this share
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
 LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
@@ -70,7 +71,8 @@ def examine_agreement(
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
-        return findings + _scale(points) + examine_sides("detections", points)
+        findings += _scale(points) + examine_sides("detections", points)
+        return findings + _stretches(scene.sure(), names, height, alone)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
@@ -154,6 +156,15 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     if len(views) > 3 and errors[suspect] > max(enough, OUTLIER * others):
         return _Outcast(suspect, errors[suspect], rest[suspect])
     return None
+
+
+def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> list[Finding]:
+    """What is wrong in a part of the clip alone."""
+    findings = examine_stretches(scene, names, height, alone=alone)
+    points, _ = scene.triangulated(rounds=6)
+    seen = scene.detections
+    sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
+    return findings + sides
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:

@@ -16,6 +16,7 @@ from perfcap.io.doctor.detections import CONFIDENT
 FRAMES = 24  # looked at, evenly spread
 MIN_DEPTH = 0.1  # m; nobody is filmed from nearer
 MIN_JOINTS = 30  # seen by two views, in all frames looked at, to say anything
+BETTER = 0.65  # a mistake explains the disagreement if undoing it leaves at most this share
 
 
 @dataclass(frozen=True)
@@ -36,19 +37,22 @@ class Scene:
         local = torch.cat((plane, torch.ones_like(plane[..., :1])), -1)
         return Scene(ideal, replace(self.detections, joints2d=ideal.project_camera(local)))
 
+    def frames(self, index: Tensor) -> Scene:
+        """Some frames, in the order given."""
+        return Scene(self.cameras.frames(index), self.detections.frames(index))
+
+    def sure(self) -> Scene:
+        """Joints seen with confidence alone, and no 3D poses."""
+        seen = self.detections
+        confidence = torch.where(seen.confidence2d > CONFIDENT, seen.confidence2d, 0)
+        untrusted = torch.zeros_like(seen.trusted3d)
+        return Scene(self.cameras, Detections(seen.joints2d, confidence, None, untrusted))
+
     def sampled(self) -> Scene:
         """A few frames, evenly spread, of joints seen with confidence."""
         count = self.detections.frame_count
         index = torch.linspace(0, count - 1, min(count, FRAMES)).round().long()
-        detections = self.detections.frames(index)
-        confidence = detections.confidence2d
-        kept = Detections(
-            detections.joints2d,
-            torch.where(confidence > CONFIDENT, confidence, 0),
-            None,
-            torch.zeros_like(detections.trusted3d),
-        )
-        return Scene(self.cameras.frames(index), kept)
+        return self.frames(index).sure()
 
     def triangulated(self, rounds: int) -> tuple[Tensor, Tensor]:
         """Points (F, 16, 3) m and residuals (F, 16) on the plane, NaN where unknown."""
@@ -77,21 +81,39 @@ def disagreement(scene: Scene) -> float:
     figure whatever the number of views. A point behind a view that sees it counts as one off the
     image, since cameras in one place, say, agree on every point at that place.
     """
-    points, residual = scene.triangulated(rounds=0)
-    depth = scene.cameras.to_camera(points)[..., 2]
-    behind = ((depth < MIN_DEPTH) & (scene.detections.confidence2d > 0)).any(-2)
-    known = torch.where(behind, 1.0, residual)[~residual.isnan()]
+    residual = _residuals(scene)
+    known = residual[~residual.isnan()]
     if len(known) < MIN_JOINTS:
         return math.inf
     views = scene.detections.views
     return float(known.median()) * scene.focal * math.sqrt(2 * views / (2 * views - 3))
 
 
-def left_out_error(scene: Scene, view: int) -> float:
-    """Median distance, pixels, of a view's joints from where the others see them."""
+def frame_residuals(scene: Scene) -> Tensor:
+    """The median residual of each frame, (F,), on the plane; NaN of frames that nobody is in."""
+    return _residuals(scene).nanmedian(-1).values
+
+
+def _residuals(scene: Scene) -> Tensor:
+    """Of each joint, (F, 16), on the plane; NaN where unknown."""
+    points, residual = scene.triangulated(rounds=0)
+    depth = scene.cameras.to_camera(points)[..., 2]
+    behind = ((depth < MIN_DEPTH) & (scene.detections.confidence2d > 0)).any(-2)
+    return torch.where(behind & ~residual.isnan(), 1.0, residual)
+
+
+def left_out_errors(scene: Scene, view: int) -> Tensor:
+    """Distances of a view's joints from where the others see them, (F, 16) px, NaN if unknown."""
     others = [other for other in range(scene.detections.views) if other != view]
     points, _ = scene.select(others).triangulated(rounds=6)
     pixels = scene.cameras.select([view]).project(points.nan_to_num())[:, 0]
     distance = (pixels - scene.detections.joints2d[:, view]).norm(dim=-1)
     seen = (scene.detections.confidence2d[:, view] > 0) & ~points.isnan().any(-1)
-    return float(distance[seen].median()) if seen.any() else math.inf
+    return torch.where(seen, distance, torch.nan)
+
+
+def left_out_error(scene: Scene, view: int) -> float:
+    """The median of ``left_out_errors``; infinite when unknown."""
+    distance = left_out_errors(scene, view)
+    known = distance[~distance.isnan()]
+    return float(known.median()) if len(known) else math.inf

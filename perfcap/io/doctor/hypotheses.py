@@ -60,6 +60,13 @@ def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesi
             "detect in the calibrated size, or calibrate in the detected one",
             partial(_scaled, views=views, scale=scale),
         )
+    yield from view_hypotheses(names, views)
+    for view in views if len(views) < 3 else ():
+        yield from _delays(names[view], view)
+
+
+def view_hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
+    """Mistakes of pairs of views and of single ones, but late ones."""
     for first, second in combinations(views, 2):
         yield Hypothesis(
             f"{names[first]} and {names[second]}",
@@ -69,8 +76,6 @@ def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesi
         )
     for view in views:
         yield from _single(names[view], view)
-        if len(views) < 3:
-            yield from _delays(names[view], view)
 
 
 def _conventions() -> Iterator[Hypothesis]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 AHEAD = 0.2  # cosine between what sides and feet call ahead, below which a frame says nothing
 _FEWEST = 5  # frames that say something
 _MOST = 0.75  # share of them
+_NEAR, _LONG = 3, 8  # frames on each side of an exchange, and as many in which it lasts
+_CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of 1
+_PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
 _REMEDY = (
     "left and right are the person's own: exchange the names; a calibration whose world is a "
     "mirror image looks the same"
@@ -40,6 +45,68 @@ def examine_sides(subject: str, points: Tensor) -> list[Finding]:
         what = "left and right look exchanged: the feet point backwards"
         return [Finding(Severity.ERROR, subject, what, _REMEDY)]
     return []
+
+
+def examine_exchange(subject: str, pixels: Tensor, known: Tensor, points: Tensor) -> list[Finding]:
+    """Left and right that change places between two frames, in all views at once.
+
+    Limbs point from right to left in the images as they did before, but the other way, and go on
+    so. Where feet show it, the frames are named in which toes point backwards.
+
+    Args:
+        subject: of the finding.
+        pixels: landmarks of successive frames, (F, C, 16, 2).
+        known: which of them count, (F, C, 16).
+        points: the same in the world, (F, 16, 3) in right-handed axes, NaN where unknown.
+    """
+    edges = _exchanges(pixels, known)
+    if not edges:
+        return []
+    parts = list(pairwise([0, *edges, len(points)]))
+    wrong = [part for part in parts if examine_sides(subject, points[slice(*part)])]
+    if wrong and len(wrong) < len(parts):
+        frames = [frame for part in wrong for frame in range(*part)]
+        what = f"left and right look exchanged in every view in frames {ranges(frames)}"
+    else:
+        what = f"left and right change places in every view at frame {ranges(edges)}"
+    remedy = "exchange the names of left and right there, or capture one part at a time (--frames)"
+    what = f"{what} (of the capture, counted from 0): they turn over from one frame to the next"
+    return [Finding(Severity.WARNING, subject, what, remedy)]
+
+
+def _exchanges(pixels: Tensor, known: Tensor) -> list[int]:
+    """Frames at which sides are the opposite of those before, where both went on for a while."""
+    left, right = ([LANDMARKS.index(f"{side}_{name}") for name in _PAIRS] for side in "lr")
+    both = (known[..., left] & known[..., right]).unsqueeze(-1)
+    sides = torch.where(both, pixels[..., left, :] - pixels[..., right, :], torch.nan)  # F C N 2
+    found = []
+    for frame in range(_LONG, len(pixels) - _LONG + 1):
+        # who turns takes more than one frame
+        if not _alike(sides[frame - 1], sides[frame]) < -_AT_ONCE:
+            continue
+        before = sides[frame - _NEAR : frame].nanmean(0)
+        after = sides[frame : frame + _NEAR].nanmean(0)
+        if not _alike(before, after) < -_CLEAR:
+            continue
+        crossed = [_alike(*view) < -_CLEAR for view in zip(before, after, strict=True)]
+        if sum(crossed) < 2:  # a network exchanges sides now and then, in one view
+            continue
+        earlier = sides[frame - _LONG : frame - _NEAR].nanmean(0)
+        later = sides[frame + _NEAR : frame + _LONG].nanmean(0)
+        if _alike(earlier, before) > 0 and _alike(after, later) > 0:
+            found.append((_alike(before, after), frame))
+    best: list[int] = []
+    for _, frame in sorted(found):
+        if all(abs(frame - other) >= _LONG for other in best):
+            best.append(frame)
+    return sorted(best)
+
+
+def _alike(sides: Tensor, others: Tensor) -> float:
+    """Correlation of directions (..., 2) in the images, from -1 to 1; NaN where none are known."""
+    count = (sides.isfinite() & others.isfinite()).all(-1)
+    first, second = sides[count], others[count]
+    return float((first * second).sum() / (first.norm() * second.norm()))
 
 
 def _cosine(first: Tensor, second: Tensor) -> Tensor:

@@ -1,0 +1,265 @@
+"""Mistakes in a truth that begin or end within the clip, and joints of it that are exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from scipy.optimize import linear_sum_assignment
+from torch import Tensor
+
+from perfcap.geometry.alignment import procrustes
+
+_PART = 10  # frames of a part; parts overlap by half
+_FAR = 0.05  # m: a nearer estimate needs no explanation
+_RAISED = 2.0  # times the usual error of the clip
+_LEFT, _BETTER = 0.4, 0.6  # share of the error that is left in a part, and in a frame of it
+_LAGS = 10  # frames
+_TURN = 10.0  # degrees
+_STEP, _USUAL = 0.08, 4.0  # m from one frame to the next, and times what is usual
+_STILL, _SHORTEST = 1e-4, 5  # m, and frames of a pose that is held
+_LARGER = 1.8
+_HOLE = 3  # frames
+_SIMPLER, _NOTHING = 1.2, 0.005  # times the least error that is left, and m
+_NUMBERS = "check the numbers of its frames from there on"
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """What sentences call frames and joints; both are counted from 0 where nothing is given.
+
+    Attributes:
+        frames: numbers, (F,).
+        joints: names, (J,).
+    """
+
+    frames: Sequence[int] = ()
+    joints: Sequence[str] = ()
+
+    def joint(self, index: int) -> str:
+        """Its name."""
+        return self.joints[index] if self.joints else f"joint {index}"
+
+    def stretch(self, first: int, last: int) -> str:
+        """The frames from one row to another in words."""
+        ends = [self.frames[row] if self.frames else row for row in (first, last)]
+        return f"frame {ends[0]}" if first == last else f"frames {ends[0]} to {ends[1]}"
+
+
+def sizes_in_parts(
+    estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered
+) -> Iterator[str]:
+    """Frames in which the truth is of another unit than in the others.
+
+    Args:
+        estimate: joints (F, J, 3), metres.
+        truth: the same.
+        valid: joints that count, (F, J).
+        named: what frames and joints are called.
+    """
+    ratio = _sizes(truth, valid) / _sizes(estimate, valid)
+    known = ratio.isfinite()
+    wrong = known & ((ratio > _LARGER) | (ratio < 1 / _LARGER))
+    share = float(wrong[known].double().mean()) if bool(known.any()) else 0.0
+    if not 0 < share < 1:
+        return
+    for first, last in _runs(wrong):
+        if last - first + 1 >= _SHORTEST:
+            yield (
+                f"in {named.stretch(first, last)} the person of the truth is "
+                f"{float(ratio[first : last + 1].nanmedian()):,.1f} times as large as that of the "
+                "result, and not in the others; expected metres in all"
+            )
+
+
+def explained_in_parts(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], named: Numbered
+) -> Iterator[str]:
+    """Mistakes of some frames of a truth, and joints of it that are exchanged in all of them.
+
+    Args:
+        estimate: joints (F, J, 3), metres.
+        truth: the same.
+        valid: joints that count, (F, J).
+        mirrored: each joint's counterpart on the other side; itself in the middle.
+        named: what frames and joints are called.
+    """
+    held = list(_held(estimate, truth, valid, named))
+    yield from held
+    if not held:
+        yield from _other_frames(estimate, truth, valid, mirrored, named)
+    yield from _exchanged(estimate, truth, valid, named)
+
+
+def _errors(estimate: Tensor, truth: Tensor, valid: Tensor) -> Tensor:
+    """Mean error of each frame, (F,), m; NaN where no joint counts."""
+    return torch.where(valid, (estimate - truth).norm(dim=-1), torch.nan).nanmean(-1)
+
+
+def _sizes(points: Tensor, valid: Tensor) -> Tensor:
+    """Median distance of joints from their middle in each frame, (F,), m."""
+    known = torch.where(valid[..., None], points, torch.nan)
+    apart: Tensor = (known - known.nanmean(-2, keepdim=True)).norm(dim=-1)
+    return apart.nanmedian(-1).values
+
+
+def _steps(points: Tensor, valid: Tensor) -> Tensor:
+    """How far joints go from the frame before, median of each frame, (F,), m; none in the first."""
+    both = valid[1:] & valid[:-1]
+    steps = torch.where(both, points.diff(dim=0).norm(dim=-1), torch.nan).nanmedian(-1).values
+    return torch.cat((steps.new_zeros(1), steps.nan_to_num(0.0)))
+
+
+def _held(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
+    """Poses that a truth repeats to the last digit while the result moves on."""
+    moved = (truth.diff(dim=0).norm(dim=-1) > _STILL) & valid[1:] & valid[:-1]
+    still = torch.cat((moved.new_zeros(1), ~moved.any(-1) & valid[1:].any(-1)))
+    for first, last in _runs(still, hole=0):
+        part = slice(first - 1, last + 1)
+        both = valid[part].all(0)
+        way = (estimate[part] - estimate[first - 1])[:, both].norm(dim=-1)
+        if last - first + 2 >= _SHORTEST and bool(both.any()) and float(way.mean(-1).max()) > _FAR:
+            yield (
+                f"the truth stands still in {named.stretch(first - 1, last)}, to a tenth of a "
+                "millimetre, and the result moves; were gaps filled with the last pose? Leave such "
+                "frames out (--frames), or give what was measured there"
+            )
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """What would be so, and the errors of all frames if it were, (F,) m; how it is told."""
+
+    errors: Tensor
+    words: str
+    remedy: str
+
+
+def _other_frames(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], named: Numbered
+) -> Iterator[str]:
+    """Stretches of frames that are far off, and why."""
+    now = _errors(estimate, truth, valid)
+    far, count = max(_FAR, _RAISED * float(now.nanmedian())), len(now)
+    steps = _steps(truth, valid)
+    leaps = steps > max(_STEP, _USUAL * float(steps.median()))
+    starts = [*range(0, count - _PART, _PART // 2), count - _PART] if count > _PART else []
+    found = []
+    for part in (slice(start, start + _PART) for start in starts):
+        here = float(now[part].nanmedian())
+        if here > far:
+            best, left = _simplest(_explanations(estimate, truth, valid, mirrored, part), part)
+            found.append((left / here, _around(best.errors < _BETTER * now, part), best))
+    told = torch.zeros(count, dtype=torch.bool)
+    for left, (first, last), best in sorted(found, key=lambda each: each[0]):
+        edges = [edge for edge in (first, last + 1) if 0 < edge < count]
+        sudden = any(bool(leaps[max(0, edge - 1) : edge + 2].any()) for edge in edges)
+        # a capture errs by a motion for a while, too, but then no truth leaps
+        sure = sudden or best.remedy == _NUMBERS
+        free = not bool(told[first : last + 1].any()) and last - first + 1 >= _SHORTEST
+        if left < _LEFT and sure and free:
+            told[first : last + 1] = True
+            yield (
+                f"in {named.stretch(first, last)} {best.words} {left:.0%} of the error is left, "
+                f"and not in the others; {best.remedy}"
+            )
+
+
+def _simplest(found: Iterator[_Explanation], part: slice) -> tuple[_Explanation, float]:
+    """The first of those that leave hardly more than the least in a part, and the rest, m."""
+    each = [(one, float(one.errors[part].nanmedian())) for one in found]
+    least = min(left for _, left in each)
+    return next((one, left) for one, left in each if left <= _SIMPLER * least + _NOTHING)
+
+
+def _explanations(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], part: slice
+) -> Iterator[_Explanation]:
+    errors = _errors(estimate[:, list(mirrored)], truth, valid)
+    words = "with left and right of the truth exchanged"
+    yield _Explanation(errors, words, "left and right are the person's own, in all frames")
+    yield from _best_lag(estimate, truth, valid, part)
+    counts = valid[part]
+    if int(counts.sum()) < 4:
+        return
+    source, target = estimate[part][counts], truth[part][counts]
+    move = (target - source).median(0).values
+    yield _Explanation(
+        _errors(estimate + move, truth, valid),
+        f"after one shift of {float(move.norm()):.2f} m",
+        "the truth jumps there; give all of it in one place",
+    )
+    turned = procrustes(source, target, scale=False)
+    angle = ((turned.rotation.diagonal().sum() - 1) / 2).clamp(-1, 1).arccos()
+    if float(torch.rad2deg(angle)) > _TURN:
+        yield _Explanation(
+            _errors(turned.apply(estimate), truth, valid),
+            f"after one rotation by {float(torch.rad2deg(angle)):.0f} degrees",
+            "give all of the truth in the world of the cameras",
+        )
+
+
+def _best_lag(
+    estimate: Tensor, truth: Tensor, valid: Tensor, part: slice
+) -> Iterator[_Explanation]:
+    """The lag of the truth that leaves least in a part."""
+    best, least = None, float("inf")
+    for lag in range(-_LAGS, _LAGS + 1):
+        rows = torch.arange(len(truth), device=truth.device) + lag
+        inside = (rows >= 0) & (rows < len(truth))
+        rows = rows.clamp(0, len(truth) - 1)
+        errors = _errors(estimate, truth[rows], valid[rows] & inside[:, None])
+        left = float(errors[part].nanmedian())
+        if lag and left < least:
+            words = f"with the truth of {abs(lag)} frames {'later' if lag > 0 else 'earlier'}"
+            best, least = _Explanation(errors, words, _NUMBERS), left
+    if best is not None:
+        yield best
+
+
+def _exchanged(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
+    """Joints of the truth that are called by each other's names in all frames."""
+    apart = torch.where(
+        valid[:, None] & valid[:, :, None],
+        (estimate[:, :, None] - truth[:, None]).norm(dim=-1),
+        torch.nan,
+    ).nanmedian(0).values  # estimated, true  # fmt: skip
+    known = valid.any(0).nonzero()[:, 0]
+    cost = apart[known][:, known]
+    if not len(known) or not bool(cost.isfinite().all()):
+        return
+    rows, columns = linear_sum_assignment(cost.cpu().numpy())
+    moved = [
+        (int(known[row]), int(known[column]))
+        for row, column in zip(rows, columns, strict=True)
+        if row != column
+    ]
+    if not moved:
+        return
+    now = sum(float(apart[joint, joint]) for joint, _ in moved) / len(moved)
+    left = sum(float(apart[joint, other]) for joint, other in moved) / len(moved)
+    if now > _FAR and left < _LEFT * now:
+        some = ", ".join(f"{named.joint(b)} looks like {named.joint(a)}" for a, b in moved[:4])
+        more = f" and {len(moved) - 4} more" if len(moved) > 4 else ""
+        yield (
+            f"joints of the truth look exchanged ({some}{more}): {left / now:.0%} of their error "
+            "is left the other way; give them in the order of the landmarks"
+        )
+
+
+def _runs(wrong: Tensor, hole: int = _HOLE) -> list[tuple[int, int]]:
+    """First and last frames of stretches that are wrong, (F,), with holes that are short."""
+    found: list[tuple[int, int]] = []
+    for frame in wrong.nonzero()[:, 0].tolist():
+        if found and frame - found[-1][1] <= hole + 1:
+            found[-1] = found[-1][0], frame
+        else:
+            found.append((frame, frame))
+    return found
+
+
+def _around(wrong: Tensor, part: slice) -> tuple[int, int]:
+    """The stretch of wrong frames that has most of a part."""
+    runs = _runs(wrong) or [(part.start, part.stop - 1)]
+    return max(runs, key=lambda run: min(run[1] + 1, part.stop) - max(run[0], part.start))
