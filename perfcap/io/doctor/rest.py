@@ -92,19 +92,32 @@ def _moved(
     if count < 2:
         return []
     starts = np.linspace(0, count - 1 - gaps[0], min(_PAIRS, count - gaps[0])).round().astype(int)
-    moved = []
-    for start in starts.tolist():
-        if not seen[start].any():
-            continue
-        image = clip.read_view(view, start, start + 1)[0]
-        hidden = about_joints(joints[start, seen[start]], image.shape[:2])
-        landmarks = find_landmarks(image, hidden, CORNERS)
-        for gap in gaps:
-            other = clip.read_view(view, start + gap, start + gap + 1)[0]
-            matrix = register(landmarks, other, CORNERS)
+    shown = [start for start in starts.tolist() if seen[start].any()]
+    moved: dict[int, float] = {}
+    for gap in gaps:
+        pairs = {start: start + gap for start in shown if start not in moved}
+        moved |= _moved_between(clip, view, pairs, joints, seen)
+    return list(moved.values())
+
+
+def _moved_between(
+    clip: Frames, view: int, pairs: dict[int, int], joints: Array, seen: NDArray[np.bool_]
+) -> dict[int, float]:
+    """The same for pairs of frames, by the first of each; none of pairs that show nothing.
+
+    Frames are read in their order: to go back in a video is to decode it from its last key frame.
+    """
+    moved: dict[int, float] = {}
+    known: dict[int, Landmarks] = {}
+    for frame in sorted({*pairs, *pairs.values()}):
+        image = clip.read_view(view, frame, frame + 1)[0]
+        for start in (start for start, stop in pairs.items() if stop == frame):
+            matrix = register(known[start], image, CORNERS)
             if matrix is not None:
-                moved.append(median_shift(landmarks, matrix) / max(image.shape[:2]))
-                break
+                moved[start] = median_shift(known[start], matrix) / max(image.shape[:2])
+        if frame in pairs:
+            hidden = about_joints(joints[frame, seen[frame]], image.shape[:2])
+            known[frame] = find_landmarks(image, hidden, CORNERS)
     return moved
 
 
