@@ -42,6 +42,7 @@ class Casting:
         look: whether images may be looked at: silhouettes are found in several views of them.
         preset: of the capture.
         alone: whether one person is captured, whose height can be given.
+        loaded: the actor, where it was read before.
     """
 
     actor: str
@@ -50,6 +51,7 @@ class Casting:
     look: bool = False
     preset: str = "default"
     alone: bool = True
+    loaded: Actor | None = None
 
     def source(self) -> ActorFile:
         """The file that the actor is made from; the body model's for ``auto``.
@@ -121,7 +123,7 @@ def cast(
         InputError: the actor cannot be read, or nobody is detected.
     """
     if casting.actor != AUTO:
-        return Cast(load_actor(casting.actor))
+        return Cast(casting.loaded or load_actor(casting.actor))
     tell("body", 0, 1)
     body = find_body(inputs, casting.body(inputs.clip.views), checkpoint.of("body"))
     tell("body", 1, 1)

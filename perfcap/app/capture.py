@@ -136,15 +136,14 @@ def _run(
     request: Capture, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
 ) -> int:
     started = time.perf_counter()
-    for name in request.actor:
-        if name != AUTO:
-            load_actor(name)  # one that cannot be read is told before people are looked for
+    # one that cannot be read is told before people are looked for
+    actors = {name: load_actor(name) for name in request.actor if name != AUTO}
     inputs = replace(read_inputs(request, work), files=call.inputs)
     workers = threads_within(request.memory, inputs.clip.sizes)
     if request.everybody:
         found = find_people(request, inputs)
         if len(found.people) > 1:
-            crowd = Crowd(inputs, found, generic)
+            crowd = Crowd(inputs, found, generic, actors)
             good = run_people(request, folder, crowd, work)
             return DONE if good else INCOMPLETE
         told_of = (*inputs.warnings, *found.notes)
@@ -169,8 +168,9 @@ def _run(
         if request.actor != (AUTO,):  # a body says the same of its own
             more += given_doubts(inputs, masks)
         inputs = told(inputs, more)
+    casting = replace(casting_of(request, request.actor[0]), loaded=actors.get(request.actor[0]))
     with progress_bars() as tell:
-        chosen = cast(casting_of(request, request.actor[0]), inputs, tell, work)
+        chosen = cast(casting, inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
     performance = _perform(request, chosen.actor, inputs, masks, solve_bones, workers, work)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import torch
 
+from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import Cast, cast
 from perfcap.app.capture_checks import (
     doubts,
@@ -30,7 +31,6 @@ from perfcap.app.people_files import CapturedScene, write_scene
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.errors import InputError
-from perfcap.io.actor import load_actor
 from perfcap.io.mask_files import view_folders
 from perfcap.io.result_folder import replacing, require_places
 from perfcap.pipeline.checkpoint import Checkpoint
@@ -51,11 +51,13 @@ class Crowd:
         inputs: with detections of everybody, (P, F, C, 16).
         found: who is who.
         generic: of each actor, whether it is nobody in particular.
+        actors: those that were named, by their names.
     """
 
     inputs: Inputs
     found: Association
     generic: Sequence[bool]
+    actors: Mapping[str, Actor]
 
     def of(self, track: int) -> Inputs:
         """What one person is captured from."""
@@ -175,12 +177,14 @@ def _cast(request: Capture, crowd: Crowd, work: Checkpoint) -> tuple[Matching, l
     """Who is whom, and the actor of each person."""
     count = len(crowd.found.people)
     if len(request.actor) > 1:
-        actors = [load_actor(name) for name in request.actor]
+        actors = [crowd.actors[name] for name in request.actor]
         return match_actors(actors, crowd.found, request.actor), [Cast(each) for each in actors]
     found = []
+    name = request.actor[0]
+    casting = replace(casting_of(request, name), loaded=crowd.actors.get(name))
     with progress_bars() as tell:
         for track in range(count):
-            casting, kept = casting_of(request, request.actor[0]), work.of(f"track{track + 1}")
+            kept = work.of(f"track{track + 1}")
             chosen = cast(casting, crowd.of(track), tell, kept)
             for line in chosen.warnings:
                 _LOG.warning("person %d: %s", track + 1, line)

@@ -17,7 +17,8 @@ from takes import camera_entry, write_json, write_video
 
 from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.shaped_points import ShapedPoints
-from perfcap.app import fit_views
+from perfcap.app import auto_actor, fit_views
+from perfcap.app import capture as capture_module
 from perfcap.cli import main
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
@@ -192,6 +193,22 @@ def test_an_actor_leaves_no_body_of_an_older_result(
     assert (tmp_path / "body.npz").exists()
     assert perfcap(views.command(tmp_path, "--actor", "sam", "--overwrite")).code in (0, 3)
     assert not (tmp_path / "body.npz").exists() and not (tmp_path / "body.jpg").exists()
+
+
+def test_a_character_is_read_and_told_of_once(
+    views: Views, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a user should know of it was printed twice."""
+    read: list[str] = []
+
+    def counted(name: str) -> object:
+        read.append(name)
+        return load_actor(name)
+
+    for module in (capture_module, auto_actor):
+        monkeypatch.setattr(module, "load_actor", counted)
+    assert perfcap(views.command(tmp_path / "out", "--actor", "sam")).code in (0, 3)
+    assert read == ["sam"]
 
 
 @pytest.mark.parametrize(
