@@ -1,8 +1,8 @@
-"""Who else is near the person who is followed, so that nobody takes their place.
+"""The person who is followed among other people, none of whom may take their place.
 
-A network that sees one person in a crop goes over to whoever covers the person, or stands beside.
-One that sees everybody in the image tells them apart: each is followed from frame to frame, and of
-all who are seen each is given one, at the least cost of all (Kuhn 1955).
+A network that sees one person per crop switches to whoever occludes the person or stands next to
+them. One that sees all people of an image separates them: each is tracked from frame to frame, and
+sightings are assigned to tracks one to one, at the least total cost (Kuhn 1955).
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from perfcap.detect.search import centre
 from perfcap.detect.sighting import Sighting, Trace
 from perfcap.detect.whereabouts import AGE
 
-_BETTER = 0.05  # of a box and a body's, shared: from which another fits it better
-_EVERY = 10  # frames from one look at who else is there to the next, while nobody is
-_REACH = 1.5  # sizes of the body, within which somebody is near
-_GONE = 3.0  # sizes, beyond which they are no more
-_FORGOTTEN = 30  # frames after which somebody who is not seen is forgotten
-_SAME = 0.5  # cost up to which a sighting is of whoever was there a frame before
-_WIDER = 0.06  # more of it for each frame in which they were not seen
-_FARTHEST = 1.2  # the most that it becomes
-_ANYWHERE = 1.5  # the same, once the person may be anywhere
-_DOUBTED = 0.3  # cost from which a look at a person who was alone is compared with other people
-_LOST = 3  # frames after which whoever turned up since may be the person
+_BETTER = 0.05  # overlap with the user's box by which another person fits it better
+_EVERY = 10  # frames between two searches for other people, while none are near
+_REACH = 1.5  # body sizes, within which other people are near
+_GONE = 3.0  # body sizes, beyond which they are dropped
+_FORGOTTEN = 30  # frames without a sighting, after which they are dropped
+_SAME = 0.5  # largest cost at which a sighting belongs to a track of the frame before
+_WIDER = 0.06  # added to it for each frame without a sighting
+_FARTHEST = 1.2  # its largest value
+_ANYWHERE = 1.5  # the same for the person, once they may be anywhere
+_DOUBTED = 0.3  # cost from which a look at a person who was alone is checked against other people
+_LOST = 3  # frames without a sighting, after which a new track may be the person's
 _NEVER = 1e3
 
 
 class Company:
-    """The person who is followed, and the others near them, from frame to frame.
+    """Tracks of the person who is followed, and of the other people near them.
 
     Args:
-        network: looks at people up close.
-        finder: finds people in whole frames.
+        network: sees one person per crop.
+        finder: finds all people of a frame.
 
     Attributes:
-        near: looks at the others in the last frame.
+        near: looks at the other people in the last frame.
     """
 
     def __init__(self, network: CropNetwork, finder: Finder) -> None:
@@ -53,15 +53,15 @@ class Company:
 
     @property
     def present(self) -> bool:
-        """Whether there is any."""
+        """Whether other people are near."""
         return bool(self._others)
 
-    def told_apart(self, frame: Frame, look: Look | None) -> Look | None:
-        """The look at the person; None where they are hidden.
+    def separate(self, frame: Frame, look: Look | None) -> Look | None:
+        """The look at the person in a frame with other people; None while they are occluded.
 
         Args:
             frame: (H, W, 3), RGB.
-            look: where the network looked ahead; None where it saw nobody.
+            look: in the crop where the person was a frame before; None if nobody is seen there.
         """
         joints = self._network.joint_set
         looks = self._looks(frame, look)
@@ -70,15 +70,15 @@ class Company:
         found = self._go_on(looks, seen, _given(tracks, seen))
         return found if found is None or found is look else self._closer(frame, found)
 
-    def met(self, number: int, frame: Frame, look: Look | None) -> Look | None:
-        """The look at the person in a frame before which nobody was near.
+    def watch(self, number: int, frame: Frame, look: Look | None) -> Look | None:
+        """The look at the person in a frame before which no other people were near.
 
-        Now and then, and where they moved as people do not, it is seen whether somebody is.
+        Searches for other people at intervals, and at once where the person seems to jump.
 
         Args:
             number: of the frame.
             frame: (H, W, 3), RGB.
-            look: at the person; None where nobody is seen.
+            look: at the person; None if nobody is seen.
         """
         self.near = []
         joints = self._network.joint_set
@@ -101,7 +101,7 @@ class Company:
     def _go_on(
         self, looks: Sequence[Look], seen: Sequence[Sighting], given: dict[int, int]
     ) -> Look | None:
-        """The look that is at the person, once everybody has gone on; None without one."""
+        """Move all tracks on by a frame; the look assigned to the person, None without one."""
         mine = given.get(0)
         self._person = self._after(None if mine is None else seen[mine])
         if self._person is None:
@@ -110,7 +110,7 @@ class Company:
         return None if mine is None else looks[mine]
 
     def in_box(self, frame: Frame, box: Box, look: Look) -> Look:
-        """Whoever fits a box best, of a look at its middle and all whom the finder sees."""
+        """The look that fits a box best: one at its middle, or one at a person of the finder."""
         best = max(self._looks(frame, look), key=lambda each: _share(box, each.box()))
         if _share(box, best.box()) < _share(box, look.box()) + _BETTER:
             return look
@@ -123,7 +123,7 @@ class Company:
         return self._person.after(sighting)
 
     def _looks(self, frame: Frame, look: Look | None) -> list[Look]:
-        """At everybody in a frame, nobody twice."""
+        """At all people of a frame, each once; the given look first."""
         joints = self._network.joint_set
         looks = [] if look is None else [look]
         for each in self._finder(frame):
@@ -141,7 +141,7 @@ class Company:
         seen: Sequence[Sighting],
         given: dict[int, int],
     ) -> None:
-        """Go on with the others, and with who is new."""
+        """Move the tracks of other people on by a frame, and start tracks of new ones."""
         self.near, kept = [], list[Trace]()
         for row, track in enumerate(self._others, 1):
             at = given.get(row)
@@ -149,7 +149,7 @@ class Company:
             if at is not None:
                 self.near.append(looks[at])
                 after = replace(after, beside=after.beside + (0 in given))
-            # who went away while the person is hidden is kept in mind: they are not the person
+            # while the person is occluded, those who walk away are kept: they are not the person
             there = person.age > 0 or person.last.apart(after.last) < _GONE
             if after.age < _FORGOTTEN and there:
                 kept.append(after)
@@ -161,7 +161,7 @@ class Company:
         self._recognise(person)
 
     def _recognise(self, person: Trace) -> None:
-        """Take somebody for the lost person who turned up since and was never seen beside them."""
+        """Give a lost person the track of somebody new who was never seen beside them."""
         new = [each for each in self._others if not each.beside and not each.age]
         if person.age < _LOST or not new:
             return
@@ -172,7 +172,7 @@ class Company:
             self._others = [each for each in self._others if each is not best]
 
     def _closer(self, frame: Frame, look: Look) -> Look:
-        """The same person up close; as the finder saw them, where that shows somebody else."""
+        """The same person up close; the finder's own look if that shows another person."""
         joints = self._network.joint_set
         crop = look.around(self._network, joints)
         if crop is None:
@@ -195,9 +195,9 @@ def _share(one: Box, other: Box | None) -> float:
 
 
 def _given(tracks: Sequence[Trace], seen: Sequence[Sighting]) -> dict[int, int]:
-    """Which sighting each track is given; none to those whom no free one fits.
+    """The sighting of each track, by their indices; tracks without one are left out.
 
-    The first track's person may be anywhere after some frames.
+    The first track is the person's, who may be anywhere after some frames without a sighting.
     """
     if not seen or not tracks:
         return {}

@@ -42,8 +42,8 @@ class Start:
         person: where nobody says a box: 1 for the surest person of the image, 2 for the next, ...
         finder: network that finds people in whole images; None to search with windows.
         alone: whether to warn of others in that image.
-        watcher: network that finds people in whole images, to tell others who come near from the
-            person; who covers the person may take their place without one.
+        watcher: network that finds people in whole images, to separate other people nearby from
+            the person; without one, a person who occludes them may be followed instead.
     """
 
     box: Box | None = None
@@ -171,7 +171,7 @@ def _follow(
         seen = look is not None and is_person(look.confidence, network.joint_set)
         present = company is not None and company.present
         if company is not None and present:
-            look = company.told_apart(frame, look if seen else None)
+            look = company.separate(frame, look if seen else None)
         elif look is None or not seen:
             whom = replace(start, person=1, alone=False) if known.ever else start
             look = search(network, frame, whom.person, None, whom.finder, known, whom.alone)
@@ -182,7 +182,7 @@ def _follow(
         else:
             look = turn_around(network, frame, look, UNSURE)
         if company is not None and not present:
-            look = company.met(number, frame, look)
+            look = company.watch(number, frame, look)
         if known.age >= AGE and look is not None and (apart := known.moved(look.box())) > NEARBY:
             _LOG.warning(_OTHER, number, known.age, apart)
         known = known.after(look)
