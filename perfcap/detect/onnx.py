@@ -106,8 +106,8 @@ class OnnxDetector:
             boxes: where the person is in the first frame of each view: (left, top, right,
                 bottom), pixels; searched for in the whole image where None.
             cameras: C views; needed where 3D joints come in the axes of crops.
-            finder: finds people in whole images, such as ``OnnxFinder``; windows are searched
-                without one.
+            finder: finds people in whole images, such as ``OnnxFinder``, and separates other
+                people nearby; windows are searched without one.
 
         Returns:
             Detections of the 16 landmarks, (F, C), in pixels of the images; confidence 0 where
@@ -134,7 +134,7 @@ class OnnxDetector:
         finder: Finder | None = None,
     ) -> Detections:
         """The same for the frames (H, W, 3) of one view, read as they are needed: (F, 1)."""
-        return follow_person(self, frames, Start(box, finder=finder), camera)
+        return follow_person(self, frames, Start(box, finder=finder, watcher=finder), camera)
 
     def estimate(self, crops: NDArray[np.uint8]) -> Estimate:
         """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""
