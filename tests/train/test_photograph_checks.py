@@ -91,9 +91,18 @@ WRONG = {
 }
 
 
+def accepted(joints: Floats) -> bool:
+    """Whether nothing is odd of joints."""
+    try:
+        check(joints)
+    except InputError:
+        return False
+    return True
+
+
 def test_sound_people_are_accepted() -> None:
-    check(SOUND)
-    check(without(SOUND, "neck", "head_top"))
+    assert accepted(SOUND)
+    assert accepted(without(SOUND, "neck", "head_top"))
 
 
 def without(joints: Floats, *names: str) -> Floats:
@@ -130,8 +139,8 @@ def test_sorted_lists_are_accepted(sign: int) -> None:
         "left": SOUND.max(1)[:, 0],
         "raised hands": SOUND[:, wrist, 1] - SOUND[:, shoulder, 1],
     }
-    for values in keys.values():
-        check(SOUND[np.argsort(sign * values, kind="stable")])
+    for name, values in keys.items():
+        assert accepted(SOUND[np.argsort(sign * values, kind="stable")]), name
 
 
 def test_a_list_is_read_in_overlapping_stretches() -> None:
