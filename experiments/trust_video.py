@@ -27,7 +27,6 @@ from video_alone import videos
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
 from perfcap.geometry.alignment import procrustes
-from perfcap.pipeline import move
 from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
 from perfcap.train.motion_library import MotionLibrary
 
@@ -115,7 +114,8 @@ def _judged(name: str, video: Path, truth: Tensor) -> Judged:
         seen.append(frame_evidence(*arguments))  # type: ignore[arg-type]
         return seen[-1]
 
-    with tempfile.TemporaryDirectory() as folder, mock.patch.object(move, "frame_evidence", kept):
+    at = "perfcap.pipeline.trust.frame_evidence"
+    with tempfile.TemporaryDirectory() as folder, mock.patch(at, kept):
         out = Path(folder) / "out"
         request = Capture(
             videos=(video,), out=out, lifter="cmu", until="track_motion", overlay=False
@@ -128,7 +128,7 @@ def _judged(name: str, video: Path, truth: Tensor) -> Judged:
     known = truth.isfinite().all(-1).all(0)
     joints, truth = joints[:, known], truth[:, known]
     apart = (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1)
-    return Judged(name, seen[-1][:count], apart.mean(-1), apart.amax(-1))
+    return Judged(name, seen[0][:count], apart.mean(-1), apart.amax(-1))
 
 
 def _left_out(made: Sequence[Judged]) -> tuple[int, int, float, float]:

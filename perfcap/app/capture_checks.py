@@ -18,6 +18,7 @@ from perfcap.io.doctor import (
     examine_detections,
     examine_places,
 )
+from perfcap.io.doctor.finding import doubting
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.inputs import examine_take, examine_ways
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
@@ -52,11 +53,12 @@ def examined(
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
     refuse_wrong(inputs, detected and people is False)
-    more = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
-    more += way_doubts(inputs) if given else ()
+    found = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
+    found += way_doubts(inputs) if given else []
     for line in inputs.warnings:
         _LOG.warning("%s", line)
-    return told(inputs, more)
+    inputs = replace(inputs, detections=doubting(inputs.detections, found))
+    return told(inputs, sentences(found))
 
 
 def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:
@@ -110,8 +112,8 @@ def doubts(
     alone: bool = True,
     people: bool | None = None,
     everybody: Detections | None = None,
-) -> tuple[str, ...]:
-    """Findings of ``perfcap doctor`` about inputs that are read, one sentence each.
+) -> list[Finding]:
+    """Findings of ``perfcap doctor`` about inputs that are read.
 
     They are no refusal: robust energies get along with much, and nobody but the user knows what
     was recorded. Images that show nothing are one where a stage looks at them.
@@ -144,29 +146,30 @@ def doubts(
         rests=inputs.rests,
         everybody=everybody,
     )
-    return _sentences(findings)
+    return findings
 
 
-def way_doubts(inputs: Inputs) -> tuple[str, ...]:
+def way_doubts(inputs: Inputs) -> list[Finding]:
     """Whether videos show the ways of their cameras, where these are given and move.
 
     Args:
         inputs: of the capture, with joints of everybody who is known, (*P, F, C, 16).
     """
     take = inputs.rig, inputs.detections, inputs.clip, inputs.pixel_map
-    return _sentences(examine_ways(*take))
+    return examine_ways(*take)
 
 
-def places(inputs: Inputs) -> tuple[str, ...]:
+def places(inputs: Inputs) -> list[Finding]:
     """Whether joints of everybody, (P, F, C, 16), lie in the images: one person may not.
 
     Args:
         inputs: of the capture.
     """
-    return _sentences(examine_places(inputs.rig, inputs.detections))
+    return examine_places(inputs.rig, inputs.detections)
 
 
-def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
+def sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """One for each finding that matters."""
     return tuple(
         f"{found.subject}: {found.what}; {found.remedy}"
         for found in findings

@@ -19,6 +19,7 @@ from perfcap.app.capture_checks import (
     places,
     refuse_wrong,
     refuse_wrong_cameras,
+    sentences,
     wants_bones,
     way_doubts,
 )
@@ -31,6 +32,7 @@ from perfcap.app.people_files import CapturedScene, write_scene
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.errors import InputError
+from perfcap.io.doctor.finding import Finding, doubting
 from perfcap.io.mask_files import view_folders
 from perfcap.io.result_folder import replacing, require_places
 from perfcap.pipeline.checkpoint import Checkpoint
@@ -150,17 +152,18 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
         refuse_wrong(each)
     notes = [*crowd.inputs.warnings, *crowd.found.notes, *matching.notes, *_untold(crowd, matching)]
     until = Stage[request.until.upper()]
-    notes += _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
+    more, found = _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
+    notes += more
     for line in notes:
         _LOG.warning("%s", line)
     # said already, when the bodies were found
     notes += [f"person {k}: {line}" for k, one in enumerate(chosen, 1) for line in one.warnings]
     require_places(folder, view_folders(list(crowd.inputs.rig.names)))
     people = []
-    for number, (one, each) in enumerate(zip(chosen, everybody, strict=True)):
+    for number, (one, each, wrong) in enumerate(zip(chosen, everybody, found, strict=True)):
         generic = crowd.generic[number % len(crowd.generic)]
         solve_bones = wants_bones(request.bones, generic, each.detections)
-        people.append(Person(one.actor, each.detections, solve_bones))
+        people.append(Person(one.actor, doubting(each.detections, wrong), solve_bones))
     captured = _perform(request, crowd.inputs, people, until, work)
     pairs = zip(chosen, captured, strict=True)
     dressed = [one.dress(each, crowd.inputs) for one, each in pairs]
@@ -200,18 +203,21 @@ def _untold(crowd: Crowd, matching: Matching) -> list[str]:
     return [f"{others} of {len(crowd.found.people)} people have no --actor; they are left out"]
 
 
-def _doubts(inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool) -> list[str]:
-    """What may be wrong with the inputs; of one person, where it is not of all."""
+def _doubts(
+    inputs: Inputs, everybody: Sequence[Inputs], images: bool, detected: bool
+) -> tuple[list[str], list[list[Finding]]]:
+    """What may be wrong with the inputs; of one person, where it is not of all. And of each."""
     seen = {"detected": detected, "alone": False, "people": True}
-    lines = [
+    own = [
         doubts(each, needs_images=images, everybody=inputs.detections, **seen) for each in everybody
     ]
+    lines = [sentences(each) for each in own]
     common = set(lines[0]).intersection(*lines[1:])
-    found = [*way_doubts(inputs), *(() if detected else places(inputs))]
-    found += [line for line in lines[0] if line in common]
-    for number, own in enumerate(lines, 1):
-        found += [f"person {number}: {line}" for line in own if line not in common]
-    return found
+    of_all = [*way_doubts(inputs), *([] if detected else places(inputs))]
+    found = [*sentences(of_all), *(line for line in lines[0] if line in common)]
+    for number, some in enumerate(lines, 1):
+        found += [f"person {number}: {line}" for line in some if line not in common]
+    return found, own
 
 
 def _perform(

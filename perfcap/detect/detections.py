@@ -15,6 +15,7 @@ from perfcap.geometry.record import Record
 
 _SEEN = 0.2  # share of the largest confidence from which a joint counts
 _ENOUGH_JOINTS = 6  # that show how tall a person is
+_FLAGS = ("trusted3d", "doubted")
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,9 @@ class Detections(Record):
         trusted3d: (*b, F, C), bool: whether a view's 3D pose may be used in a frame.
         deviation3d: (*b, F, C), metres: how far the joints of a 3D pose are expected to be off,
             root mean square, by what gave it; NaN where it does not say, None where nothing does.
+        doubted: (*b, F, C), bool: whether something else than the detector says that a view's
+            joints are wrong in a frame, None where nothing does. Solves use them, and a motion is
+            trusted as far as the others bear it out.
     """
 
     joints2d: Tensor
@@ -39,6 +43,7 @@ class Detections(Record):
     joints3d: Tensor | None
     trusted3d: Tensor
     deviation3d: Tensor | None = None
+    doubted: Tensor | None = None
 
     def __post_init__(self) -> None:
         _require_tensors(self.joints2d, self.confidence2d, self.joints3d, self.trusted3d)
@@ -55,8 +60,12 @@ class Detections(Record):
         _require("trusted3d", self.trusted3d, tuple(batch))
         if self.deviation3d is not None:
             _require("deviation3d", self.deviation3d, tuple(batch))
-        if self.trusted3d.dtype != torch.bool:
-            raise ValueError(f"trusted3d is {self.trusted3d.dtype}, expected torch.bool")
+        if self.doubted is not None:
+            _require("doubted", self.doubted, tuple(batch))
+        for name in _FLAGS:
+            flags = getattr(self, name)
+            if flags is not None and flags.dtype != torch.bool:
+                raise ValueError(f"{name} is {flags.dtype}, expected torch.bool")
 
     @classmethod
     def from_joints(
@@ -109,6 +118,7 @@ class Detections(Record):
             joints3d=None if self.joints3d is None else self.joints3d[..., index, :, :, :],
             trusted3d=self.trusted3d[..., index, :],
             deviation3d=None if self.deviation3d is None else self.deviation3d[..., index, :],
+            doubted=None if self.doubted is None else self.doubted[..., index, :],
         )
 
     def finite(self) -> Self:
@@ -131,6 +141,17 @@ class Detections(Record):
         nothing = torch.zeros_like(self.trusted3d)
         return replace(self, joints3d=None, trusted3d=nothing, deviation3d=None)
 
+    def undoubted(self) -> Self:
+        """Without the joints and poses that are doubted."""
+        if self.doubted is None:
+            return self
+        return replace(
+            self,
+            confidence2d=torch.where(self.doubted[..., None], 0, self.confidence2d),
+            trusted3d=self.trusted3d & ~self.doubted,
+            doubted=None,
+        )
+
     def select(self, views: list[int]) -> Self:
         """The detections of some views, in the order given."""
         return replace(
@@ -140,10 +161,11 @@ class Detections(Record):
             joints3d=None if self.joints3d is None else self.joints3d[..., views, :, :],
             trusted3d=self.trusted3d[..., views],
             deviation3d=None if self.deviation3d is None else self.deviation3d[..., views],
+            doubted=None if self.doubted is None else self.doubted[..., views],
         )
 
     def to(self, like: Tensor) -> Self:
-        """The same detections with the type and device of a tensor; ``trusted3d`` stays bool."""
+        """The same detections with the type and device of a tensor; flags stay bool."""
         if not isinstance(like, Tensor):
             raise InputError(
                 f"to: got {like!r:.80}, expected a tensor of the type and device, as torch.zeros(1)"
@@ -163,7 +185,7 @@ def _require_tensors(*given: object) -> None:
 def _require(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
     if tuple(tensor.shape) != expected:
         raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {expected}")
-    if name != "trusted3d" and not tensor.is_floating_point():
+    if name not in _FLAGS and not tensor.is_floating_point():
         raise ValueError(f"{name} is {tensor.dtype}, expected a floating-point type")
 
 

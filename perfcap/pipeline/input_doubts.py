@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,6 +23,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import (
+    Finding,
     Severity,
     examine_agreement,
     examine_cameras,
@@ -72,8 +74,15 @@ def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) ->
         )
 
 
-def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ...]:
-    """Sentences about a person, their joints, the cameras and the images of a capture.
+class Doubts(NamedTuple):
+    """Sentences about a capture, and those findings of its joints and cameras that some say."""
+
+    sentences: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
+    """What may be wrong with a person, their joints, the cameras and the images of a capture.
 
     Args:
         scene: where they are.
@@ -86,11 +95,13 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> tuple[str, ..
     cameras, images, joints = scene.cameras, scene.images, person.detections
     told = rate_doubts(scene.rate)
     told += tuple(actor_doubts(person.actor, cameras, joints, person.solve_bones))
+    found: tuple[Finding, ...] = ()
     if images is None or not images.examined:
-        told += input_doubts(cameras, joints)
+        found = _input_findings(cameras, joints)
+        told += _input_sentences(joints, found)
     if images is not None and looked_at and not images.examined:
         told += _image_doubts(images, scene, joints)
-    return told
+    return Doubts(told, found)
 
 
 def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) -> tuple[str, ...]:
@@ -102,17 +113,26 @@ def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) ->
         detections: (F, C).
         faint: whether to tell that all confidences are next to nothing.
     """
+    return _input_sentences(detections, _input_findings(cameras, detections, faint))
+
+
+def _input_findings(
+    cameras: Camera, detections: Detections, faint: bool = True
+) -> tuple[Finding, ...]:
     known = cameras.map(lambda part: part.detach().double().cpu())
     seen = detections.to(known.intrinsics).map(lambda part: part.detach())
     middles = known.intrinsics[..., :2, 2].reshape(-1, known.views, 2)[0]
     sizes = tuple((round(2 * y) + 1, round(2 * x) + 1) for x, y in middles.tolist())
     names = tuple(f"view {view}" for view in range(known.views))
     rig = CameraRig(names, replace(known, size=known.size or sizes))
-    findings = (
+    return (
         *examine_cameras(rig),
         *examine_detections(rig, seen, coverage=False, faint=faint),
         *examine_agreement(rig, seen),
     )
+
+
+def _input_sentences(detections: Detections, findings: Sequence[Finding]) -> tuple[str, ...]:
     told = () if detections.joints3d is None or bool(detections.trusted3d.any()) else (_NO_POSE,)
     return told + tuple(
         "; ".join(part for part in (f"{found.subject}: {found.what}", found.remedy) if part)

@@ -15,6 +15,7 @@ from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import compose_rotvec, matrix_to_rotvec
+from perfcap.io.doctor.finding import doubting
 from perfcap.io.pose_prior import load_pose_prior
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import Checkpoint, tensors
@@ -37,7 +38,7 @@ from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.standing import Standing
 from perfcap.pipeline.track_motion import WindowReport
 from perfcap.pipeline.track_twice import track_twice
-from perfcap.pipeline.trust import frame_evidence, judge_frames
+from perfcap.pipeline.trust import judge_motion
 
 
 def move(
@@ -70,6 +71,7 @@ def move(
     person = replace(person, detections=person.detections.to(like).finite())
     until = _last_stage(until, scene.images)
     told = scene_doubts(scene, person, until.needs_images)
+    person = replace(person, detections=doubting(person.detections, told.findings))
     own = _own_terms(energies, until, level)
     start = _start(scene, person, config, clock, checkpoint)
     problem, motion = replace(start.problem, terms=own, up=_unit(up, like)), start.motion
@@ -78,7 +80,7 @@ def move(
         with clock.stage("track_motion") as tell:
             motion, windows, problem = track_twice(problem, motion, tell, checkpoint)
     found = problem, start.problem, motion, windows, scene.images
-    moved = Moved(start, person.detections, *found, until, clock, checkpoint, told)
+    moved = Moved(start, person.detections, *found, until, clock, checkpoint, told.sentences)
     return _levelled(moved) if level else moved
 
 
@@ -174,7 +176,7 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_frames(frame_evidence(judged, looked.motion)),
+            trust=judge_motion(judged, looked.motion),
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -33,6 +33,7 @@ _ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0
 _BAD_LIFTED = (0.278, 0.182, -1.126, 0.007, 0.259, 0.661, 0.067, 0.232, -0.874, 1.033, 4.61)
 _ERROR_LIFTED = (0.126, 0.051, -0.368, -0.005, -0.186, 0.238, -0.124, 0.058, 0.688, 0.496, 5.377)
 THRESHOLD = 0.7  # of trust, below which frames are named
+_DOUBTED = "a check of the inputs contradicts joints, and the others do not bear the motion out"
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
 _FEW = math.log(0.15)  # log of detections that agree
@@ -76,7 +77,7 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
         problem: as it was before a first solve changed its weights.
         motion: the result, (F,).
     """
-    reach = max(0, round(min(_AROUND * problem.rate, motion.frames)))
+    reach = _reach(problem, motion)
     parts = []
     for start in range(0, motion.frames, _STRETCH):
         first, stop = max(0, start - reach), min(motion.frames, start + _STRETCH + reach)
@@ -124,6 +125,11 @@ def _deviation(seen: Detections) -> Tensor:
     known = seen.trusted3d & seen.deviation3d.isfinite()
     least = torch.where(known, seen.deviation3d, torch.inf).amin(-1)
     return torch.where(least.isfinite(), least, torch.nan)
+
+
+def _reach(problem: ClipProblem, motion: Motion) -> int:
+    """Frames to either side that a frame is judged with."""
+    return max(0, round(min(_AROUND * problem.rate, motion.frames)))
 
 
 def _around(values: Tensor, reach: int) -> Tensor:
@@ -223,6 +229,31 @@ class Trust:
             yield f"{which} not to be trusted (expected error {error:.0f} mm): {why}"
         if len(self.doubtful) > _NAMED:
             yield f"{len(self.doubtful) - _NAMED} shorter ranges are in run.json"
+
+
+def judge_motion(problem: ClipProblem, motion: Motion) -> Trust:
+    """Trust in a motion: no more in any frame than what joints that are not doubted bear out.
+
+    Args:
+        problem: as of ``frame_evidence``.
+        motion: the result, (F,).
+    """
+    evidence = frame_evidence(problem, motion)
+    judged, doubted = judge_frames(evidence), problem.detections.doubted
+    if doubted is None or not bool(doubted.any()):
+        return judged
+    # means over time are not to lean on the frames beside
+    near = _around(doubted.double(), _reach(problem, motion)) > 0
+    others = replace(problem.detections, doubted=near).undoubted()
+    borne_out = judge_frames(frame_evidence(replace(problem, detections=others), motion))
+    worse = doubted.any(-1) & ~(borne_out.value >= judged.value)
+    value = torch.where(worse, borne_out.value, judged.value)
+    error = torch.where(worse, torch.maximum(borne_out.error, judged.error), judged.error)
+    doubtful = tuple(
+        (a, b, _DOUBTED if bool(worse[a:b].any()) else _reason(evidence[a:b].mean(0)))
+        for a, b in ranges(~(value >= THRESHOLD))
+    )
+    return Trust(value, error, doubtful)
 
 
 def judge_frames(evidence: Tensor) -> Trust:

@@ -99,3 +99,22 @@ def test_the_video_is_looked_at_where_joints_come_from_files(
         perfcap(take.command(tmp_path / "out", "--until", "initialize", "--no-overlay")).code == 0
     )
     assert asked == [False]
+
+
+def test_frames_that_a_check_names_are_not_trusted(tmp_path: Path, perfcap: Command) -> None:
+    files = write_take(tmp_path, 60)
+    """Three poses that were not solved, of a camera that moves."""
+    files = write_take(tmp_path, 60, moving=True)
+    entry = json.loads(files.camera.read_text())
+    for frame in range(30, 33):
+        entry["R"][frame], entry["t"][frame] = torch.eye(3).tolist(), [0.0, 0.0, 0.0]
+    write_json(files.camera, entry)
+    out = tmp_path / "out"
+    line = files.command(out, "--until", "track_motion", "--no-overlay", "--frames", "10:")
+    outcome = perfcap(line)
+    assert any("identity at the origin in frames 30-32" in note for note in outcome.notes)
+    quality = json.loads((out / "run.json").read_text())["quality"]
+    (named,) = quality["not_trusted"]
+    first, stop = named["frames"]
+    assert 27 <= first <= 30 and 33 <= stop <= 36, named
+    assert any(f"frames {first} to {stop - 1} are not to be trusted" in n for n in outcome.notes)

@@ -97,7 +97,10 @@ def test_resume_and_what_is_left(
     assert not any((folder / "surface.npz").exists() for folder in people_of(captured))
 
 
-def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
+def test_the_preset_of_frames(tmp_path: Path, perfcap: Command) -> None:
+    # colours need more pixels than joints: in images of 120 px errors double in three frames
+    larger = make_crowd(3, frames=6, views=3, size=200, noise=6.0)
+    pair = write_crowd(tmp_path, larger, PaintedCrowd(larger).pictures)
     out = tmp_path / "followed"
     given = ("--preset", "liu2013", "--frames", "0:3", "--report", *WHOLE)
     found = perfcap(pair.command(out, *given))
@@ -105,7 +108,7 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
     errors = []
     for number, folder in enumerate(people_of(out)):
         result = read_result(folder)
-        everybody = crowd().joints[:, :3].numpy()
+        everybody = larger.joints[:, :3].numpy()
         error = np.linalg.norm(result.joints - everybody, axis=-1)  # person, frame, joint
         assert (error[number].mean(-1) < error[1 - number].mean(-1)).all()
         errors.append(1000 * error[number].mean())
@@ -115,9 +118,8 @@ def test_the_preset_of_frames(pair: CrowdFiles, tmp_path: Path, perfcap: Command
         config = yaml.safe_load((folder / "config.yaml").read_text())
         assert config["frames"]["search"]["search"] == "misaligned"
         assert "Limbs beside their contours" in (folder / "report.html").read_text()
-    # three small views, joints 6 px off, and one person is cut off: 65 and about 100 mm, whose
-    # digits differ between processors
-    assert max(errors) < 105 and sum(errors) / 2 < 90
+    # joints 2 px off, and one person is cut off: 40 and 44 mm; digits differ between processors
+    assert max(errors) < 70 and sum(errors) / 2 < 60
     assert '"people":[{' in (out / "report.html").read_text()
     (out / "report.html").unlink()
     assert "report.html" in perfcap(["report", out]).out

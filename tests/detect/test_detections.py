@@ -25,6 +25,29 @@ def test_slicing_frames_and_views_commutes() -> None:
     assert torch.equal(once.joints2d, detections.joints2d[1:4][:, [2, 0]])
 
 
+def test_doubts_go_with_the_joints() -> None:
+    whole = example()
+    doubted = torch.zeros(5, 3, dtype=torch.bool)
+    doubted[3, 2] = True
+    marked = replace(whole, doubted=doubted)
+    part = marked.frames(slice(2, 5)).select([2, 0])
+    assert part.doubted is not None
+    assert part.doubted.tolist() == [[False, False], [True, False], [False, False]]
+    others = part.undoubted()
+    assert others.doubted is None and not others.trusted3d[1, 0]
+    assert not others.confidence2d[1, 0].any()
+    same = torch.ones(3, 2, dtype=torch.bool)
+    same[1, 0] = False
+    for name in ("confidence2d", "trusted3d"):
+        assert torch.equal(getattr(others, name)[same], getattr(part, name)[same])
+    assert whole.undoubted() is whole
+    single = marked.to(torch.zeros(1, dtype=torch.float32)).doubted
+    assert single is not None and torch.equal(single, doubted)
+    for wrong in (doubted[:4], doubted.double()):
+        with pytest.raises(ValueError, match="doubted"):
+            replace(whole, doubted=wrong)
+
+
 def test_slicing_keeps_leading_batch_axes() -> None:
     one = example()
     stacked = Detections.from_joints(one.joints2d[None], one.confidence2d[None], None)

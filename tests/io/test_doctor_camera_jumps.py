@@ -183,4 +183,5 @@ def test_doctor_and_capture_count_frames_by_the_video(tmp_path: Path) -> None:
         videos=(take.video,), cameras=take.camera, detections=(take.detections,), frames="5:"
     )
     told = doubts(read_inputs(files), needs_images=False, detected=False)
-    assert any("identity at the origin in frames 12," in line for line in told)
+    (lost,) = (each for each in told if "identity at the origin in frames 12," in each.what)
+    assert lost.frames == (7,) and lost.views == (0,)  # of the capture

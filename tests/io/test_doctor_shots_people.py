@@ -116,5 +116,5 @@ def test_inputs_of_several_people_are_judged_together(later: Image | None, named
     pixels = PixelMap(torch.eye(3).double()[None])
     found = examine_take(*take, pixels, detected=True, everybody=everybody)
     assert any(WORDS in each.what for each in found) is named
-    told = [scene_doubts(given, person, True) for person in given.people]
+    told = [scene_doubts(given, person, True).sentences for person in given.people]
     assert [any(WORDS in line for line in each) for each in told] == [named] * 2

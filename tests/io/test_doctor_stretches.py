@@ -65,6 +65,7 @@ def test_a_view_that_is_wrong_in_the_end(
     assert finding.severity is Severity.WARNING  # the rest is captured as well as ever
     first = int(finding.what.split("in frames ")[1].split("-")[0])
     assert abs(first - FROM) <= 1 and f"-{FRAMES - 1} (of the capture" in finding.what
+    assert finding.frames == tuple(range(first, FRAMES)) and finding.views == (view,)
 
 
 def test_somebody_who_is_hidden_for_a_while_is_no_mistake() -> None:
@@ -115,6 +116,7 @@ def test_sides_that_change_places_in_all_views(views: int) -> None:
     finding = one(examine_agreement(some, with_joints(seen, exchanged)))
     assert finding.subject == "detections" and finding.severity is Severity.WARNING
     assert f"left and right look exchanged in every view in {WHERE}" in finding.what
+    assert finding.frames == tuple(range(FROM, FRAMES)) and finding.views == tuple(range(views))
 
 
 def test_somebody_who_turns_around_quickly_is_no_exchange() -> None:

@@ -17,5 +17,5 @@ def test_poses_in_reverse_are_named() -> None:
     backwards = room.camera.frames(torch.arange(FRAMES).flip(0))
     for cameras, named in ((room.camera, False), (backwards, True)):
         scene = Scene(cameras, (person,), RATE, Images(room, cameras))
-        told = scene_doubts(scene, person, looked_at=True)
+        told = scene_doubts(scene, person, looked_at=True).sentences
         assert any("as the poses do in reverse" in line for line in told) == named

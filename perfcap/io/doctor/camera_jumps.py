@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import groupby
 
 import torch
@@ -44,12 +45,13 @@ def examine_poses(rig: CameraRig, first: int = 0) -> Iterator[Finding]:
                 "programs write that of images they have not solved: solve them, or give them poses"
                 " between their neighbours'"
             )
-            yield Finding(Severity.WARNING, name, what, remedy)
+            yield Finding(Severity.WARNING, name, what, remedy, tuple(lost), (view,))
         kept = torch.tensor(sorted(set(range(len(turns))) - set(lost)))
         poses = turns[kept], places[kept]
         slipped = _slipped(*poses)
         if slipped.any():
-            yield _about_slips(name, *poses, slipped, kept + first)
+            about = _about_slips(name, *poses, slipped, kept, first)
+            yield replace(about, views=(view,))
         poses = turns[kept][~slipped], places[kept][~slipped]
         yield from _steps(name, *poses, kept[~slipped] + first)
 
@@ -103,18 +105,19 @@ def _slipped(turns: Tensor, places: Tensor) -> Tensor:
 
 
 def _about_slips(
-    name: str, turns: Tensor, places: Tensor, slipped: Tensor, numbers: Tensor
+    name: str, turns: Tensor, places: Tensor, slipped: Tensor, kept: Tensor, first: int
 ) -> Finding:
     departures, away = _departures(turns, places), slipped[1:-1]
     degrees, metres = math.degrees(float(departures[0][away].max())), departures[1][away].max()
     usual = math.degrees(float(departures[0].median())), departures[1].median()
+    frames = kept[slipped].tolist()
     what = (
-        f"its pose jumps away and back in frames {ranges(numbers[slipped].tolist())}, by up to "
+        f"its pose jumps away and back in frames {_listed(frames, first)}, by up to "
         f"{degrees:.1f} degrees and {metres:.2f} m from between its neighbours; {usual[0]:.2g} "
         f"degrees and {usual[1]:.2g} m are usual"
     )
     remedy = "solve the camera again there, or give these frames poses between their neighbours'"
-    return Finding(Severity.WARNING, name, what, remedy)
+    return Finding(Severity.WARNING, name, what, remedy, tuple(frames))
 
 
 def _steps(name: str, turns: Tensor, places: Tensor, numbers: Tensor) -> Iterator[Finding]:

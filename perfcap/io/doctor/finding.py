@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from perfcap.detect.detections import Detections
 
 
 class Severity(enum.Enum):
@@ -17,16 +21,46 @@ class Severity(enum.Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding about ``subject`` (a view, file or package): what is so, and what to do."""
+    """A finding about ``subject`` (a view, file or package): what is so, and what to do.
+
+    Attributes:
+        severity: how much it matters.
+        subject: what it is about.
+        what: what is so.
+        remedy: what to do.
+        frames: of the capture, counted from 0, in which it is so; empty of all.
+        views: that are wrong in these frames, or one of which is.
+    """
 
     severity: Severity
     subject: str
     what: str
     remedy: str = ""
+    frames: tuple[int, ...] = ()
+    views: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         remedy = f"; {self.remedy}" if self.remedy else ""
         return f"{self.severity.value}: {self.subject}: {self.what}{remedy}"
+
+
+def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
+    """Detections of which those are doubted that findings say are wrong in some frames.
+
+    Args:
+        detections: of the capture, (F, C).
+        findings: of its inputs.
+    """
+    wrong = [found for found in findings if found.frames and found.views]
+    if not wrong:
+        return detections
+    doubted = torch.zeros_like(detections.trusted3d)
+    for found in wrong:
+        there = torch.zeros_like(doubted)
+        there[..., found.frames, :] = True
+        there[..., [view for view in range(detections.views) if view not in found.views]] = False
+        doubted |= there
+    return replace(detections, doubted=doubted)
 
 
 def ranges(frames: Sequence[int], limit: int = 6) -> str:

@@ -64,14 +64,16 @@ def examine_exchange(subject: str, pixels: Tensor, known: Tensor, points: Tensor
         return []
     parts = list(pairwise([0, *edges, len(points)]))
     wrong = [part for part in parts if examine_sides(subject, points[slice(*part)])]
+    frames: tuple[int, ...] = ()
     if wrong and len(wrong) < len(parts):
-        frames = [frame for part in wrong for frame in range(*part)]
+        frames = tuple(frame for part in wrong for frame in range(*part))
         what = f"left and right look exchanged in every view in frames {ranges(frames)}"
     else:
         what = f"left and right change places in every view at frame {ranges(edges)}"
     remedy = "exchange the names of left and right there, or capture one part at a time (--frames)"
+    views = tuple(range(pixels.shape[1])) if frames else ()
     what = f"{what} (of the capture, counted from 0): they turn over from one frame to the next"
-    return [Finding(Severity.WARNING, subject, what, remedy)]
+    return [Finding(Severity.WARNING, subject, what, remedy, frames, views)]
 
 
 def _exchanges(pixels: Tensor, known: Tensor) -> list[int]:

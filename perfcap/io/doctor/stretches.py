@@ -40,6 +40,7 @@ class _Mistake:
     remedy: str
     what: str = field(compare=False)
     frames: frozenset[int] = field(compare=False)
+    views: tuple[int, ...]
     vague: bool = field(default=False, compare=False)
 
 
@@ -65,9 +66,10 @@ def examine_stretches(
     for each in sorted(found, key=lambda each: (each.vague, -len(found[each]))):
         frames = found[each]
         if 2 * len(frames & told) < len(frames):
-            where = f"frames {ranges(sorted(frames))} (of the capture, counted from 0)"
+            there = tuple(sorted(frames))
+            what = f"{each.what} in frames {ranges(there)} (of the capture, counted from 0)"
             findings.append(
-                Finding(Severity.WARNING, each.subject, f"{each.what} in {where}", each.remedy)
+                Finding(Severity.WARNING, each.subject, what, each.remedy, there, each.views)
             )
             told |= frames
     return findings
@@ -113,9 +115,10 @@ class _Views:
             if each.remedy == remedy and rest <= _CLOSE * left[lowest]
         ]
         best, _, frames = min(alike, key=lambda each: _leap(self._mended(*each[1:]), each[2]))
-        # of two views it is unknown which one is wrong
-        whose = best.subject if self.others else " or ".join(self.names)
-        return _Mistake(whose, remedy, best.what, frames)
+        if not self.others:  # of two views it is unknown which one is wrong
+            return _Mistake(" or ".join(self.names), remedy, best.what, frames, (0, 1))
+        wrong = (self.names.index(best.subject),)
+        return _Mistake(best.subject, remedy, best.what, frames, wrong)
 
     def _where(self, changed: Scene, part: Tensor) -> frozenset[int]:
         """Frames in and beside a part that fit better with a mistake undone."""
@@ -143,7 +146,7 @@ class _Views:
         view = min(apart, key=leaps.__getitem__, default=-1)
         if view < 0 or len(apart[view]) < _SHORTEST:
             return None
-        near = (each for each in leaps if each != view and leaps[each] < _ALIKE * leaps[view])
+        near = [each for each in leaps if each != view and leaps[each] < _ALIKE * leaps[view]]
         rivals = " or ".join(self.names[each] for each in near)
         doubt = f" (or {rivals} does, which these views do not show)" if rivals else ""
         follow = " (--people follows everybody)" if alone else ""
@@ -156,6 +159,7 @@ class _Views:
             f"sees the person {off:.0%} of their height or more from where the other views see "
             f"them{doubt}",
             apart[view],
+            (view, *near),
             vague=True,
         )
 

@@ -1,0 +1,80 @@
+"""Frames whose joints a check of the inputs contradicts are trusted as the other joints allow."""
+
+import warnings
+from dataclasses import replace
+
+import pytest
+import torch
+from takes import Take, make_take
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.io.doctor import Finding, Severity
+from perfcap.io.doctor.finding import doubting
+from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.trust import THRESHOLD
+
+FRAMES, FROM = 60, 40
+MIRRORED = list(LANDMARKS16.mirrored())
+
+
+def exchanged(take: Take, views: list[int]) -> Detections:
+    """Left and right exchanged in some views in the last third."""
+    joints = take.detections.joints2d.clone()
+    joints[FROM:, views] = joints[FROM:, views][:, :, MIRRORED]
+    return replace(take.detections, joints2d=joints)
+
+
+def captured(take: Take, detections: Detections) -> Performance:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return capture(take.actor, take.cameras, detections, take.rate)
+
+
+def marked(detections: Detections, views: tuple[int, ...]) -> Detections:
+    return doubting(
+        detections,
+        [
+            Finding(Severity.WARNING, "all", "of every frame", "", (), views),
+            Finding(Severity.WARNING, "some", "", "", tuple(range(FROM, FRAMES)), views),
+        ],
+    )
+
+
+def test_findings_doubt_their_frames_and_views_alone() -> None:
+    seen = make_take(FRAMES, views=3).detections
+    assert doubting(seen, []) is seen
+    doubted = marked(seen, (0, 2)).doubted
+    assert doubted is not None
+    assert doubted[FROM:, [0, 2]].all() and int(doubted.sum()) == 2 * (FRAMES - FROM)
+
+
+def test_joints_that_the_others_bear_out_change_little() -> None:
+    """A view too many is doubted: the motion fits the other two, and is not named."""
+    take = make_take(FRAMES, views=3)
+    plain, doubted = (
+        captured(take, each) for each in (take.detections, marked(take.detections, (1,)))
+    )
+    assert plain.trust is not None and doubted.trust is not None
+    assert torch.equal(plain.motion.angles, doubted.motion.angles)  # solves use all joints
+    assert torch.equal(plain.trust.value[:FROM], doubted.trust.value[:FROM])
+    assert (doubted.trust.value <= plain.trust.value).all() and not doubted.trust.doubtful
+
+
+def test_frames_without_a_joint_that_is_not_doubted_are_named() -> None:
+    take = make_take(FRAMES, views=2)
+    trust = captured(take, marked(take.detections, (0, 1))).trust
+    assert trust is not None
+    ((start, stop, why),) = trust.doubtful
+    assert abs(start - FROM) <= 3 and stop == FRAMES and "a check of the inputs" in why
+    assert (trust.error[start + 6 :] > 2 * trust.error[:30].max()).all()
+
+
+@pytest.mark.parametrize("views", [2, 3])
+def test_what_python_finds_reaches_trust(views: int) -> None:
+    take = make_take(FRAMES, views=views)
+    found = captured(take, exchanged(take, list(range(views))))
+    assert any("in every view" in line for line in found.warnings)
+    assert found.trust is not None and found.trust.considerable
+    assert (found.trust.value[FROM + 3 :] < THRESHOLD).all()
