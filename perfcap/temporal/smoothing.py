@@ -41,6 +41,7 @@ CHUNK = 8  # frames at once, so that memory does not grow with them
 _LEAST = 1e-6  # of a confidence: where nothing was measured all frames count alike
 
 Taps = tuple[float, ...]  # c_0 ... c_n
+_Believed = tuple[Tensor, int]  # values (1, ...) of a frame before others, and where it is: -1, ...
 
 
 def box(width: int = WIDTH) -> Taps:
@@ -96,7 +97,8 @@ class Smoother:
     """Smooths a clip piece by piece and hands out frames as soon as they are final.
 
     Holds no more frames than the filter is wide, so a clip of any length streams in constant
-    memory; the pieces together are what smoothing the clip at once gives::
+    memory, and frames that are no numbers until one that is believed follows; the pieces together
+    are what smoothing the clip at once gives::
 
         smoother = Smoother(mean_vectors)
         for values in pieces:
@@ -113,22 +115,32 @@ class Smoother:
         self._taps = _checked(binomial() if taps is None else taps)
         self._held: tuple[Tensor, Tensor] | None = None  # values (f, ...), confidence (f,)
         self._next = 0  # of the held frames, the first that is still to be handed out
+        self._before: _Believed | None = None
 
     def push(self, values: Tensor, confidence: Tensor | None = None) -> Tensor:
-        """Take the next frames (f, ...) and their confidence (f,); return those now final."""
+        """Take the next frames (f, ...) and their confidence (f,); return those now final.
+
+        Raises:
+            InputError: as of ``smooth_vectors``.
+        """
         require_floats(values)
         confidence = _confidence(values, confidence)
         if self._held is not None:
             values = torch.cat((self._held[0], values))
             confidence = torch.cat((self._held[1], confidence))
-        return self._emit(values, confidence, len(values) - self._reach)
+        known = _known(values, confidence)
+        if known:
+            filled = _filled(values[:known], confidence[:known], self._before)
+            values = torch.cat((filled, values[known:]))
+        return self._emit(values, confidence, known - self._reach)
 
     def finish(self) -> Tensor:
         """The remaining frames, (f, ...); the smoother is empty afterwards."""
         if self._held is None:
             raise InputError("no frame was given; push at least one before finishing")
-        finished = self._emit(*self._held, len(self._held[0]))
-        self._held, self._next = None, 0
+        values, confidence = self._held
+        finished = self._emit(_filled(values, confidence, self._before), confidence, len(values))
+        self._held, self._next, self._before = None, 0, None
         return finished
 
     @property
@@ -140,6 +152,7 @@ class Smoother:
         stop = max(stop, self._next)
         finished = _filter(values, confidence, range(self._next, stop), self._taps, self._mean)
         kept = max(stop - self._reach, 0)
+        self._before = _last_believed(values[:kept], confidence[:kept], self._before)
         # a copy, as a view would keep every frame before it alive
         self._held = (values[kept:].clone(), confidence[kept:].clone())
         self._next = stop - kept
@@ -155,27 +168,74 @@ def _smooth(
     return _filter(values, believed, range(len(values)), checked, mean)
 
 
-def _filled(values: Tensor, confidence: Tensor) -> Tensor:
+def _known(values: Tensor, confidence: Tensor) -> int:
+    """The number of frames whose values do not hang on frames that are still to come.
+
+    Raises:
+        InputError: believed frames that are no numbers.
+    """
+    finite = _finite(values)
+    _require_believed(finite, confidence)
+    waits = ~finite
+    believed = (finite & (confidence > 0)).nonzero().squeeze(1)
+    if len(believed):
+        waits[: int(believed[-1])] = False
+    first = waits.nonzero().squeeze(1)
+    return int(first[0]) if len(first) else len(values)
+
+
+def _finite(values: Tensor) -> Tensor:
+    """Which frames are all numbers, (F,)."""
+    return values.detach().isfinite().unsqueeze(-1).flatten(1).all(1)
+
+
+def _last_believed(
+    values: Tensor, confidence: Tensor, before: _Believed | None
+) -> _Believed | None:
+    """The last frame that is believed, counted from behind these frames, which are left behind."""
+    finite = _finite(values)
+    believed = (finite & (confidence > 0)).nonzero().squeeze(1).tolist()
+    if believed:
+        last = believed[-1]
+        return values[last : last + 1].clone(), last - len(values)
+    return None if before is None else (before[0], before[1] - len(values))
+
+
+def _require_believed(finite: Tensor, confidence: Tensor) -> None:
+    """Refuse believed frames (F,) that are no numbers."""
+    lost = (~finite & (confidence > 0)).nonzero().squeeze(1).tolist()
+    if lost:
+        raise InputError(
+            f"values of frames {lost[:5]} are not finite; give those frames a confidence of 0, and "
+            "at least one frame more"
+        )
+
+
+def _filled(values: Tensor, confidence: Tensor, before: _Believed | None = None) -> Tensor:
     """Values of whose frames without confidence, what is no number is as in the nearest believed.
+
+    The one ``before`` the others is one of these.
 
     Raises:
         InputError: whole numbers, in which no mean is; or believed frames that are no numbers.
     """
     require_floats(values)
-    measured = values.detach().isfinite()
-    if bool(measured.all()):
+    finite = _finite(values)
+    if bool(finite.all()):
         return values
-    finite = measured.reshape(len(values), -1).all(1)
+    _require_believed(finite, confidence)
     believed = (finite & (confidence > 0)).nonzero().squeeze(1)
-    lost = (~finite & (confidence > 0)).nonzero().squeeze(1).tolist()
-    if lost or not len(believed):
+    if not len(believed) and before is None:
         raise InputError(
-            f"values of frames {lost[:5]} are not finite; give those frames a confidence of 0, and "
-            "at least one frame more"
+            "values of all frames are not finite or not believed; expected one frame that is both"
         )
     frame = torch.arange(len(values), device=values.device)
-    nearest = believed[(frame[:, None] - believed).abs().argmin(1)]
-    return values[torch.where(finite, frame, nearest)]
+    place = believed if before is None else torch.cat((believed.new_tensor([before[1]]), believed))
+    nearest = place[(frame[:, None] - place).abs().argmin(1)]
+    found = torch.where(finite, frame, nearest)
+    if before is None:
+        return values[found]
+    return torch.cat((before[0], values))[(found + 1).clamp(min=0)]
 
 
 def _filter(values: Tensor, confidence: Tensor, frames: range, taps: Taps, mean: Mean) -> Tensor:

@@ -123,6 +123,32 @@ def test_streaming_equals_smoothing_at_once(taps, pieces):
         assert held <= 2 * (len(taps) - 1)
 
 
+@pytest.mark.parametrize("taps", [(1.0,), binomial(), binomial(9)])
+@pytest.mark.parametrize("lost", [range(3), range(8, 20), (5, 9, 22, 23)])
+def test_streams_with_frames_that_are_no_numbers_equal_clips(taps, lost):
+    values = torch.randn(24, 3, generator=torch.Generator().manual_seed(0))
+    confidence = torch.linspace(0.5, 1.0, 24)
+    values[list(lost)], confidence[list(lost)] = torch.nan, 0.0
+    confidence[3:8] = 0.0  # whose values are numbers
+    expected = smooth_vectors(values, taps, confidence)
+    assert expected.isfinite().all()
+    for size in (1, 4, 24):
+        smoother = Smoother(mean_vectors, taps)
+        parts = zip(values.split(size), confidence.split(size), strict=True)
+        found = [smoother.push(*part) for part in parts]
+        torch.testing.assert_close(torch.cat((*found, smoother.finish())), expected)
+
+
+def test_a_stream_that_nothing_is_known_of():
+    smoother = Smoother(mean_vectors)
+    lost = torch.full((3, 2), torch.nan)
+    with pytest.raises(InputError, match="not finite"):
+        smoother.push(lost)
+    assert not len(smoother.push(lost, torch.zeros(3)))
+    with pytest.raises(InputError, match="all frames"):
+        smoother.finish()
+
+
 def test_smoother_starts_afresh():
     smoother, values = Smoother(mean_vectors), torch.randn(7, 2)
     first = torch.cat((smoother.push(values), smoother.finish()))
