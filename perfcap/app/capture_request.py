@@ -29,6 +29,8 @@ from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.segmenter import read_segmenter_manifest
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST
+from perfcap.io.calibration import files_beside
+from perfcap.io.detections.yolo_txt import LABELS
 from perfcap.io.gltf_document import companions
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
 from perfcap.pipeline.stage import Stage
@@ -55,6 +57,8 @@ def describe(request: Capture) -> dict[str, Any]:
 def used_files(request: Capture, actors: Iterable[Path]) -> Iterator[Path]:
     """Files and folders that a request reads."""
     yield from (*request.videos, *request.detections, *request.masks)
+    # YOLO's are in a folder of their own inside of a run's
+    yield from (each / LABELS for each in request.detections if (each / LABELS).is_dir())
     for actor in actors:
         yield from (actor, *companions(actor))
         manifest = actor.with_name(MANIFEST)
@@ -62,12 +66,14 @@ def used_files(request: Capture, actors: Iterable[Path]) -> Iterator[Path]:
             yield manifest
     if request.cameras is not None:
         yield request.cameras
+        yield from files_beside(request.cameras)
     if request.video_map is not None:
         yield request.video_map
-    yield from networks_of(request)
     segmenter = segmenter_of(request)
-    if segmenter is not None:
-        yield segmenter
+    for network in (*networks_of(request), *(() if segmenter is None else (segmenter,))):
+        yield network
+        if network.is_file():  # a manifest; of a folder, what lies in it counts
+            yield from sorted(network.parent.glob("*.onnx"))
     edges = edges_of(request)
     if edges is not None:
         yield edges

@@ -194,6 +194,12 @@ def _require(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
 _PERSON = (0.3, 20.0)  # m from end to end, of anybody in any pose and of rough predictions
 
 
+def extents(poses: Tensor) -> Tensor:
+    """Diagonals of the boxes around joints (..., J, 3), (...)."""
+    spans: Tensor = (poses.amax(-2) - poses.amin(-2)).norm(dim=-1)
+    return spans
+
+
 def unit_of(extent: float) -> str:
     """``metres``, ``millimetres`` or ``another unit``, of what a person's joints span in it.
 

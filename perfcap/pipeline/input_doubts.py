@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -17,8 +17,6 @@ from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.association import bone_lengths, tracked_bones
 from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS
-from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import CameraRig
@@ -32,13 +30,12 @@ from perfcap.io.doctor import (
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
-from perfcap.pipeline.bone_doubts import LEGS, NO_LEGS, bone_doubts, triangulated
+from perfcap.pipeline.bone_doubts import bone_doubts, triangulated
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts
 
 _HEIGHT = (0.5, 2.6)  # m, of people
-_SIZES = (0.7, 1.4)  # the same where a network says places, in a mean person's size
 _APART = 0.1  # of the person's height: more than detectors differ in the median
 _CLEARLY = 0.01  # of bone lengths, by which exchanged actors fit better
 _EXCHANGED = 0.7  # of the difference that is left; where more is, neither fits
@@ -47,9 +44,6 @@ _NO_POSE = (
     "3D joints are given but no pose of them counts: in each a joint is not a finite number, or it "
     "is not trusted; leave out what the estimator does not have"
 )
-_BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
-_ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
-_TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
 
 
 def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) -> None:
@@ -139,61 +133,6 @@ def _input_sentences(detections: Detections, findings: Sequence[Finding]) -> tup
         for found in findings
         if found.severity is not Severity.INFO
     )
-
-
-def estimate_doubts(
-    cameras: Camera, detections: Detections, missing: Collection[str], learned: bool = False
-) -> tuple[str, ...]:
-    """The same of what an estimator gives; where its 3D poses are does not count.
-
-    Args:
-        cameras: C views, (C,) or (F, C).
-        detections: (F, C); without 2D joints their confidence is 0.
-        missing: landmarks that the estimator does not have.
-        learned: whether confidences are still being learned, and may be next to nothing.
-    """
-    if detections.joints3d is None:
-        return input_doubts(cameras, detections, not learned)
-    poses = detections.joints3d.detach()
-    poses = poses - mid_hip(poses).unsqueeze(-2)
-    for name, beside in _BESIDE.items():
-        if name in missing:  # a foot without a length points nowhere
-            poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
-    told = input_doubts(cameras, replace(detections, joints3d=poses), not learned)
-    alone = not bool((detections.confidence2d > 0).any())
-    return (*told, *_headlong(cameras, poses[detections.trusted3d])) if alone else told
-
-
-def _headlong(cameras: Camera, poses: Tensor) -> Iterator[str]:
-    """Whether 3D poses (N, 16, 3) of one view alone stand on their heads in its axes.
-
-    A camera that does not turn is none: joints in a world of their own, whose axes do not matter.
-    """
-    turned = (cameras.rotation.detach() - torch.eye(3).to(cameras.rotation)).abs() > _TURNED
-    if cameras.views > 1 or not bool(turned.any()) or len(poses) < _FEWEST:
-        return
-    down = poses[:, _ANKLES].mean(1) - poses[:, LANDMARKS.index("neck")]
-    share = float((down[:, 1] < -down.norm(dim=-1) * _STEEP).double().mean())
-    if share > _HEADLONG:
-        yield (
-            f"the person of the 3D joints stands on their head in {share:.0%} of the frames, in "
-            "the axes of the camera; expected x right, y down, z forward: joints of the world are "
-            "taken there by cameras.to_camera"
-        )
-
-
-def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
-    """Whether joints that are placed in the world (F, C, 16, 3) are of a person of another size."""
-    seen = torch.where(certain[..., None] > 0, places, torch.nan).detach().double().cpu()
-    own, shown = (
-        float(points[..., LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
-        for points in (actor.skeleton.rest_landmarks.detach().double().cpu(), seen)
-    )
-    if shown > NO_LEGS and not _SIZES[0] < own / shown < _SIZES[1]:
-        yield (
-            f"the actor's legs are {own / shown:.2g} times as long as those of the placed 3D "
-            "joints; check their unit, and give the actor of this person"
-        )
 
 
 def actor_doubts(

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.detect.detections import Detections, unit_of
+from perfcap.detect.detections import Detections, extents, unit_of
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.retarget import mid_hip
 from perfcap.energy.prior import PosePrior
@@ -47,12 +47,14 @@ class ClipEstimate:
         detections: (F, C). Without 2D joints their confidence is 0 everywhere.
         targets: places of the joints in the world, (F, C, 16, 3) m; None if they are not known.
         certain: confidence of the targets, (F, C, 16).
+        empty: frames (F,) with 3D joints all in one place; None where there are none.
     """
 
     cameras: Camera
     detections: Detections
     targets: Tensor | None
     certain: Tensor
+    empty: Tensor | None = None
 
     @property
     def frames(self) -> int:
@@ -207,7 +209,10 @@ def _estimate(
 def _with_places(
     clip: ClipEstimate, given: dict[str, Tensor], joint_set: JointSet, placed: bool
 ) -> ClipEstimate:
-    """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite."""
+    """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite.
+
+    Poses whose joints are all in one place stand for nobody, as zeros in frames without anybody.
+    """
     local = given["joints3d"]
     sure = torch.ones_like(local[..., 0])
     if "joints2d" not in given:  # whose confidence it would be otherwise
@@ -216,7 +221,10 @@ def _with_places(
     local, finite = map_to_landmarks(local, torch.ones_like(sure), joint_set)
     visible = [name not in joint_set.missing() for name in LANDMARKS]
     whole = (finite[..., visible] > 0).all(-1)
-    _require_metres(local[..., visible, :][whole])
+    spans = extents(local[..., visible, :])
+    _require_metres(spans[whole].detach())
+    nobody = whole & (spans == 0)
+    whole, certain = whole & ~nobody, torch.where(nobody[..., None], 0, certain)
     detections = replace(clip.detections, joints3d=local, trusted3d=whole)
     targets = None
     if placed and "joints2d" in given:  # joints alone may be in a world of their own
@@ -224,7 +232,9 @@ def _with_places(
     if placed:
         cameras = clip.cameras
         targets = (local - cameras.translation.unsqueeze(-2)) @ cameras.rotation
-    return replace(clip, detections=detections, targets=targets, certain=certain)
+    return replace(
+        clip, detections=detections, targets=targets, certain=certain, empty=nobody.any(-1)
+    )
 
 
 def _require_places(poses: Tensor) -> None:
@@ -244,11 +254,11 @@ def _require_places(poses: Tensor) -> None:
         )
 
 
-def _require_metres(poses: Tensor) -> None:
-    """Refuse poses (N, J, 3) of a size that no person has."""
-    if not len(poses):
+def _require_metres(spans: Tensor) -> None:
+    """Refuse poses of a size that no person has, (N,), from end to end."""
+    if not len(spans):
         return
-    extent = float((poses.amax(-2) - poses.amin(-2)).norm(dim=-1).median().detach())
+    extent = float(spans.median())
     if extent == 0:
         raise InputError(
             "joints3d are all in one place in most frames, expected poses; say with lengths which "

@@ -51,6 +51,30 @@ def test_padding_is_no_other_unit() -> None:
         refine(padded[None])
 
 
+@pytest.mark.parametrize("placed", [False, True])
+def test_zeros_in_frames_without_anybody_count_as_missing(placed: bool) -> None:
+    found = []
+    for nothing in (0.0, math.nan):
+        joints = LOCAL.clone()
+        joints[3:6] = nothing
+        layer = PoseRefiner(TAKE.actor).eval()
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            found.append(layer(TAKE.cameras, joints3d=joints, placed=placed).joints)
+        named = [
+            str(w.message) for w in said if "frames 3-5 are all in one place" in str(w.message)
+        ]
+        assert len(named) == (nothing == 0)
+    assert torch.equal(*found)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_frames_in_another_unit_are_named(factor: float) -> None:
+    joints = torch.where((torch.arange(10) > 6)[:, None, None, None], factor * LOCAL, LOCAL)
+    with pytest.warns(UserWarning, match=r"3D joints of frames 7-9 span less than 0.3 or more"):
+        refine(joints)
+
+
 def test_joints_of_the_world_are_named() -> None:
     turned = TAKE.cameras.rotation.new_tensor([[[1, 0, 0], [0, -1, 0], [0, 0, -1]]])
     cameras = replace(TAKE.cameras, rotation=turned)

@@ -19,6 +19,15 @@ EXPECTED = (
 )
 
 
+_TOGETHER = ((easymocap.INTRINSICS, easymocap.EXTRINSICS), (colmap.CAMERAS, colmap.IMAGES))
+
+
+def files_beside(path: Path) -> tuple[Path, ...]:
+    """Files that ``read_cameras`` reads beside the one that it is given."""
+    groups = (names for names in _TOGETHER if path.name in names)
+    return tuple(path.with_name(name) for names in groups for name in names if name != path.name)
+
+
 def read_cameras(
     path: str | Path, default_sizes: Sequence[tuple[int, int]] | None = None
 ) -> CameraRig:

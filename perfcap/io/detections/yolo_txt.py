@@ -18,13 +18,14 @@ from perfcap.io.detections.openpose import FRAME_LIMIT, MAX_PEOPLE
 from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import require_file
 
+LABELS = "labels"  # folder of a run
 _BOX = 5  # numbers before the keypoints: class, middle, width, height
 _MORE = 2  # numbers that may follow: confidence of the box, track
 
 
 def labels_in(folder: Path) -> Path | None:
     """The folder that has text files and no JSON: this one, or ``labels`` of a run; else None."""
-    for place in (folder, folder / "labels"):
+    for place in (folder, folder / LABELS):
         inside = place.iterdir() if place.is_dir() else ()
         suffixes = {path.suffix.lower() for path in inside if path.name[0] != "."}
         if ".json" in suffixes:

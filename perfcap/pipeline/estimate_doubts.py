@@ -1,0 +1,104 @@
+"""What an estimator of poses gives that a person cannot be, of its first clips."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.detect.detections import Detections, extents
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
+from perfcap.geometry.camera import Camera
+from perfcap.io.doctor.finding import ranges
+from perfcap.pipeline.bone_doubts import LEGS, NO_LEGS
+from perfcap.pipeline.input_doubts import input_doubts
+
+_SIZES = (0.7, 1.4)  # where a network says places, in a mean person's size
+_SMALLEST, _LARGEST = 0.3, 4.0  # m, a pose from end to end
+_BESIDE = {"head_top": "neck", "l_toe": "l_ankle", "r_toe": "r_ankle"}
+_ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
+_TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
+
+
+def estimate_doubts(
+    cameras: Camera, detections: Detections, missing: Collection[str], learned: bool = False
+) -> tuple[str, ...]:
+    """What ``input_doubts`` says of what an estimator gives; where its 3D poses are does not count.
+
+    Args:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C); without 2D joints their confidence is 0.
+        missing: landmarks that the estimator does not have.
+        learned: whether confidences are still being learned, and may be next to nothing.
+    """
+    if detections.joints3d is None:
+        return input_doubts(cameras, detections, not learned)
+    poses = detections.joints3d.detach()
+    poses = poses - mid_hip(poses).unsqueeze(-2)
+    for name, beside in _BESIDE.items():
+        if name in missing:  # a foot without a length points nowhere
+            poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
+    told = input_doubts(cameras, replace(detections, joints3d=poses), not learned)
+    seen = [place for place, name in enumerate(LANDMARKS) if name not in missing]
+    told = (*told, *_odd_sizes(detections, seen))
+    alone = not bool((detections.confidence2d > 0).any())
+    return (*told, *_headlong(cameras, poses[detections.trusted3d])) if alone else told
+
+
+def _odd_sizes(detections: Detections, seen: list[int]) -> Iterator[str]:
+    """Some 3D poses (F, C) of another size than people have."""
+    assert detections.joints3d is not None
+    spans = extents(detections.joints3d[..., seen, :])
+    odd = detections.trusted3d & ((spans < _SMALLEST) | (spans > _LARGEST))
+    frames = odd.any(-1).nonzero().flatten().tolist()
+    if 0 < 2 * len(frames) <= len(odd):  # of most frames others say so
+        yield (
+            f"3D joints of frames {ranges(frames)} span less than {_SMALLEST} or more than "
+            f"{_LARGEST} m from end to end; check the unit of these frames"
+        )
+
+
+def nobody_there(empty: Tensor | None) -> Iterator[str]:
+    """Frames (F,) of an estimator whose 3D joints are all in one place."""
+    frames = [] if empty is None else empty.nonzero().flatten().tolist()
+    if frames:
+        yield (
+            f"3D joints of frames {ranges(frames)} are all in one place, and count as missing; "
+            "NaN says so of frames without anybody"
+        )
+
+
+def _headlong(cameras: Camera, poses: Tensor) -> Iterator[str]:
+    """Whether 3D poses (N, 16, 3) of one view alone stand on their heads in its axes.
+
+    A camera that does not turn is none: joints in a world of their own, whose axes do not matter.
+    """
+    turned = (cameras.rotation.detach() - torch.eye(3).to(cameras.rotation)).abs() > _TURNED
+    if cameras.views > 1 or not bool(turned.any()) or len(poses) < _FEWEST:
+        return
+    down = poses[:, _ANKLES].mean(1) - poses[:, LANDMARKS.index("neck")]
+    share = float((down[:, 1] < -down.norm(dim=-1) * _STEEP).double().mean())
+    if share > _HEADLONG:
+        yield (
+            f"the person of the 3D joints stands on their head in {share:.0%} of the frames, in "
+            "the axes of the camera; expected x right, y down, z forward: joints of the world are "
+            "taken there by cameras.to_camera"
+        )
+
+
+def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
+    """Whether joints that are placed in the world (F, C, 16, 3) are of a person of another size."""
+    seen = torch.where(certain[..., None] > 0, places, torch.nan).detach().double().cpu()
+    own, shown = (
+        float(points[..., LEGS, :].diff(dim=-2).norm(dim=-1).sum((-2, -1)).nanmedian())
+        for points in (actor.skeleton.rest_landmarks.detach().double().cpu(), seen)
+    )
+    if shown > NO_LEGS and not _SIZES[0] < own / shown < _SIZES[1]:
+        yield (
+            f"the actor's legs are {own / shown:.2g} times as long as those of the placed 3D "
+            "joints; check their unit, and give the actor of this person"
+        )
