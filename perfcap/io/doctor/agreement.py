@@ -21,6 +21,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
+from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
 
@@ -71,7 +72,8 @@ def examine_agreement(
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
-        findings += _scale(points) + examine_sides("detections", points)
+        findings += _scale(points)
+        findings += examine_sides("detections", points) or examine_pairs("detections", points)
         return findings + _stretches(scene.sure(), names, height, alone)
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"

@@ -16,6 +16,7 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.order import examine_order
+from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_sides
 
 CONFIDENT = 0.3
@@ -85,7 +86,7 @@ def examine_detections(
                 detections.confidence2d[:, view],
                 trusted,
             )
-            findings += wrong or examine_sides(name, pose)
+            findings += wrong or examine_sides(name, pose) or examine_pairs(name, pose)
         elif len(rig.names) == 1:
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
