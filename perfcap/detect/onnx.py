@@ -56,12 +56,13 @@ class OnnxDetector:
                 f"{self.manifest.path}: finds the people of whole images, expected a network of "
                 "one person in a crop; name it first, and one that looks up close after it"
             )
-        self.session = Session(self.manifest.file, execution)
+        self.session = Session(self.manifest.file, execution, _outputs(self.manifest))
         self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
         self._input, self._batch = check_image_input(
             self.manifest.path, self.manifest.input, self.session
         )
-        self._outputs = _check_outputs(self.manifest, self.session)
+        self._outputs = _outputs(self.manifest)
+        _check_outputs(self.manifest, self.session)
         height, width = self.manifest.input.size
         self.estimate(np.zeros((1, height, width, 3), np.uint8))  # shapes show when it runs
 
@@ -225,14 +226,18 @@ def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
     return images.permute(0, 1, 3, 4, 2).cpu().numpy()
 
 
-def _check_outputs(manifest: Manifest, session: Session) -> tuple[str, ...]:
+def _outputs(manifest: Manifest) -> tuple[str, ...]:
     """Names of the outputs to ask for."""
+    further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
+    return tuple(dict.fromkeys((*manifest.output.names, *further)))
+
+
+def _check_outputs(manifest: Manifest, session: Session) -> None:
+    """Refuse a model without the outputs that its manifest names."""
     for name in manifest.output.names:
         session.require_output(name, "output.names")
     if manifest.output.joints3d:
         session.require_output(manifest.output.joints3d, "output.joints3d")
-    further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
-    return tuple(dict.fromkeys((*manifest.output.names, *further)))
 
 
 def _join(parts: Sequence[Estimate]) -> Estimate:
