@@ -54,6 +54,7 @@ def examined(
     refuse_wrong(inputs, detected and people is False)
     more = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
     more += way_doubts(inputs) if given else ()
+    inputs.clip.keep(())  # that was the last look at them
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     return told(inputs, more)

@@ -151,6 +151,7 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
     notes = [*crowd.inputs.warnings, *crowd.found.notes, *matching.notes, *_untold(crowd, matching)]
     until = Stage[request.until.upper()]
     notes += _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
+    crowd.inputs.clip.keep(())
     for line in notes:
         _LOG.warning("%s", line)
     # said already, when the bodies were found
