@@ -141,10 +141,11 @@ class OnnxDetector:
         """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""
         if not len(crops):  # onnxruntime answers an empty batch with outputs of any rank
             return self._nothing()
-        straight = self._run(crops)
         if not self.flip_test:
-            return straight
-        return _average(straight, self._mirror(self._run(crops[:, :, ::-1])), self.crop_size)
+            return self._run(crops)
+        both, count = self._run(np.concatenate((crops, crops[:, :, ::-1]))), len(crops)
+        straight, mirrored = both.part(slice(0, count)), both.part(slice(count, None))
+        return _average(straight, self._mirror(mirrored), self.crop_size)
 
     def _run(self, crops: NDArray[np.uint8]) -> Estimate:
         size = self._batch or _BATCH

@@ -216,9 +216,20 @@ def prepare_crops(crops: NDArray[np.uint8], spec: InputSpec) -> NDArray[Any]:
     if "int" in spec.dtype:
         values: NDArray[Any] = channels.astype(spec.dtype)
     else:
-        mean, std = (np.asarray(v, np.float32) for v in (spec.mean, spec.std))
-        values = ((channels * np.float32(spec.scale) - mean) / std).astype(spec.dtype)
+        values = _normalised(channels, spec).astype(spec.dtype, copy=False)
     return values if spec.layout == "nhwc" else values.transpose(0, 3, 1, 2)
+
+
+def _normalised(channels: NDArray[np.uint8], spec: InputSpec) -> NDArray[np.float32]:
+    """(pixel x scale - mean) / std; steps that change no number are left out."""
+    values = channels.astype(np.float32)
+    if spec.scale != 1:
+        values *= np.float32(spec.scale)
+    if any(spec.mean):
+        values -= np.asarray(spec.mean, np.float32)
+    if any(value != 1 for value in spec.std):
+        values /= np.asarray(spec.std, np.float32)
+    return values
 
 
 def check_image_input(path: Path, spec: InputSpec, session: Session) -> tuple[str, int]:
