@@ -23,7 +23,7 @@ from perfcap.detect.session import Execution, Session, check_image_input, prepar
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
-_BATCH = 16  # crops in one call
+_BATCH, _CPU_BATCH = 16, 4  # crops in one call; of more the CPU's caches hold too little
 _APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
 _SAME = 0.03  # of it: what the mirror image may move a candidate that is taken for the same
 
@@ -148,7 +148,8 @@ class OnnxDetector:
         return _average(straight, self._mirror(mirrored), self.crop_size)
 
     def _run(self, crops: NDArray[np.uint8]) -> Estimate:
-        size = self._batch or _BATCH
+        most = _CPU_BATCH if self.session.provider.startswith("CPU") else _BATCH
+        size = self._batch or most
         parts = [self._run_batch(crops[i : i + size], size) for i in range(0, len(crops), size)]
         return _join(parts)
 
