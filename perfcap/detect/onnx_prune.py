@@ -31,21 +31,26 @@ def prune_outputs(data: bytes, wanted: Sequence[str]) -> bytes:
     """The model with these outputs alone, and the nodes that they need.
 
     It stays as it is where no output is named, or one that it does not have, where none is left
-    out, and where a node holds a graph of its own, which may use any name outside it.
+    out, where a node holds a graph of its own, which may use any name outside it, and where it is
+    no model: the runtime says what is wrong.
 
     Args:
         data: bytes of a model.
         wanted: names of outputs.
-
-    Raises:
-        ValueError: not the wire format.
     """
+    try:
+        return _cut(data, {name.encode() for name in wanted})
+    except (ValueError, IndexError):
+        return data
+
+
+def _cut(data: bytes, wanted: set[bytes]) -> bytes:
     parts: list[bytes | memoryview] = []
     for field in fields(memoryview(data)):
         if field.number != _GRAPH or field.value is None:
             parts.append(field.raw)
             continue
-        kept = _pruned(field.value, {name.encode() for name in wanted})
+        kept = _pruned(field.value, wanted)
         if kept is None:
             return data
         body = b"".join(kept)
