@@ -66,7 +66,8 @@ LONG = (
     "people_memory", "people_prior", "people_real", "people_tracker", "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
     "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
-    "trust_video", "trust_wrong_views", "video_alone", "view_stages", "views_sweep", "worst_masks",
+    "trust_video", "trust_wrong_views", "video_alone", "video_speed", "view_stages",
+    "views_sweep", "worst_masks",
 )  # fmt: skip
 
 

@@ -172,9 +172,12 @@ def _crossings(vertices: Floats, faces: Integers, level: float) -> tuple[Integer
     """Edges (P, 2) that cross the plane y = level, and where, as shares of the second end."""
     height = vertices[:, 1] - level
     above = height >= 0
-    crossing = faces[above[faces].any(1) & ~above[faces].all(1)]
-    sides = np.concatenate([crossing[:, [0, 1]], crossing[:, [1, 2]], crossing[:, [2, 0]]])
-    edges = sides[above[sides[:, 0]] != above[sides[:, 1]]]
+    corners = above[faces[:, 0]], above[faces[:, 1]], above[faces[:, 2]]
+    found = []
+    for one, other in ((0, 1), (1, 2), (2, 0)):
+        across = np.flatnonzero(corners[one] != corners[other])
+        found.append(faces[across][:, [one, other]])
+    edges = np.concatenate(found)
     first, second = height[edges].T
     return edges, first / (first - second)
 

@@ -55,6 +55,7 @@ def examined(
     refuse_wrong(inputs, detected and people is False)
     found = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
     found += way_doubts(inputs) if given else []
+    inputs.clip.keep(())  # that was the last look at them
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     inputs = replace(inputs, detections=doubting(inputs.detections, found))

@@ -154,6 +154,7 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
     until = Stage[request.until.upper()]
     more, found = _doubts(crowd.inputs, everybody, until.needs_images, bool(request.detectors))
     notes += more
+    crowd.inputs.clip.keep(())
     for line in notes:
         _LOG.warning("%s", line)
     # said already, when the bodies were found

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from perfcap.app.inputs import Inputs
+from perfcap.app.looked_at import gravity_frames
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.rest import CONFIDENT, about_joints
 from perfcap.matchmove import Sight, find_vertical
 from perfcap.pipeline.floor import weight_axis
 
-_IMAGES = 4  # evenly spread, that are looked at
 _ALIKE = 0.97  # length of the mean of the bodies' axes: they stand and walk
 _FEWEST = 5  # 3D poses that say about which way is up
 _SOLES = [LANDMARKS.index(f"{side}_{end}") for side in "lr" for end in ("ankle", "toe")]
@@ -36,7 +35,7 @@ def find_up(inputs: Inputs) -> Tensor | None:
     confident = seen.confidence2d[:, 0].numpy() > CONFIDENT
     mapped = inputs.pixel_map.cameras(cameras, inputs.clip.sizes).every_frame(count)
     sights = []
-    for frame in np.unique(np.linspace(0, count - 1, _IMAGES).round().astype(int)).tolist():
+    for frame in gravity_frames(count):
         image = inputs.clip.read_view(0, frame, frame + 1)[0]
         hidden = about_joints(joints[frame, confident[frame]], image.shape[:2])
         lens = mapped.intrinsics[frame, 0]

@@ -10,6 +10,7 @@ from pathlib import Path
 from torch import Tensor
 
 from perfcap.app.console import progress_bars
+from perfcap.app.looked_at import fixed_frames
 from perfcap.app.networks import (
     LIFTERS,
     Detecting,
@@ -217,6 +218,7 @@ def _detect(clip: Clip, rig: CameraRig, pixel_map: PixelMap, detecting: Detectin
     """Joints found in the clip, in pixels of the calibration."""
     cameras = pixel_map.cameras(camera_frames(rig, clip, len(clip)).cameras, clip.sizes)
     detect = detect_clip if detecting.people is None else detect_everybody
+    clip.keep(fixed_frames(len(clip), clip.fps))  # until nobody needs them; see ``Clip.keep``
     found = detect(clip, detecting, cameras).to(cameras.intrinsics)
     return _to_calibration(found, pixel_map)
 

@@ -53,8 +53,7 @@ def find_candidates(
     height, width = maps.shape[-2:]
     whole = places.nan_to_num(0.0).round().long()
     column, row = whole[..., 0].clamp(0, width - 1), whole[..., 1].clamp(0, height - 1)
-    mass = nn.functional.avg_pool2d(maps.clamp(min=0), _SUMMED, 1, _SUMMED // 2)
-    found = mass.flatten(2).gather(2, row * width + column)
+    found = _mass(maps, row, column)
     share = found / found[..., :1].clamp(min=_TINY)
     support = (confidence[..., None] * share).nan_to_num(0.0).clamp(0, 1)
     support[..., 0] = confidence
@@ -113,6 +112,25 @@ def _second_peak(maps: Tensor, points: Tensor) -> Tensor:
     columns = torch.arange(width, device=maps.device)
     first = points[..., None, None, :]
     far = (rows - first[..., 1]).abs().maximum((columns - first[..., 0]).abs()) > _REACH
-    peak = far & (maps >= nn.functional.max_pool2d(maps, 3, 1, 1))
+    peak = far & (maps >= _highest_around(maps))
     second, _ = argmax2d(torch.where(peak, maps, -torch.inf))
     return torch.where(peak.any(-1).any(-1)[..., None], second, points)
+
+
+def _highest_around(maps: Tensor) -> Tensor:
+    """The largest of each pixel and its eight neighbours, (N, J, h, w); no pooling is as fast."""
+    wide = nn.functional.pad(maps, (1, 1, 1, 1), value=-torch.inf)
+    rows = wide[..., :-2].maximum(wide[..., 1:-1]).maximum(wide[..., 2:])
+    return rows[..., :-2, :].maximum(rows[..., 1:-1, :]).maximum(rows[..., 2:, :])
+
+
+def _mass(maps: Tensor, row: Tensor, column: Tensor) -> Tensor:
+    """Mean of what is not negative in the square about some pixels, (N, J, C), black outside."""
+    reach = _SUMMED // 2
+    wide = nn.functional.pad(maps.clamp(min=0), (reach,) * 4)
+    width, total = wide.shape[-1], torch.zeros_like(row, dtype=maps.dtype)
+    for down in range(_SUMMED):
+        for across in range(_SUMMED):
+            index = (row + down) * width + column + across
+            total = total + wide.flatten(2).gather(2, index)
+    return total / _SUMMED**2

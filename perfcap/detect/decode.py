@@ -32,6 +32,16 @@ class Estimate:
     joints3d: Tensor | None
     candidates: Candidates | None = None
 
+    def part(self, crops: slice) -> Estimate:
+        """Those of some of the crops."""
+        pose, others = self.joints3d, self.candidates
+        return Estimate(
+            self.joints2d[crops],
+            self.confidence[crops],
+            None if pose is None else pose[crops],
+            None if others is None else Candidates(others.places[crops], others.support[crops]),
+        )
+
 
 def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Estimate:
     """Read the joints of N crops.

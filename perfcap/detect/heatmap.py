@@ -48,8 +48,7 @@ def decode_dark(maps: Tensor, sigma: float = 1.0) -> tuple[Tensor, Tensor]:
     than a pixel, and maps that do not curve down at their peak, keep the pixel.
     """
     peak, value = argmax2d(maps)
-    smooth = _blur(maps, sigma)
-    log = _patch(smooth, peak).clamp(min=_TINY).log()
+    log = _blurred_patch(maps, peak, sigma).clamp(min=_TINY).log()
     dx = 0.5 * (log[..., 1, 2] - log[..., 1, 0])
     dy = 0.5 * (log[..., 2, 1] - log[..., 0, 1])
     dxx = log[..., 1, 2] - 2 * log[..., 1, 1] + log[..., 1, 0]
@@ -171,14 +170,18 @@ class HeatmapHead(nn.Module):
         return Detections.from_joints(joints2d, trust)
 
 
-def _patch(maps: Tensor, center: Tensor) -> Tensor:
-    """The 3x3 pixels (..., 3, 3) of maps (..., h, w) about pixels (..., 2), clamped inside."""
+def _patch(maps: Tensor, center: Tensor, reach: int = 1) -> Tensor:
+    """The 3x3 pixels (..., 3, 3) of maps (..., h, w) about pixels (..., 2), clamped inside.
+
+    With another ``reach``, so many pixels to either side.
+    """
     height, width = maps.shape[-2:]
-    offset = torch.arange(-1, 2, device=maps.device)
+    offset = torch.arange(-reach, reach + 1, device=maps.device)
     x = (center[..., 0, None].long() + offset).clamp(0, width - 1)
     y = (center[..., 1, None].long() + offset).clamp(0, height - 1)
     index = (y[..., :, None] * width + x[..., None, :]).flatten(-2)
-    return maps.flatten(-2).gather(-1, index).reshape(*index.shape[:-1], 3, 3)
+    side = 2 * reach + 1
+    return maps.flatten(-2).gather(-1, index).reshape(*index.shape[:-1], side, side)
 
 
 def _interior(maps: Tensor, peak: Tensor) -> Tensor:
@@ -186,13 +189,17 @@ def _interior(maps: Tensor, peak: Tensor) -> Tensor:
     return ((peak >= 1) & (peak <= limit)).all(-1)
 
 
-def _blur(maps: Tensor, sigma: float) -> Tensor:
-    """Gaussian smoothing of the last two axes, borders repeated."""
+def _blurred_patch(maps: Tensor, center: Tensor, sigma: float) -> Tensor:
+    """The 3x3 pixels (..., 3, 3) about pixels inside maps that a Gaussian smoothed.
+
+    Borders are repeated. Only what these pixels depend on is smoothed.
+    """
     reach = max(1, round(3 * sigma))
     offset = torch.arange(-reach, reach + 1, dtype=maps.dtype, device=maps.device)
     kernel = torch.exp(-0.5 * (offset / sigma).square())
     kernel = kernel / kernel.sum()
-    flat = maps.reshape(-1, 1, *maps.shape[-2:])
-    padded = nn.functional.pad(flat, (reach,) * 4, mode="replicate")
-    rows = nn.functional.conv2d(padded, kernel[None, None, None, :])
-    return nn.functional.conv2d(rows, kernel[None, None, :, None]).reshape(maps.shape)
+    around = _patch(maps, center, reach + 1)
+    flat = around.reshape(-1, 1, *around.shape[-2:])
+    rows = nn.functional.conv2d(flat, kernel[None, None, None, :])
+    smooth = nn.functional.conv2d(rows, kernel[None, None, :, None])
+    return smooth.reshape(*center.shape[:-1], 3, 3)

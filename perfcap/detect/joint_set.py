@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -59,6 +60,7 @@ class JointSet:
         twice = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
         if twice:
             raise ValueError(f"joint set {self.name!r} names {', '.join(twice)} more than once")
+        object.__setattr__(self, "joints", tuple(self.joints))
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -87,7 +89,12 @@ class JointSet:
 
     def mirrored(self) -> tuple[int, ...]:
         """Index of each joint's counterpart on the other side; its own in the middle."""
-        return tuple(self.joints.index(_other_side(joint, self.joints)) for joint in self.joints)
+        return _mirrored(self.joints)
+
+
+@lru_cache(maxsize=64)
+def _mirrored(joints: tuple[str, ...]) -> tuple[int, ...]:
+    return tuple(joints.index(_other_side(joint, joints)) for joint in joints)
 
 
 def _other_side(joint: str, joints: Sequence[str]) -> str:
@@ -122,11 +129,28 @@ def map_to_landmarks(
             "numbers: means of joints would be whole ones"
         )
     values, confidence = _drop_undetected(values, confidence)
-    columns = [list(joint_set.sources(mark, measured=measured)) for mark in LANDMARKS]
-    parts = [(own, joint_set.shares(m)) for own, m in zip(columns, LANDMARKS, strict=True)]
-    means, least = zip(*(_mean(values, confidence, *part) for part in parts), strict=True)
-    mapped, trust = torch.stack(means, -2), torch.stack(least, -1)
+    first, made, lacking = _recipe(joint_set, measured)
+    mapped, trust = values[..., first, :], confidence[..., first]
+    for place, columns, shares in made:
+        mapped[..., place, :], trust[..., place] = _mean(values, confidence, columns, shares)
+    if lacking:
+        trust[..., lacking] = 0
     return torch.where(trust[..., None] > 0, mapped, 0), trust
+
+
+@lru_cache(maxsize=64)
+def _recipe(
+    joint_set: JointSet, measured: bool
+) -> tuple[list[int], list[tuple[int, list[int], tuple[float, ...]]], list[int]]:
+    """Of each landmark its first joint, those made of several, and those that are lacking."""
+    columns = [list(joint_set.sources(mark, measured=measured)) for mark in LANDMARKS]
+    made = [
+        (place, own, joint_set.shares(LANDMARKS[place]))
+        for place, own in enumerate(columns)
+        if len(own) > 1
+    ]
+    lacking = [place for place, own in enumerate(columns) if not own]
+    return [own[0] if own else 0 for own in columns], made, lacking
 
 
 def _drop_undetected(values: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor]:
@@ -139,8 +163,6 @@ def _drop_undetected(values: Tensor, confidence: Tensor) -> tuple[Tensor, Tensor
 def _mean(
     values: Tensor, confidence: Tensor, columns: list[int], shares: tuple[float, ...]
 ) -> tuple[Tensor, Tensor]:
-    if not columns:
-        return torch.zeros_like(values[..., 0, :]), torch.zeros_like(confidence[..., 0])
     weights = values.new_tensor(shares)[:, None]
     return (weights * values[..., columns, :]).sum(-2), confidence[..., columns].amin(-1)
 

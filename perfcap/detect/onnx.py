@@ -23,7 +23,7 @@ from perfcap.detect.session import Execution, Session, check_image_input, prepar
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 
-_BATCH = 16  # crops in one call
+_BATCH, _CPU_BATCH = 16, 4  # crops in one call; of more the CPU's caches hold too little
 _APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
 _SAME = 0.03  # of it: what the mirror image may move a candidate that is taken for the same
 
@@ -56,12 +56,13 @@ class OnnxDetector:
                 f"{self.manifest.path}: finds the people of whole images, expected a network of "
                 "one person in a crop; name it first, and one that looks up close after it"
             )
-        self.session = Session(self.manifest.file, execution)
+        self.session = Session(self.manifest.file, execution, _outputs(self.manifest))
         self.flip_test = self.manifest.input.flip_test if flip_test is None else flip_test
         self._input, self._batch = check_image_input(
             self.manifest.path, self.manifest.input, self.session
         )
-        self._outputs = _check_outputs(self.manifest, self.session)
+        self._outputs = _outputs(self.manifest)
+        _check_outputs(self.manifest, self.session)
         height, width = self.manifest.input.size
         self.estimate(np.zeros((1, height, width, 3), np.uint8))  # shapes show when it runs
 
@@ -140,13 +141,15 @@ class OnnxDetector:
         """Joints of crops (N, h, w, 3), RGB, in pixels of the crops."""
         if not len(crops):  # onnxruntime answers an empty batch with outputs of any rank
             return self._nothing()
-        straight = self._run(crops)
         if not self.flip_test:
-            return straight
-        return _average(straight, self._mirror(self._run(crops[:, :, ::-1])), self.crop_size)
+            return self._run(crops)
+        both, count = self._run(np.concatenate((crops, crops[:, :, ::-1]))), len(crops)
+        straight, mirrored = both.part(slice(0, count)), both.part(slice(count, None))
+        return _average(straight, self._mirror(mirrored), self.crop_size)
 
     def _run(self, crops: NDArray[np.uint8]) -> Estimate:
-        size = self._batch or _BATCH
+        most = _CPU_BATCH if self.session.provider.startswith("CPU") else _BATCH
+        size = self._batch or most
         parts = [self._run_batch(crops[i : i + size], size) for i in range(0, len(crops), size)]
         return _join(parts)
 
@@ -225,14 +228,18 @@ def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
     return images.permute(0, 1, 3, 4, 2).cpu().numpy()
 
 
-def _check_outputs(manifest: Manifest, session: Session) -> tuple[str, ...]:
+def _outputs(manifest: Manifest) -> tuple[str, ...]:
     """Names of the outputs to ask for."""
+    further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
+    return tuple(dict.fromkeys((*manifest.output.names, *further)))
+
+
+def _check_outputs(manifest: Manifest, session: Session) -> None:
+    """Refuse a model without the outputs that its manifest names."""
     for name in manifest.output.names:
         session.require_output(name, "output.names")
     if manifest.output.joints3d:
         session.require_output(manifest.output.joints3d, "output.joints3d")
-    further = (manifest.output.joints3d,) if manifest.output.joints3d else ()
-    return tuple(dict.fromkeys((*manifest.output.names, *further)))
 
 
 def _join(parts: Sequence[Estimate]) -> Estimate:

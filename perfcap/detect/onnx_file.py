@@ -32,9 +32,12 @@ _KEY, _VALUE, _GRAPH = 1, 2, 7
 
 
 @dataclass(frozen=True)
-class _Field:
+class Field:
+    """Of a message: its number, its value (None for plain numbers), and all of its bytes."""
+
     number: int
-    value: memoryview | None  # None for plain numbers
+    value: memoryview | None
+    raw: memoryview
 
 
 def read_model(path: Path) -> tuple[bytes, tuple[Path, ...]]:
@@ -73,7 +76,7 @@ def external_names(data: bytes) -> Iterator[str]:
         ValueError: not the wire format, or without a graph.
     """
     view = memoryview(data)
-    if not any(field.number == _GRAPH and field.value is not None for field in _fields(view)):
+    if not any(field.number == _GRAPH and field.value is not None for field in fields(view)):
         raise ValueError("no graph")
     yield from _locations(view, "model", 0)
 
@@ -98,7 +101,7 @@ def _locations(view: memoryview, kind: str, depth: int) -> Iterator[str]:
     if depth > _DEPTH:
         raise ValueError("nested too deep")
     inside = _INSIDE[kind]
-    for field in _fields(view):
+    for field in fields(view):
         child = inside.get(field.number)
         if child is None or field.value is None:
             continue
@@ -109,15 +112,16 @@ def _locations(view: memoryview, kind: str, depth: int) -> Iterator[str]:
 
 
 def _location(entry: memoryview) -> Iterator[str]:
-    parts = {f.number: bytes(f.value).decode() for f in _fields(entry) if f.value is not None}
+    parts = {f.number: bytes(f.value).decode() for f in fields(entry) if f.value is not None}
     if parts.get(_KEY) == "location":
         yield parts.get(_VALUE, "")
 
 
-def _fields(view: memoryview) -> Iterator[_Field]:
+def fields(view: memoryview) -> Iterator[Field]:
     """Fields of a message in order; lengths are checked against what is there."""
     position = 0
     while position < len(view):
+        start = position
         tag, position = _varint(view, position)
         number, wire = tag >> 3, tag & 7
         if wire == 0:
@@ -129,8 +133,9 @@ def _fields(view: memoryview) -> Iterator[_Field]:
             length = {1: 8, 5: 4}.get(wire, -1)
         if number == 0 or not 0 <= length <= len(view) - position:
             raise ValueError("not protobuf")
-        yield _Field(number, view[position : position + length] if wire == 2 else None)
-        position += length
+        stop = position + length
+        yield Field(number, view[position:stop] if wire == 2 else None, view[start:stop])
+        position = stop
 
 
 def _varint(view: memoryview, position: int) -> tuple[int, int]:

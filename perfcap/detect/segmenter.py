@@ -104,7 +104,7 @@ class OnnxSegmenter:
     def __init__(self, model: str | Path, *, execution: Execution | None = None) -> None:
         self._settings = str(model), execution
         self.manifest = read_segmenter_manifest(Path(model))
-        self.session = Session(self.manifest.file, execution)
+        self.session = Session(self.manifest.file, execution, (self.manifest.output,))
         spec = self.manifest.input
         self._input, self._batch = check_image_input(self.manifest.path, spec, self.session)
         self.session.require_output(self.manifest.output, "output.name")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from perfcap.detect.manifest import InputSpec, ModelFile
 from perfcap.detect.onnx_file import read_model
+from perfcap.detect.onnx_prune import prune_outputs
 from perfcap.errors import InputError
 from perfcap.forks import abandon_after_fork
 from perfcap.setting_checks import require_count
@@ -51,6 +52,12 @@ class Execution:
 class Session:
     """An open network with named inputs and outputs.
 
+    Args:
+        file: the model.
+        execution: provider and threads.
+        wanted: outputs that will be asked for; what only others need is left out. All if none is
+            named, or one that the model does not have.
+
     Attributes:
         path: the model's file.
         shapes: of each input and output, by name; an axis of open size is None.
@@ -58,9 +65,11 @@ class Session:
         warnings: what a user should know, such as a GPU that was asked for and is not used.
     """
 
-    def __init__(self, file: ModelFile, execution: Execution | None = None) -> None:
+    def __init__(
+        self, file: ModelFile, execution: Execution | None = None, wanted: Sequence[str] = ()
+    ) -> None:
         self.path = file.path
-        self._settings = file, execution or Execution()
+        self._settings = file, execution or Execution(), tuple(wanted)
         names, self.warnings = _providers(self._settings[1].provider)
         self._session: Any = None
         session = self._opened()
@@ -76,12 +85,12 @@ class Session:
     def _opened(self) -> Any:
         """The session of this process."""
         if self._session is None:
-            file, execution = self._settings
+            file, execution, wanted = self._settings
             data, outside = read_model(file.path)
             _check_digest(file, data)
             names, _ = _providers(execution.provider)
             # bytes that were checked are the bytes that run; only weights beside them need the path
-            source = str(file.path) if outside else data
+            source = str(file.path) if outside else prune_outputs(data, wanted)
             self._session = _open(file.path, source, names, execution.threads)
         return self._session
 
@@ -207,9 +216,20 @@ def prepare_crops(crops: NDArray[np.uint8], spec: InputSpec) -> NDArray[Any]:
     if "int" in spec.dtype:
         values: NDArray[Any] = channels.astype(spec.dtype)
     else:
-        mean, std = (np.asarray(v, np.float32) for v in (spec.mean, spec.std))
-        values = ((channels * np.float32(spec.scale) - mean) / std).astype(spec.dtype)
+        values = _normalised(channels, spec).astype(spec.dtype, copy=False)
     return values if spec.layout == "nhwc" else values.transpose(0, 3, 1, 2)
+
+
+def _normalised(channels: NDArray[np.uint8], spec: InputSpec) -> NDArray[np.float32]:
+    """(pixel x scale - mean) / std; steps that change no number are left out."""
+    values = channels.astype(np.float32)
+    if spec.scale != 1:
+        values *= np.float32(spec.scale)
+    if any(spec.mean):
+        values -= np.asarray(spec.mean, np.float32)
+    if any(value != 1 for value in spec.std):
+        values /= np.asarray(spec.std, np.float32)
+    return values
 
 
 def check_image_input(path: Path, spec: InputSpec, session: Session) -> tuple[str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.image_file import ImageFolder
-from perfcap.io.video import VideoFile
+from perfcap.io.video import KEPT, VideoFile
 from perfcap.io.video_index import UNKNOWN_FPS
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_count
@@ -187,6 +187,13 @@ class Clip:
         """All frames of views of one size in order, (f, C, H, W, 3) with f at most ``batch``."""
         self._require_one_size()
         return (np.stack(views, 1) for views in self.iter_views(batch))
+
+    def keep(self, frames: Iterable[int]) -> None:
+        """Have videos hold some frames of the clip when they are read; see ``VideoFile.keep``."""
+        chosen = [self.start + frame for frame in frames]
+        for source in self.sources:
+            if isinstance(source, VideoFile):
+                source.keep(chosen, KEPT // self.views)
 
     def close(self) -> None:
         """Let go of the files; reading opens them again."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ Frames = NDArray[np.uint8]
 
 SIZE_LIMIT = 2**40  # bytes; a guard against devices and sparse files, not against long videos
 SKIP_AHEAD = 32  # decoding this many frames is cheaper than seeking to a key frame
+KEPT = 2**26  # bytes of decoded frames that are held for whoever looks again
 
 
 class VideoFile:
@@ -50,6 +52,9 @@ class VideoFile:
         self._position = {pts: i for i, pts in enumerate(self.index.pts)}
         self._decoder: Iterator[tuple[int, Any]] | None = None
         self._next = 0
+        self._wanted: frozenset[int] = frozenset()
+        self._kept: dict[int, Any] = {}
+        self._room = KEPT
         abandon_after_fork(self)
 
     def __len__(self) -> int:
@@ -65,8 +70,20 @@ class VideoFile:
             frames[i - start] = self.index.orientation.shown(stored)
         return frames
 
+    def keep(self, frames: Iterable[int], most: int = KEPT) -> None:
+        """Hold some frames from when they are read on: who looks at them again need not decode.
+
+        Those of the last call are let go.
+
+        Args:
+            frames: their numbers.
+            most: bytes of frames as the decoder made them; those that are read later are not held.
+        """
+        self._wanted, self._kept, self._room = frozenset(frames), {}, most
+
     def close(self) -> None:
-        """Let go of the file; reading opens it again."""
+        """Let go of the file and of frames that are held; reading opens it again."""
+        self._kept = {}
         if self._container is not None:
             self._container.close()
         self._container, self._decoder = None, None
@@ -77,13 +94,24 @@ class VideoFile:
 
     def abandon(self) -> object:
         """Give up the open file without closing it; see ``perfcap.forks``."""
-        held = self._container, self._decoder
-        self._container, self._decoder = None, None
+        held = self._container, self._decoder, self._kept
+        self._container, self._decoder, self._kept = None, None, {}
         return held
 
     def _frame(self, wanted: int) -> Any:
-        """The decoded frame ``wanted``, going on from the last one, seeking, or starting over."""
-        if self._decoder is None or not 0 <= wanted - self._next <= SKIP_AHEAD:
+        """The decoded frame ``wanted``, held or read."""
+        if wanted in self._kept:
+            return self._kept[wanted]
+        frame = self._decoded(wanted)
+        if wanted in self._wanted:
+            size = sum(plane.buffer_size for plane in frame.planes)
+            if (len(self._kept) + 1) * size <= self._room:
+                self._kept[wanted] = frame
+        return frame
+
+    def _decoded(self, wanted: int) -> Any:
+        """The same, going on from the last one, seeking, or starting over."""
+        if self._decoder is None or wanted < self._next or self._seek_helps(wanted):
             self._seek(wanted)
         frame = self._advance(wanted)
         if frame is None:  # the seek landed too late, or frames before a key frame are missing
@@ -93,6 +121,13 @@ class VideoFile:
             self.close()
             raise InputError(f"{self.path}: frame {wanted} can no longer be read; was it changed?")
         return frame
+
+    def _seek_helps(self, wanted: int) -> bool:
+        """Whether a frame ahead is far, and a key frame lies on the way: a seek goes back else."""
+        keys = self.index.keys
+        before = bisect_right(keys, wanted) - 1  # the last key frame that is no later
+        near = wanted - self._next <= SKIP_AHEAD
+        return not near and before >= 0 and keys[before] > self._next
 
     def _advance(self, wanted: int) -> Any:
         assert self._decoder is not None

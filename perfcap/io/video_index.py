@@ -66,6 +66,7 @@ class VideoIndex:
             it promises none and was not read to its end.
         warnings: what a user should know about the file.
         film_focal: the lens's focal length in millimetres on 35 mm film, where the file says so.
+        keys: which frames are key frames, increasing: those that a seek may land at.
     """
 
     pts: tuple[int | None, ...]
@@ -77,6 +78,7 @@ class VideoIndex:
     total: int | None
     warnings: tuple[str, ...]
     film_focal: float | None = None
+    keys: tuple[int, ...] = ()
 
     @property
     def addressable(self) -> bool:
@@ -109,7 +111,7 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
     """Decode a video once and note what is in it."""
     with open_container(path) as container:
         stream = container.streams.video[0]
-        pts, shape, damage = _decode_all(path, container, stream, stop)
+        pts, keys, shape, damage = _decode_all(path, container, stream, stop)
         if shape is None:
             raise InputError(
                 f"{path}: yields no frame ({damage or 'no pictures inside'}); expected a video, "
@@ -128,6 +130,7 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
             _total(promised_frames(stream), len(pts), stop),
             warnings,
             _film_focal(container),
+            tuple(keys),
         )
 
 
@@ -142,9 +145,10 @@ def _film_focal(container: Any) -> float | None:
 
 def _decode_all(
     path: Path, container: Any, stream: Any, stop: int | None
-) -> tuple[list[int | None], tuple[tuple[int, int], Orientation] | None, str]:
-    """Time stamps, (stored size, orientation) and, if decoding broke off, why."""
+) -> tuple[list[int | None], list[int], tuple[tuple[int, int], Orientation] | None, str]:
+    """Time stamps, key frames, (stored size, orientation) and, if decoding broke off, why."""
     pts: list[int | None] = []
+    keys: list[int] = []
     shape: tuple[tuple[int, int], Orientation] | None = None
     try:
         for frame in container.decode(stream):
@@ -157,12 +161,14 @@ def _decode_all(
                     f"{path}: frame {len(pts)} is {size[1]}x{size[0]}, the first is "
                     f"{shape[0][1]}x{shape[0][0]}; expected one size, convert the video"
                 )
+            if frame.key_frame:
+                keys.append(len(pts))
             pts.append(frame.pts)
             if stop is not None and len(pts) >= stop:
                 break
     except av.error.FFmpegError as error:
-        return pts, shape, _reason(error)
-    return pts, shape, ""
+        return pts, keys, shape, _reason(error)
+    return pts, keys, shape, ""
 
 
 def _check_pixels(path: Path, size: tuple[int, int]) -> None:

@@ -69,7 +69,7 @@ def examine_blank(clip: Frames, names: Sequence[str], start: int = 0) -> list[Fi
         names: of the views, C.
         start: number of the first frame, as users count.
     """
-    index = np.linspace(0, len(clip) - 1, min(len(clip), _FEW)).round().astype(int).tolist()
+    index = blank_frames(len(clip))
     findings = []
     for view, name in enumerate(names):
         plain = [frame for frame in index if _is_plain(_small(clip, view, frame))]
@@ -85,6 +85,12 @@ def examine_blank(clip: Frames, names: Sequence[str], start: int = 0) -> list[Fi
         )
         findings.append(Finding(severity, name, what, remedy))
     return findings
+
+
+def blank_frames(count: int) -> list[int]:
+    """Frames of a clip of so many that ``examine_blank`` looks at."""
+    index: list[int] = np.linspace(0, count - 1, min(count, _FEW)).round().astype(int).tolist()
+    return index
 
 
 def examine_footage(

@@ -88,16 +88,30 @@ def _moved(
 ) -> list[float]:
     """How far the background moves within each pair that shows it, of the longer side."""
     count = min(len(clip), len(joints))
-    gaps = [min(max(1, round(gap * rate)), count - 1) for gap in _GAPS]
     if count < 2:
         return []
-    starts = np.linspace(0, count - 1 - gaps[0], min(_PAIRS, count - gaps[0])).round().astype(int)
-    shown = [start for start in starts.tolist() if seen[start].any()]
+    starts, gaps = _pairs(count, rate)
+    shown = [start for start in starts if seen[start].any()]
     moved: dict[int, float] = {}
     for gap in gaps:
         pairs = {start: start + gap for start in shown if start not in moved}
         moved |= _moved_between(clip, view, pairs, joints, seen)
     return list(moved.values())
+
+
+def rest_frames(count: int, rate: float) -> list[int]:
+    """Frames of a clip of so many that are looked at, wherever the person is seen."""
+    if count < 2:
+        return []
+    starts, gaps = _pairs(count, rate)
+    return sorted({*starts, *(start + gaps[0] for start in starts)})
+
+
+def _pairs(count: int, rate: float) -> tuple[list[int], list[int]]:
+    """First frames of pairs, and how many frames later the second ones are, by preference."""
+    gaps = [min(max(1, round(gap * rate)), count - 1) for gap in _GAPS]
+    starts = np.linspace(0, count - 1 - gaps[0], min(_PAIRS, count - gaps[0])).round().astype(int)
+    return starts.tolist(), gaps
 
 
 def _moved_between(

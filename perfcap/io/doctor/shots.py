@@ -143,8 +143,7 @@ def background_changes(
     if count < 2 * _SHORTEST:
         return []
     seen = _View(clip, view, joints2d, confidence > CONFIDENT, count)
-    many = min(_MOST, max(2, round(count / rate / _APART) + 1))
-    anchors = np.linspace(0, count - 1, many).round().astype(int).tolist()
+    anchors = anchor_frames(count, rate)
     lost = [not seen.held(*pair) for pair in pairwise(anchors)]
     longest = max(1, round(_BETWEEN * rate))
     found: list[Change] = []
@@ -154,6 +153,13 @@ def background_changes(
             each = [_change(seen, anchors, start, stop, longest)]
         found += [change for change in each if change is not None]
     return found
+
+
+def anchor_frames(count: int, rate: float) -> list[int]:
+    """Frames of a clip of so many whose backgrounds are compared first."""
+    many = min(_MOST, max(2, round(count / rate / _APART) + 1))
+    anchors: list[int] = np.linspace(0, count - 1, many).round().astype(int).tolist()
+    return anchors
 
 
 def _runs(flags: Sequence[bool]) -> list[tuple[int, int]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
@@ -22,7 +22,7 @@ _ROUND = 12  # corners of what is round
 
 def box(half: Floats) -> Surface:
     """A box of half sizes (3,)."""
-    return _of(trimesh.creation.box(extents=2 * half))
+    return _of(_trimesh().creation.box(extents=2 * half))
 
 
 def sphere(radius: float) -> Surface:
@@ -32,19 +32,19 @@ def sphere(radius: float) -> Surface:
 
 def ellipsoid(radii: Floats) -> Surface:
     """An ellipsoid of three radii, (3,)."""
-    ball = trimesh.creation.uv_sphere(1.0, count=(_ROUND, _ROUND))
+    ball = _trimesh().creation.uv_sphere(1.0, count=(_ROUND, _ROUND))
     ball.apply_scale(radii)
     return _of(ball)
 
 
 def cylinder(radius: float, half: float) -> Surface:
     """A cylinder along z, of half a length."""
-    return _of(trimesh.creation.cylinder(radius, 2 * half, sections=_ROUND))
+    return _of(_trimesh().creation.cylinder(radius, 2 * half, sections=_ROUND))
 
 
 def capsule(radius: float, half: float) -> Surface:
     """A cylinder along z with round ends, which half the length leaves out."""
-    ball = trimesh.creation.uv_sphere(radius, count=(_ROUND, _ROUND))
+    ball = _trimesh().creation.uv_sphere(radius, count=(_ROUND, _ROUND))
     vertices = np.asarray(ball.vertices, dtype=np.float64).copy()
     vertices[:, 2] += np.where(vertices[:, 2] >= 0, half, -half)
     return vertices, np.asarray(ball.faces, dtype=np.int64)
@@ -60,7 +60,7 @@ def mesh(path: Path, scale: Floats) -> Surface | None:
         return None
     require_file(path, _LARGEST, "a mesh of a robot")
     try:
-        found = trimesh.load(path, force="mesh", process=True, skip_materials=True)
+        found = _trimesh().load(path, force="mesh", process=True, skip_materials=True)
         if len(found.vertices) > _MOST:
             found = found.convex_hull
     except Exception as error:  # readers of meshes raise anything
@@ -95,5 +95,12 @@ def frame_along(z: Floats) -> Floats:
     return np.stack((x, np.cross(z, x), z), axis=1)
 
 
-def _of(found: trimesh.Trimesh) -> Surface:
+def _of(found: Any) -> Surface:
     return np.asarray(found.vertices, dtype=np.float64), np.asarray(found.faces, dtype=np.int64)
+
+
+def _trimesh() -> Any:
+    """Opened where a robot is read: it brings some 400 modules."""
+    import trimesh
+
+    return trimesh
