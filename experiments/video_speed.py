@@ -18,6 +18,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -62,8 +63,7 @@ _PARTS: tuple[tuple[Any, str, str], ...] = (
     (move, "initialize", "solve: each frame"),
     (move, "track_twice", "solve: windows, twice"),
     (move, "result_doubts", "trust"),
-    (move, "frame_evidence", "trust"),
-    (move, "judge_frames", "trust"),
+    (move, "judge_motion", "trust"),
     (app, "write_result", _WRITING),
     (app, "_save_detections", _WRITING),
     (Cast, "save", _WRITING),
@@ -84,6 +84,8 @@ class Experiment:
     """First frames of these."""
     longer: tuple[str, ...] = ("sports2d_demo/demo.mp4",)
     """Videos in the folder of the recordings that are captured whole."""
+    detector: tuple[str, ...] = ()
+    """Networks as of ``perfcap capture --detector``; its own if none is named."""
     repeats: int = 3
     """Captures whose median counts."""
 
@@ -129,8 +131,9 @@ def run(config: Experiment) -> Report:
     cv2.setNumThreads(1)
     logging.disable(logging.WARNING)
     clips = list(_clips(config))
-    first = _captured(clips[0])
-    runs = [_medians([_captured(clip) for _ in range(config.repeats)], clip) for clip in clips]
+    captured = partial(_captured, detector=config.detector)
+    first = captured(clips[0])
+    runs = [_medians([captured(clip) for _ in range(config.repeats)], clip) for clip in clips]
     columns = ("part", *(f"{clip.name}, {clip.frames} frames" for clip in clips))
     table = Table("CPU ms a frame", columns, tuple(_rows(runs)))
     start = _start(first, runs[0], clips[0].frames)
@@ -157,7 +160,7 @@ def _clips(config: Experiment) -> Iterator[Clip]:
         yield Clip(path.parent.name, path, len(VideoFile(path)))
 
 
-def _captured(clip: Clip) -> dict[str, float]:
+def _captured(clip: Clip, detector: tuple[str, ...] = ()) -> dict[str, float]:
     """CPU seconds of each part of a capture."""
     clocks = Clocks()
     with ExitStack() as stack:
@@ -168,6 +171,7 @@ def _captured(clip: Clip) -> dict[str, float]:
         request = Capture(
             videos=(clip.path,),
             out=Path(folder) / "out",
+            detector=detector,
             frames=f"0:{clip.frames}",
             until="track_motion",
             overlay=False,

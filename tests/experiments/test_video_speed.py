@@ -31,6 +31,11 @@ def test_parts_inside_others_are_counted_once(monkeypatch: pytest.MonkeyPatch) -
     assert clocks.inside == ["rest"]
 
 
+def test_parts_are_functions_that_there_are() -> None:
+    for owner, name, _ in video_speed._PARTS:
+        assert callable(getattr(owner, name)), name
+
+
 def test_writing_does_not_count() -> None:
     runs = [{"lens": 1.0, video_speed._WRITING: 9.0}, {"lens": 3.0}, {"lens": 2.0, "rest": 1.0}]
     found = video_speed._medians(runs, Clip("clip", video_speed.Path("video.mp4"), 10))
