@@ -20,6 +20,7 @@ from perfcap.train.backgrounds import digest_of
 from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.crop_batches import Shots
 from perfcap.train.photograph_checks import PEOPLE, require_people, require_places
+from perfcap.train.photograph_copies import require_whole
 from perfcap.train.scenes import Shot
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
@@ -168,7 +169,9 @@ def _require_images(
             judged.append(person.joints2d)
             sizes.append(size)
     if len(judged) >= PEOPLE:
-        require_places(path, np.stack(judged), np.array(sizes, np.float32), np.stack(outside))
+        joints, shown = np.stack(judged), np.array(sizes, np.float32)
+        require_places(path, joints, shown, np.stack(outside))
+        require_whole(path, joints, shown)
 
 
 def _beyond(joints: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:
