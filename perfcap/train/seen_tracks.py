@@ -35,7 +35,8 @@ _SHAPES = {
 _SPANS = 0.4, 3.0  # m, from end to end of a person in most frames
 _FOLLOWED = 0.1  # of a person's height
 _MOST = 0.5  # of the tracks
-_NEAR = 0.04  # of a person's height: joints that are seen are nearer in the median, of 0.01 to 0.03
+_NEAR = 0.04  # of a person's height: joints of filmed people are nearer in the median, 0.01 to 0.03
+_SEVERAL = 10  # tracks: a joint of few is elsewhere where networks err, as a hidden elbow by 0.17
 _CLEARLY = 0.5  # times that, of another joint's truth
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
@@ -114,6 +115,8 @@ class SeenTracks:
 
     def _require_joints(self, path: Path) -> None:
         """Refuse single joints that are elsewhere: medians over all hardly know of them."""
+        if len(self.plane) < _SEVERAL:
+            return
         apart = self._joint_misses()
         own, (miss, nearest) = apart.diagonal(), apart.nan_to_num(torch.inf).min(1)
         clear = (miss < _CLEARLY * own) & (own > _NEAR)
