@@ -12,7 +12,15 @@ from rich.table import Table
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
-from perfcap.app.truth import Truth, find_truth, match_truths, read_found, read_truth, read_truths
+from perfcap.app.truth import (
+    Truth,
+    find_truth,
+    match_truths,
+    rate_doubts,
+    read_found,
+    read_truth,
+    read_truths,
+)
 from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
@@ -112,7 +120,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     require_one_capture(folder)
     found = read_found(folder / "motion.npz")
     scores = joint_scores(found, truth)
-    notes = [*truth.sequence.warnings, *joint_doubts(found, truth)]
+    notes = [*truth.sequence.warnings, *rate_doubts(found, truth), *joint_doubts(found, truth)]
     if (folder / "surface.npz").is_file():
         found_scores, remarks = surface_scores(open_surface(folder / "surface.npz"), truth, every)
         scores |= found_scores

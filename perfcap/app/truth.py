@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -86,14 +86,14 @@ def read_truth(path: Path, dataset: str | None = None, sequence: str | None = No
                 f"--sequence: {path} holds {len(names)} of {reader.title}; name one, such as "
                 f"{names[0]!r}"
             )
-        return Truth(reader.read(path, sequence), reader.protocol, strict=False)
+        return Truth(_measured(reader.read(path, sequence)), reader.protocol, strict=False)
     if sequence is not None:
         raise InputError(f"--sequence {sequence!s:.60}: of which --dataset?")
     if path.is_dir() and all((path / name).is_file() for name in _OWN_LAYOUT):
         reader = find_dataset("rendered")
         whole = path.resolve()  # the name of "." is needed
         rendered = reader.read(whole.parent, whole.name)
-        return Truth(rendered, reader.protocol, strict=True, fps=rendered.rate)
+        return Truth(_measured(rendered), reader.protocol, strict=True, fps=rendered.rate)
     true = read_found(find_truth(path))
     return Truth(_of_file(true), FILE_PROTOCOL, strict=True, fps=true.fps)
 
@@ -165,6 +165,40 @@ def match_frames(found: NDArray[np.int64], truth: Truth, where: str) -> tuple[li
         )
     kept = [row for row, other in enumerate(rows) if other >= 0]
     return kept, [rows[row] for row in kept]
+
+
+def rate_doubts(found: FoundJoints, truth: Truth) -> list[str]:
+    """What speaks against a result's frames being those of a data set: another rate."""
+    sequence, fps = truth.sequence, found.fps
+    if truth.fps is not None or fps is None or not sequence.rate_known:
+        return []
+    if abs(fps / sequence.rate - 1) <= RATE_SLACK:
+        return []
+    return [
+        f"{sequence.folder}: {sequence.name} runs at {sequence.rate:.4g} frames a second, "
+        f"{found.path} at {fps:.4g}, and frames are matched by number: expected a capture of the "
+        "data set's own video, of every frame"
+    ]
+
+
+def _measured(sequence: DatasetSequence) -> DatasetSequence:
+    """A sequence whose landmarks at 0, 0, 0 are unknown: nobody has one in the world's origin.
+
+    None is an origin either, as in files of one's own: sets that have one take the middle hip.
+    """
+    if sequence.joints3d is None:
+        return sequence
+    empty = (sequence.joints3d == 0).all(-1)
+    frames = sequence.frames[empty.any(1)]
+    if not len(frames):
+        return sequence
+    names = [name for name, some in zip(LANDMARKS, empty.any(0).tolist(), strict=True) if some]
+    warning = (
+        f"{sequence.folder}: {sequence.name} has {', '.join(names)} at 0, 0, 0 in {len(frames)} of "
+        f"{len(empty)} frames (first {int(frames[0])}), as if not measured; they are left out"
+    )
+    joints = torch.where(empty[..., None], torch.nan, sequence.joints3d)
+    return replace(sequence, joints3d=joints, warnings=(*sequence.warnings, warning))
 
 
 def _of_file(true: FoundJoints) -> DatasetSequence:

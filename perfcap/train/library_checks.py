@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,11 @@ _OFTEN = 0.02  # knees a frame that bend that far
 _LOOKED_AT = 2000  # frames of a library
 _EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
 _SAME_BONES = 1e-4  # m; those of two people differ by millimetres
+_SIDES_BONES = 1.3  # times the same bone of the other side; of the CMU library at most 1.12
+_BONES = (
+    ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"),
+    ("thigh", "hip", "knee"), ("shank", "knee", "ankle"),
+)  # fmt: skip
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -140,6 +145,12 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
                 f"{path}: clip {name}: joints span {size:.3g} m, expected {_SIZE[0]} to "
                 f"{_SIZE[1]}; give offsets_m in metres"
             )
+        for bone, left, right in _two_sided(points):
+            if not 1 / _SIDES_BONES < left / right < _SIDES_BONES:
+                raise InputError(
+                    f"{path}: clip {name}: the left {bone} is {left:.3g} m long, the right one "
+                    f"{right:.3g}; give all offsets_m in metres, each joint's in its own row"
+                )
         speed = 60 * root[name].diff(dim=0).norm(dim=-1)
         if len(speed) and float(speed.median()) > _FASTEST:
             raise InputError(
@@ -164,6 +175,14 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
             "the hips); expected angles about z, y and x in this order, each column its axis: "
             "sort or convert euler_zyx_deg"
         )
+
+
+def _two_sided(points: Tensor) -> Iterator[tuple[str, float, float]]:
+    """Bones of a clip (F, 16, 3) by name, with their lengths on the left and on the right."""
+    at = {name: points[0, k] for k, name in enumerate(LANDMARKS)}
+    for bone, start, end in _BONES:
+        left, right = (float((at[f"{s}_{start}"] - at[f"{s}_{end}"]).norm()) for s in "lr")
+        yield bone, left, max(right, 1e-6)
 
 
 def _bends_across(points: Tensor) -> float | None:
@@ -250,11 +269,7 @@ def shared_bodies(
         kept: people who are held out.
     """
     place = LANDMARKS.index
-    pairs = [
-        (place(f"{side}_{a}"), place(f"{side}_{b}"))
-        for side in "lr"
-        for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-    ]
+    pairs = [(place(f"{side}_{a}"), place(f"{side}_{b}")) for side in "lr" for _, a, b in _BONES]
     bones = {
         name: torch.stack([(part[0][0][a] - part[0][0][b]).norm() for a, b in pairs])
         for name, part in clips.items()

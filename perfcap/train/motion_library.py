@@ -24,6 +24,7 @@ from perfcap.train.library_checks import (
     require_skeleton,
     shared_bodies,
 )
+from perfcap.train.library_trials import require_readings, sliding
 
 RATE = 60.0  # Hz
 _WHAT = "the arrays of a packed motion library"
@@ -126,6 +127,11 @@ class MotionLibrary:
         motion = {recording.name: recording.landmarks for recording in recordings}
         root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
         require_motion(archive, motion, root)
+
+        def pose(angles: Array, places: Array, offsets: Array) -> Array:
+            return _landmarks(angles, places, offsets, names, skeleton["parents"])[0]
+
+        require_readings(archive, clips, names, skeleton["parents"].tolist(), pose)
         inner = {name: values[:, 1:] for name, values in angles.items()}
         require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
         return cls(recordings)
@@ -163,7 +169,10 @@ class MotionLibrary:
         return self._where(lambda recording: recording.subject not in subjects)
 
     def doubts(self, kept: Sequence[str]) -> Iterator[str]:
-        """What speaks against people who are kept from training being others than the rest."""
+        """What speaks against the motion, and against people who are kept from training being
+        others than the rest.
+        """
+        yield from sliding(recording.landmarks.numpy() for recording in self.recordings)
         clips: dict[str, list[Tensor]] = {}
         for recording in self.recordings:
             clips.setdefault(recording.subject, []).append(recording.landmarks)
@@ -204,15 +213,23 @@ def _poses(
     path: Path, clip: str, data: Mapping[str, Array], names: list[str], parents: NDArray[np.int64]
 ) -> tuple[Tensor, Tensor]:
     euler, root, offsets = data["euler_zyx_deg"], data["root_m"], data["offsets_m"]
-    columns = [names.index(name) for name in _SOURCE]
-    places, rotation = _kinematics(np.radians(euler), root, offsets, parents)
-    points = places[:, columns]
-    points[:, 0] += rotation[:, columns[0]] @ _CROWN
+    points, rotation = _landmarks(euler, root, offsets, names, parents)
     if not np.isfinite(points).all():
         raise InputError(f"{path}: clip {clip} is not finite; remove it from the index")
     turns = rotation[:, [names.index(theirs) for theirs in _TURNED.values()]]
     turns = turns @ _from_straight(names, offsets)
     return torch.from_numpy(points.astype(np.float32)), torch.from_numpy(turns.astype(np.float32))
+
+
+def _landmarks(
+    euler: Array, root: Array, offsets: Array, names: list[str], parents: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Landmarks (F, 16, 3) of angles in degrees, and rotations of joints (F, J, 3, 3)."""
+    columns = [names.index(name) for name in _SOURCE]
+    places, rotation = _kinematics(np.radians(euler), root, offsets, parents)
+    points = places[:, columns]
+    points[:, 0] += rotation[:, columns[0]] @ _CROWN
+    return points, rotation
 
 
 def _from_straight(names: list[str], offsets: Array) -> Array:

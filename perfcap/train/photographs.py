@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +16,18 @@ from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
 from perfcap.errors import InputError
-from perfcap.io.image_file import image_size
 from perfcap.train.backgrounds import digest_of
 from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.crop_batches import Shots
-from perfcap.train.photograph_checks import PEOPLE, require_people, require_places
+from perfcap.train.photograph_checks import require_people
+from perfcap.train.photograph_files import FEWEST, MOST_PIXELS, require_photographs
 from perfcap.train.scenes import Shot
+
+_LOG = logging.getLogger(__name__)
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
 _NOWHERE = ((0, 0), (-1, -1))  # where programs put what they do not know
-_HEADER = 2**18  # bytes that say how large a photograph is
-_FEWEST = 6  # joints that say where somebody is
 _LIMIT = 256 * 2**20  # bytes of annotations
-_MOST_PIXELS = 64 * 10**6
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,10 @@ class Photographs:
         known = np.isfinite(joints).all(-1)
         height, width = image.shape[:2]
         inside = known & ((joints >= 0) & (joints < [width, height])).all(-1)
-        if inside.sum() < _FEWEST:
+        if inside.sum() < FEWEST:
             raise InputError(
                 f"{annotation.path}: has {int(inside.sum())} annotated joints in the image; "
-                f"expected a person with at least {_FEWEST}; remove it from {ANNOTATIONS}"
+                f"expected a person with at least {FEWEST}; remove it from {ANNOTATIONS}"
             )
         low, high = joints[inside].min(0), joints[inside].max(0)
         side = max(float((high - low).max()) * self._margin, 8.0)
@@ -137,56 +137,26 @@ def read_annotations(folder: Path) -> tuple[Annotation, ...]:
         )
     if not entries:
         raise InputError(f"{path}: names no photograph; expected at least one")
+    _say_unknown(path, [str(name) for name in table["joint_names"]])
     found = tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
-    require_people(path, np.stack([each.joints2d for each in found]))
-    _require_images(path, found, entries)
+    joints = np.stack([each.joints2d for each in found])
+    require_people(path, joints)
+    require_photographs(path, [each.path for each in found], joints, entries)
     return found
 
 
-def _require_images(
-    path: Path, people: Sequence[Annotation], entries: Sequence[Mapping[str, Any]]
-) -> None:
-    """Refuse photographs that are not there, or of another size than their annotations are of.
-
-    Before the first step: a training would come to some of them after hours.
-    """
-    judged, sizes, outside = [], [], []
-    for person, entry in zip(people, entries, strict=True):
-        size, told = _size(person.path), (entry.get("width"), entry.get("height"))
-        if size is None:
-            continue
-        # either side may be first: cameras that were held upright write the longer one so
-        if None not in told and {*told} != {*size}:
-            raise InputError(
-                f"{path}: says that {person.path.name} has {told[0]}x{told[1]} pixels, it has "
-                f"{size[0]}x{size[1]}; annotate the photographs as they are"
-            )
-        there = np.isfinite(person.joints2d).all(-1)
-        if there.any():
-            beyond = [_beyond(person.joints2d, way) & there for way in _ways(size)]
-            outside.append(min(beyond, key=np.sum))
-            judged.append(person.joints2d)
-            sizes.append(size)
-    if len(judged) >= PEOPLE:
-        require_places(path, np.stack(judged), np.array(sizes, np.float32), np.stack(outside))
-
-
-def _beyond(joints: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which joints (J, 2) lie outside of a photograph of a width and a height."""
-    return np.asarray(((joints < -1) | (joints > np.array(size))).any(-1))
-
-
-def _ways(size: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """A photograph's size by its header, and as it is when the camera was held upright."""
-    return size, size[::-1]
-
-
-def _size(path: Path) -> tuple[int, int] | None:
-    """Width and height by the header of a photograph; None where that does not say."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; the annotations name it")
-    with path.open("rb") as file:
-        return image_size(file.read(_HEADER))
+def _say_unknown(path: Path, names: Sequence[str]) -> None:
+    """Warn of joints that no landmark is called like: they are left out."""
+    spare = [name for name in names if canonical_name(name) not in LANDMARKS]
+    known = {canonical_name(name) for name in names}
+    lacking = [name for name in LANDMARKS if name not in known]
+    if spare:
+        unseen = f", and {', '.join(lacking)} have no joints" if lacking else ""
+        _LOG.warning(
+            "%s: joint_names %s are none of the landmarks and are left out%s; expected names such "
+            "as %s",
+            *(path, ", ".join(spare), unseen, ", ".join(LANDMARKS[:4])),
+        )
 
 
 def _entries(images: Any) -> Sequence[Mapping[str, Any]]:
@@ -233,7 +203,7 @@ def _read(path: Path) -> NDArray[np.uint8]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; the annotations name it")
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if image is None or image.shape[0] * image.shape[1] > _MOST_PIXELS:
+    if image is None or image.shape[0] * image.shape[1] > MOST_PIXELS:
         raise InputError(f"{path}: cannot be read as a photograph; remove it from {ANNOTATIONS}")
     return np.asarray(image, np.uint8)
 

@@ -35,6 +35,9 @@ _SHAPES = {
 _SPANS = 0.4, 3.0  # m, from end to end of a person in most frames
 _FOLLOWED = 0.1  # of a person's height
 _MOST = 0.5  # of the tracks
+_NEAR = 0.04  # of a person's height: joints of filmed people are nearer in the median, 0.01 to 0.03
+_SEVERAL = 10  # tracks: a joint of few is elsewhere where networks err, as a hidden elbow by 0.17
+_CLEARLY = 0.5  # times that, of another joint's truth
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
 
@@ -85,9 +88,9 @@ class SeenTracks:
             path: that they were read from, for the message.
 
         Raises:
-            InputError: most bodies are of no person's size in metres, a track is in the median a
-                tenth of a person's height from the truth before its camera, or most have left and
-                right exchanged.
+            InputError: most bodies are of no person's size in metres, a track or a joint is in the
+                median a tenth of a person's height from the truth before its camera, most have left
+                and right exchanged, or two joints are each nearer to the other's truth.
         """
         span = float((self.joints.amax(-2) - self.joints.amin(-2)).norm(dim=-1).median())
         if not _SPANS[0] < span < _SPANS[1]:
@@ -108,6 +111,49 @@ class SeenTracks:
                 f"{_FOLLOWED:.0%}: truth in the axes of the camera, y down, of the same frames, "
                 "and intrinsics of the same pictures; leave tracks of somebody else out"
             )
+        self._require_joints(path)
+
+    def _require_joints(self, path: Path) -> None:
+        """Refuse single joints that are elsewhere: medians over all hardly know of them."""
+        if len(self.plane) < _SEVERAL:
+            return
+        apart = self._joint_misses()
+        own, (miss, nearest) = apart.diagonal(), apart.nan_to_num(torch.inf).min(1)
+        clear = (miss < _CLEARLY * own) & (own > _NEAR)
+        pairs = [
+            f"{LANDMARKS[one]} and {LANDMARKS[other]}"
+            for one, other in enumerate(nearest.tolist())
+            if one < other and clear[one] and clear[other] and nearest[other] == one
+        ]
+        if pairs:
+            raise InputError(
+                f"{path}: {', '.join(pairs)} of joints2d are each nearer to the other's truth; "
+                f"exchange them: expected landmarks in the order {', '.join(LANDMARKS)}"
+            )
+        lost = (own > _FOLLOWED).nonzero().flatten().tolist()
+        if lost:
+            some = ", ".join(f"{LANDMARKS[k]} ({float(own[k]):.0%})" for k in lost)
+            raise InputError(
+                f"{path}: joints2d of {some} are farther from the truth before the camera than "
+                f"{_FOLLOWED:.0%} of a person's height in most frames; expected confidence 0 where "
+                f"a joint is not seen, and landmarks in the order {', '.join(LANDMARKS)}"
+            )
+
+    def _joint_misses(self) -> Tensor:
+        """Median distance of each landmark from each true one, in heights, (16, 16); NaN of those
+        that are nowhere seen.
+        """
+        true = self.joints[..., :2] / self.joints[..., 2:]
+        height = STANDING / self.joints[..., 2].mean(-1)
+        rows = []
+        for joint in range(len(LANDMARKS)):
+            seen = self.confidence[..., joint] > 0
+            if not seen.any():
+                rows.append(torch.full_like(true[0, 0, :, 0], torch.nan))
+                continue
+            apart = (self.plane[seen][:, joint, None] - true[seen]).norm(dim=-1)
+            rows.append((apart / height[seen][:, None]).median(0).values)
+        return torch.stack(rows)
 
     def _misses(self, order: list[int]) -> Tensor:
         """Median distance of each track from true landmarks in an order, in heights, (N,)."""

@@ -123,6 +123,16 @@ def test_what_is_wrong_is_refused(name: str, part: slice) -> None:
         check(without(joints, "neck", "head_top"))  # as those of COCO
 
 
+def test_neck_and_crown_exchanged() -> None:
+    spoil = exchanged(("neck", "head_top"))
+    with pytest.raises(InputError, match="are neck and head_top exchanged"):
+        require_people(PATH, spoil(SOUND))
+    joints = SOUND.copy()
+    joints[700:] = spoil(joints[700:])
+    with pytest.raises(InputError, match=r"in people \d+ to \d+ of the list, neck is nearer to"):
+        require_people(PATH, joints)
+
+
 def test_x_and_y_exchanged() -> None:
     with pytest.raises(InputError, match="expected x before y"):
         require_people(PATH, without(SOUND, "neck")[..., ::-1])

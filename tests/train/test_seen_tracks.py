@@ -87,6 +87,50 @@ SPOILED: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+SEVERAL = 10  # tracks, of which each joint is judged
+
+
+def reordered(*pairs: tuple[str, str]) -> dict[str, Any]:
+    """Tracks with landmarks exchanged."""
+    order = list(range(16))
+    for one, other in pairs:
+        a, b = LANDMARKS.index(one), LANDMARKS.index(other)
+        order[a], order[b] = order[b], order[a]
+    made = people(SEVERAL)
+    return made | {"joints2d": made["joints2d"][:, :, order]}
+
+
+def at_origin(name: str) -> dict[str, Any]:
+    """Tracks with a landmark at 0, 0 that counts as seen."""
+    made = people(SEVERAL)
+    made["joints2d"][:, :, LANDMARKS.index(name)] = 0
+    return made
+
+
+SPOILED |= {
+    "arms": (
+        reordered(*((f"l_{n}", f"r_{n}") for n in ("shoulder", "elbow", "wrist"))),
+        "r_shoulder and l_shoulder, r_elbow and l_elbow, r_wrist and l_wrist of joints2d are each",
+    ),
+    "neck": (reordered(("neck", "head_top")), "head_top and neck of joints2d are each nearer"),
+    "elbow": (reordered(("l_elbow", "l_wrist")), "l_elbow and l_wrist of joints2d are each"),
+    "hip": (reordered(("r_hip", "r_ankle")), "r_hip and r_ankle of joints2d are each"),
+    "origin": (at_origin("l_wrist"), r"joints2d of l_wrist \(\d+%\) are farther .* confidence 0"),
+}
+
+
+def test_a_joint_that_is_nowhere_seen_is_accepted(tmp_path: Path) -> None:
+    made = at_origin("l_wrist")
+    made["confidence"][..., LANDMARKS.index("l_wrist")] = 0
+    read(tmp_path, **made).require_followed(tmp_path / "tracks.npz")
+
+
+def test_a_joint_of_a_few_tracks_may_be_elsewhere(tmp_path: Path) -> None:
+    """As an elbow that networks do not find behind a back."""
+    few = {name: values[:9] for name, values in at_origin("l_wrist").items()}
+    read(tmp_path, **few).require_followed(tmp_path / "tracks.npz")
+
+
 @pytest.mark.parametrize("kind", SPOILED)
 def test_tracks_that_are_not_of_their_truth_are_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "tracks.npz"

@@ -64,7 +64,8 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
         name=name,
         folder=recording,
         frames=torch.from_numpy(frames),
-        rate=rate,
+        rate=rate or _DEFAULT_RATE,
+        rate_known=rate is not None,
         joints3d=joints3d,
         rig=read_cameras(_calibration(recording)),
         videos=tuple(matching(recording, "videos/*.mp4")),
@@ -75,8 +76,8 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
     )
 
 
-def _joints(path: Path) -> tuple[Sequence[str], Floats, float, NDArray[np.int64]]:
-    """Names, positions in the axes of the calibration, frames a second, and which these are."""
+def _joints(path: Path) -> tuple[Sequence[str], Floats, float | None, NDArray[np.int64]]:
+    """Names, positions in the axes of the calibration, frames a second if known, their numbers."""
     if path.suffix == ".npz":
         values = read_archive(path, ("joints3d_m", "names"), _WHAT)
         points = array_of(f"{path}: joints3d_m", values.get("joints3d_m"), (None, None, 3))
@@ -84,7 +85,7 @@ def _joints(path: Path) -> tuple[Sequence[str], Floats, float, NDArray[np.int64]
         if len(names) != points.shape[1]:
             raise InputError(f"{path}: has {len(names)} names for joints {points.shape}")
         beside = matching(path.parent, "*.trc")
-        rate = read_trc(beside[0]).rate if beside else _DEFAULT_RATE
+        rate = read_trc(beside[0]).rate if beside else None
         return names, points, rate, np.arange(len(points))
     markers = read_trc(path)
     # files are Y up, calibrations Z up: Pose2Sim turns the axes round when it writes

@@ -64,6 +64,7 @@ class DatasetSequence:
         folder: where its files are.
         frames: numbers of the frames with truth, as the video counts them from 0, (F,).
         rate: frames a second.
+        rate_known: whether the data set has this one; False where it is guessed.
         joints3d: landmarks in the world, (F, 16, 3), metres, NaN where unknown; or None.
         rig: C calibrated views, of the same F frames where they move.
         pixels: landmarks annotated in the images, (F, C, 16, 2), NaN where unknown; or None.
@@ -91,6 +92,7 @@ class DatasetSequence:
     meshes: tuple[Path, ...] = ()
     surface: Callable[[], SurfaceTruth] | None = field(default=None, repr=False)
     warnings: tuple[str, ...] = ()
+    rate_known: bool = True
 
     def joints2d(self) -> Tensor | None:
         """True landmarks in the images, (F, C, 16, 2): the annotated ones, or else projected."""
