@@ -162,9 +162,11 @@ class _Painted:
 def _fitted(take: Take, shown: _Painted, kind: str) -> Measurements:
     model, cameras, seen = load_body_model(), take.cameras, take.detections
     if kind.isdecimal():
-        pairs = (model.surface, model.bones)
-        parts = (ShapeSpace(space.mean, space.basis[: int(kind)]) for space in pairs)
-        model, kind = BodyModel(*parts, model.rig), "contours"
+        surface, bones = (
+            ShapeSpace(space.mean, space.basis[: int(kind)])
+            for space in (model.surface, model.bones)
+        )
+        model, kind = BodyModel(surface, bones, model.rig), "contours"
     actor = model.actor(torch.zeros(0))
     problem = replace(FrameProblem.of(actor, cameras, seen), pixel_unit=0.01 * extents(seen))
     initial, _ = initialize(prepare(problem))

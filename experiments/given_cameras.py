@@ -107,10 +107,10 @@ def _films(config: Experiment, folder: Path) -> Iterator[Film]:
         library = MotionLibrary.read(data_folder(config.data, "mocap_cmu_library"))
     for number in range(config.clips):
         settings = config.frames, config.size, config.seed
-        clip = staged(folder, library, number, *settings, handling=WAYS[number % len(WAYS)])
-        seen = (clip.detections.joints2d[:, 0], clip.detections.confidence2d[:, 0])
+        take = staged(folder, library, number, *settings, handling=WAYS[number % len(WAYS)])
+        seen = (take.detections.joints2d[:, 0], take.detections.confidence2d[:, 0])
         parts = [part.double().numpy() for part in seen]
-        yield Film(clip.name, clip.clip, clip.cameras, *parts, clip.masks)
+        yield Film(take.name, take.clip, take.cameras, parts[0], parts[1], take.masks)
 
 
 def _row(kind: str, spoil: Spoil, films: list[Film]) -> tuple[str | float, ...]:

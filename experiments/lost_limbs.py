@@ -66,13 +66,15 @@ def run(config: Experiment) -> Report:
 def _videos(config: Experiment, scratch: Path) -> Iterator[Video]:
     if config.recordings:
         known = demo()
-        yield Video("demo", known.folder / "video.mp4", known.truth, known.rate)
+        up = known.cameras.every_frame(1).rotation[0, 0, :, 1]
+        yield Video("demo", known.folder / "video.mp4", known.truth, known.rate, up)
         yield from videos(Videos(config.data))
     if config.films:
         library = MotionLibrary.read(data_folder(config.data, "mocap_cmu_library"))
         size = config.frames, config.size, config.seed, True
         for film in films(scratch, library, config.films, *size):
-            yield Video(f"film {film.name}", film.path, film.truth, film.rate)
+            up = film.camera.every_frame(1).rotation[0, 0, :, 1]
+            yield Video(f"film {film.name}", film.path, film.truth, film.rate, up)
 
 
 def _rows(video: Video, out: Path) -> Iterator[tuple[str | float, ...]]:
