@@ -19,7 +19,7 @@ from perfcap.io.doctor.evidence import (
     left_out_error,
     person_height,
 )
-from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
@@ -161,8 +161,9 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
 def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> list[Finding]:
     """What is wrong in a part of the clip alone."""
     findings = examine_stretches(scene, names, height, alone=alone)
-    points, _ = scene.triangulated(rounds=6)
-    seen = scene.detections
+    # views that are exchanged turn sides over as well
+    seen = doubting(scene.detections, findings).undoubted()
+    points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
     sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
     return findings + sides
 
