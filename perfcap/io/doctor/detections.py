@@ -17,6 +17,7 @@ from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.order import examine_order
 from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
@@ -85,8 +86,11 @@ def examine_detections(
                 detections.confidence2d[:, view],
                 trusted,
             )
-            findings += wrong or examine_sides(name, pose)
+            wrong = wrong or examine_sides(name, pose)
+            poses = detections.joints3d[:, view], detections.trusted3d[:, view]
+            findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
+            findings += examine_turned_view(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
 
