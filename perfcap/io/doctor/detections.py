@@ -16,6 +16,7 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.order import examine_order
+from perfcap.io.doctor.repeated import examine_repeated
 from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
@@ -25,9 +26,8 @@ ROOT_TOLERANCE = 0.05  # m
 _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
-_SOME = 4  # joints that tell a repeated frame
+_SOME = 4  # joints that tell a copied view
 _PLACEHOLDERS = 3  # joints at one place in the corner
-_FEWEST_REPEATED, _REPEATED = 3, 0.05  # frames, and share of them
 _NECK = LANDMARKS.index("neck")
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
@@ -67,7 +67,7 @@ def examine_detections(
         order = examine_order(name, *shown)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        findings += order + _repeated(name, *shown)
+        findings += order + examine_repeated(name, view, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
@@ -197,22 +197,6 @@ def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
             pair = f"{names[first]} and {names[second]}"
             findings.append(Finding(Severity.ERROR, pair, what, remedy))
     return findings
-
-
-def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
-    """Frames (F, 16) whose joints are those of the frame before, to the last digit."""
-    seen = confidence > 0
-    both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
-    same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
-    repeated, pairs = int(same.sum()), int(both.sum())
-    if repeated < _FEWEST_REPEATED or repeated < _REPEATED * pairs:
-        return []
-    what = f"{repeated} of {pairs} frames repeat the joints of the frame before to the last digit"
-    remedy = (
-        "no detector does; if it ran on some frames alone, leave the others out, and give video "
-        "and detections the same frame rate"
-    )
-    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _placeholders(name: str, pixels: Tensor) -> list[Finding]:
