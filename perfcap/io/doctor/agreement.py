@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from torch import Tensor
 
@@ -23,6 +23,7 @@ from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
+from perfcap.io.doctor.turned_parts import examine_turned_limbs
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
 # 0.01 to 0.02.
@@ -72,7 +73,10 @@ def examine_agreement(
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
         findings += _scale(points) + examine_sides("detections", points)
-        return findings + _stretches(scene.sure(), names, height, alone)
+        views = [rig.names.index(name) for name in names]  # others are left out by now
+        parts = _stretches(scene.sure(), names, height, alone)
+        findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
+        return findings
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
@@ -164,8 +168,12 @@ def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> li
     # views that are exchanged turn sides over as well
     seen = doubting(scene.detections, findings).undoubted()
     points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
+    limbs = examine_turned_limbs("detections", seen.joints2d, seen.confidence2d > 0, points)
+    if limbs:
+        seen = doubting(seen, limbs).undoubted()
+        points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
     sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
-    return findings + sides
+    return [*findings, *limbs, *sides]
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:

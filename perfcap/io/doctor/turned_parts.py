@@ -13,13 +13,15 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.sides import AHEAD, across, alike, bearings, exchanges, of_sides
 
 _NEAR, _FEWEST = 5, 3  # frames beside an edge whose medians are compared, and of them at its ends
-_TURNED = -0.3  # correlation of directions before and after an edge
+# correlation of directions before and after an edge: of all sides, and of three that points show
+_TURNED, _CLEARLY = -0.3, -0.4
 _AROUND, _SAYING = 8, 3  # frames beside an edge that are judged, and how many must say something
 _SHORTEST, _ENOUGH = 8, 5  # frames of a part, and how many of them must say something
-_MOST = 0.75  # share of those that say the same
+_MOST, _BESIDE = 0.75, 0.6  # share of those that say the same in a part, and beside an edge
 _SURE = 0.3  # confidence
 _ARMS, _LEGS = (1, 2, 3), (0, 4, 5)  # of the pairs that ``across`` gives
 _REMEDY = "exchange the names of left and right there, or capture one part at a time (--frames)"
+_DEPTH = "3D joints are in camera axes, z away from the camera: give them so in every frame"
 # Of one view alone: one who is seen from the side turns over by next to nothing
 _CROSSED, _LIMB, _APART = 0.3, 0.5, 0.02  # shares of the way as named, and of the height
 _LIMBS = 5  # of six pairs
@@ -49,8 +51,11 @@ def examine_turned_poses(
     findings = _finding(name, "left and right look exchanged in 2D and 3D", _REMEDY, whole, (view,))
     depth = points[..., 2:] - points[..., 2:].mean(1, keepdim=True)
     deep = [] if whole else _parts([depth], ahead)
-    what = "the depth of 3D poses looks negated, so that feet point backwards,"
-    remedy = "3D joints are in camera axes, z away from the camera: give them so in every frame"
+    what, remedy = "the depth of 3D poses looks negated, so that feet point backwards,", _DEPTH
+    if not all(_go_on(sides[1][..., :2], part) for part in deep):
+        # of one who stands sideways, images hardly show which
+        what = "3D poses look like mirror images, sides exchanged or depth negated,"
+        remedy = f"{_REMEDY}; or {_DEPTH}"
     findings += _finding(name, what, remedy, deep, (view,))
     for limbs, which in (("arms", _ARMS), ("legs", _LEGS)):
         parts = _parts([each[:, list(which)] for each in sides], level)
@@ -59,21 +64,27 @@ def examine_turned_poses(
     return findings
 
 
-def examine_turned_limbs(subject: str, points: Tensor, views: int) -> list[Finding]:
+def examine_turned_limbs(
+    subject: str, pixels: Tensor, known: Tensor, points: Tensor
+) -> list[Finding]:
     """Frames in which arms or legs alone are exchanged in all views, so that hips lie the other way
-    than shoulders.
+    than shoulders, and at whose first or last frame they turn over in the world and in the images.
 
     Args:
         subject: of the finding.
-        points: joints in the world, (F, 16, 3), NaN where unknown.
-        views: how many see them.
+        pixels: joints in C views, (F, C, 16, 2).
+        known: which of them count, (F, C, 16).
+        points: the same in the world, (F, 16, 3), NaN where unknown.
     """
+    shown = across(torch.where(known[..., None], pixels, torch.nan))
     sides, (_, level) = across(points), bearings(points)
     findings = []
     for limbs, which in (("arms", _ARMS), ("legs", _LEGS)):
-        parts = _parts([sides[:, list(which)]], level)
+        # where one view alone turns over, the points are nowhere
+        seen = shown[:, :, list(which)].flatten(1, 2)
+        parts = _parts([sides[:, list(which)], seen], level, _CLEARLY)
         what = f"left and right of the {limbs} look exchanged in every view"
-        findings += _finding(subject, what, _REMEDY, parts, range(views))
+        findings += _finding(subject, what, _REMEDY, parts, range(pixels.shape[1]))
     return findings
 
 
@@ -120,18 +131,27 @@ def _changed(shown: Tensor, edge: int, height: float) -> bool:
     return total and int(limbs.sum()) >= _LIMBS
 
 
-def _parts(directions: Sequence[Tensor], says: Tensor) -> list[tuple[int, int]]:
+def _go_on(directions: Tensor, part: tuple[int, int]) -> bool:
+    """Whether directions (F, N, D) stay as they are where a part begins, or else ends."""
+    edge = part[0] or part[1]
+    return _alike_beside(directions, edge) > -_TURNED
+
+
+def _parts(
+    directions: Sequence[Tensor], says: Tensor, turned: float = _TURNED
+) -> list[tuple[int, int]]:
     """Half-open ranges of frames that are wrong, each beside an edge at which all turn over.
 
     Args:
         directions: (F, N, D) each, NaN where unknown.
         says: of each frame, 1 that it is right to -1 that it is the opposite, (F,); NaN of
             nothing.
+        turned: correlation beside an edge, at most.
     """
-    edges = _edges(directions, says)
+    edges = _edges(directions, says, turned)
     if not edges:
         return []
-    parts = pairwise([0, *edges, len(says)])
+    parts = [_said(says, start, stop) for start, stop in pairwise([0, *edges, len(says)])]
     return [
         (start, stop)
         for start, stop in parts
@@ -139,30 +159,39 @@ def _parts(directions: Sequence[Tensor], says: Tensor) -> list[tuple[int, int]]:
     ]
 
 
-def _edges(directions: Sequence[Tensor], says: Tensor) -> list[int]:
+def _said(says: Tensor, start: int, stop: int) -> tuple[int, int]:
+    """Frames from one to another without those at either end of which nothing is said for long."""
+    against = (says[start:stop] < -AHEAD).nonzero()[:, 0].tolist() or [0]
+    first, last = start + against[0], start + against[-1] + 1
+    return (
+        first if first - start >= _SHORTEST else start,
+        last if stop - last >= _SHORTEST else stop,
+    )
+
+
+def _edges(directions: Sequence[Tensor], says: Tensor, turned: float) -> list[int]:
     """Frames that say the opposite of those before, and at which all directions turn over."""
     found = []
     for frame in range(_FEWEST, len(says) - _FEWEST + 1):
         before, after = says[max(0, frame - _AROUND) : frame], says[frame : frame + _AROUND]
-        if _verdict(before, _SAYING) * _verdict(after, _SAYING) >= 0:
+        if _verdict(before, _SAYING, _BESIDE) * _verdict(after, _SAYING, _BESIDE) >= 0:
             continue
-        # medians: single frames may show anything
-        alikes = [
-            alike(
-                each[max(0, frame - _NEAR) : frame].nanmedian(0).values,
-                each[frame : frame + _NEAR].nanmedian(0).values,
-            )
-            for each in directions
-        ]
-        if all(each < _TURNED for each in alikes):
+        alikes = [_alike_beside(each, frame) for each in directions]
+        if all(each < turned for each in alikes):
             at_once = [alike(each[frame - 1], each[frame]) for each in directions]
-            near = sum(0.0 if math.isnan(each) else each for each in at_once)
-            found.append((sum(alikes) + near, frame))
+            clear = [each for each in (*alikes, *at_once) if not math.isnan(each)]
+            found.append((sum(clear), frame))
     best: list[int] = []
     for _, frame in sorted(found):
         if all(abs(frame - other) >= _SHORTEST for other in best):
             best.append(frame)
     return sorted(best)
+
+
+def _alike_beside(directions: Tensor, frame: int) -> float:
+    """Correlation of directions (F, N, D) before and from a frame on; single ones may be wrong."""
+    before = directions[max(0, frame - _NEAR) : frame].nanmedian(0).values
+    return alike(before, directions[frame : frame + _NEAR].nanmedian(0).values)
 
 
 def _finding(
@@ -180,10 +209,10 @@ def _finding(
     return [Finding(Severity.WARNING, subject, what, remedy, frames, tuple(views))]
 
 
-def _verdict(says: Tensor, fewest: int) -> int:
-    """What nearly all frames (N,) say that say something: 1 right, -1 the opposite; else 0."""
+def _verdict(says: Tensor, fewest: int, most: float = _MOST) -> int:
+    """What most frames (N,) say that say something: 1 right, -1 the opposite; else 0."""
     against, right = int((says < -AHEAD).sum()), int((says > AHEAD).sum())
     if against + right < fewest:
         return 0
     share = against / (against + right)
-    return -1 if share > _MOST else 1 if share < 1 - _MOST else 0
+    return -1 if share > most else 1 if share < 1 - most else 0
