@@ -103,6 +103,30 @@ def test_of_two_views_that_fit_alike_with_sides_exchanged_the_right_one_is_named
     assert finding.subject == "cam06" and "in frames 25-35" in finding.what
 
 
+@pytest.mark.skipif(not TAKE.exists(), reason="needs the shared data beside this tree")
+@pytest.mark.parametrize("start", [10, 18])
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
+def test_two_of_three_views_are_exchanged_in_half_of_the_clip(
+    pair: tuple[int, int], start: int
+) -> None:
+    """More than half of the parts disagree then, and in one pair or the other sides turn over."""
+    whole = read_cameras(TAKE / "cameras.json")
+    found = TAKE / "person1" / "detections.npz"
+    seen = read_detections([found], views=whole.names, pixel_offset=whole.pixel_offset)[0]
+    views = [0, 2, 4]
+    some = CameraRig(tuple(whole.names[view] for view in views), whole.cameras.select(views))
+    seen = seen.select(views)
+    joints, confidence = seen.joints2d.clone(), seen.confidence2d.clone()
+    for values in (joints, confidence):
+        values[start:, list(pair)] = values[start:, list(reversed(pair))]
+    spoiled = replace(seen, joints2d=joints, confidence2d=confidence)
+    finding = one(examine_agreement(some, spoiled))
+    assert finding.subject == " and ".join(some.names[view] for view in pair)
+    assert finding.what.startswith(f"look exchanged in frames {start}-")
+    assert finding.severity is Severity.WARNING and finding.views == pair
+    assert finding.frames[0] == start and finding.frames[-1] >= 33
+
+
 @pytest.mark.parametrize("views", [3, 4])
 def test_sides_that_change_places_in_all_views(views: int) -> None:
     """Rays cross as well as before: the motion shows it, and the feet which frames are wrong."""

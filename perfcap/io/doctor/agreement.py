@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from torch import Tensor
 
@@ -19,11 +19,12 @@ from perfcap.io.doctor.evidence import (
     left_out_error,
     person_height,
 )
-from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
+from perfcap.io.doctor.turned_parts import examine_turned_limbs
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
 # 0.01 to 0.02.
@@ -74,7 +75,10 @@ def examine_agreement(
         points, _ = sampled.triangulated(rounds=6)
         findings += _scale(points)
         findings += examine_sides("detections", points) or examine_pairs("detections", points)
-        return findings + _stretches(scene.sure(), names, height, alone)
+        views = [rig.names.index(name) for name in names]  # others are left out by now
+        parts = _stretches(scene.sure(), names, height, alone)
+        findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
+        return findings
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
@@ -163,10 +167,15 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
 def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> list[Finding]:
     """What is wrong in a part of the clip alone."""
     findings = examine_stretches(scene, names, height, alone=alone)
-    points, _ = scene.triangulated(rounds=6)
-    seen = scene.detections
+    # views that are exchanged turn sides over as well
+    seen = doubting(scene.detections, findings).undoubted()
+    points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
+    limbs = examine_turned_limbs("detections", seen.joints2d, seen.confidence2d > 0, points)
+    if limbs:
+        seen = doubting(seen, limbs).undoubted()
+        points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
     sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
-    return findings + sides
+    return [*findings, *limbs, *sides]
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:

@@ -17,7 +17,9 @@ from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.order import examine_order
 from perfcap.io.doctor.pairs import examine_pairs
+from perfcap.io.doctor.repeated import examine_repeated
 from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
@@ -25,9 +27,8 @@ ROOT_TOLERANCE = 0.05  # m
 _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
-_SOME = 4  # joints that tell a repeated frame
+_SOME = 4  # joints that tell a copied view
 _PLACEHOLDERS = 3  # joints at one place in the corner
-_FEWEST_REPEATED, _REPEATED = 3, 0.05  # frames, and share of them
 _NECK = LANDMARKS.index("neck")
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
@@ -67,7 +68,7 @@ def examine_detections(
         order = examine_order(name, *shown)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        findings += order + _repeated(name, *shown)
+        findings += order + examine_repeated(name, view, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
@@ -86,8 +87,11 @@ def examine_detections(
                 detections.confidence2d[:, view],
                 trusted,
             )
-            findings += wrong or examine_sides(name, pose) or examine_pairs(name, pose)
+            wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
+            poses = detections.joints3d[:, view], detections.trusted3d[:, view]
+            findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
+            findings += examine_turned_view(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
 
@@ -194,22 +198,6 @@ def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
             pair = f"{names[first]} and {names[second]}"
             findings.append(Finding(Severity.ERROR, pair, what, remedy))
     return findings
-
-
-def _repeated(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
-    """Frames (F, 16) whose joints are those of the frame before, to the last digit."""
-    seen = confidence > 0
-    both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
-    same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
-    repeated, pairs = int(same.sum()), int(both.sum())
-    if repeated < _FEWEST_REPEATED or repeated < _REPEATED * pairs:
-        return []
-    what = f"{repeated} of {pairs} frames repeat the joints of the frame before to the last digit"
-    remedy = (
-        "no detector does; if it ran on some frames alone, leave the others out, and give video "
-        "and detections the same frame rate"
-    )
-    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _placeholders(name: str, pixels: Tensor) -> list[Finding]:

@@ -41,6 +41,7 @@ class Hypothesis:
     remedy: str
     undo: Callable[[Scene], Scene]
     settles: bool = False
+    views: tuple[int, ...] = ()  # that are wrong, where it is said of some
 
 
 def hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypothesis]:
@@ -73,9 +74,10 @@ def view_hypotheses(names: Sequence[str], views: Sequence[int]) -> Iterator[Hypo
             "look exchanged",
             "give detections and videos in the order of the cameras",
             partial(_exchanged, first=first, second=second),
+            views=(first, second),
         )
     for view in views:
-        yield from _single(names[view], view)
+        yield from (replace(each, views=(view,)) for each in _single(names[view], view))
 
 
 def _conventions() -> Iterator[Hypothesis]:

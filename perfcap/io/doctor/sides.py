@@ -32,19 +32,44 @@ def examine_sides(subject: str, points: Tensor) -> list[Finding]:
         subject: of the finding.
         points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
     """
+    ahead, level = bearings(points)
+    if _against(level):
+        legs = _against(ahead)
+        what = f"left and right of the {'legs' if legs else 'arms'} look exchanged in every frame"
+        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
+    if _against(ahead):
+        what = "left and right look exchanged: the feet point backwards"
+        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
+    return []
+
+
+def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
+    """Cosines between where hips and toes point, and between the lines of hips and shoulders.
+
+    Args:
+        points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
+
+    Returns:
+        (F,) each, NaN where unknown; negative where sides are exchanged.
+    """
     at = dict(zip(LANDMARKS, points.unbind(1), strict=True))
     hips, shoulders = at["l_hip"] - at["r_hip"], at["l_shoulder"] - at["r_shoulder"]
     up = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
     feet = [at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]
     toes = 0.5 * (feet[0] + feet[1])
-    if _against(_cosine(hips, shoulders)):
-        legs = _against(_cosine(torch.linalg.cross(hips, up), toes))
-        what = f"left and right of the {'legs' if legs else 'arms'} look exchanged in every frame"
-        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
-    if _against(_cosine(torch.linalg.cross(hips, up), toes)):
-        what = "left and right look exchanged: the feet point backwards"
-        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
-    return []
+    return _cosine(torch.linalg.cross(hips, up), toes), _cosine(hips, shoulders)
+
+
+def of_sides(points: Tensor) -> tuple[Tensor, Tensor]:
+    """Joints that people have twice, of (..., 16, D): left and right, (..., 6, D) each."""
+    left, right = ([LANDMARKS.index(f"{side}_{name}") for name in _PAIRS] for side in "lr")
+    return points[..., left, :], points[..., right, :]
+
+
+def across(points: Tensor) -> Tensor:
+    """From right to left, of hips, shoulders, elbows, wrists, knees and ankles, (..., 6, D)."""
+    left, right = of_sides(points)
+    return left - right
 
 
 def examine_exchange(subject: str, pixels: Tensor, known: Tensor, points: Tensor) -> list[Finding]:
@@ -59,7 +84,7 @@ def examine_exchange(subject: str, pixels: Tensor, known: Tensor, points: Tensor
         known: which of them count, (F, C, 16).
         points: the same in the world, (F, 16, 3) in right-handed axes, NaN where unknown.
     """
-    edges = _exchanges(pixels, known)
+    edges = exchanges(pixels, known, 2)  # a network exchanges sides now and then, in one view
     if not edges:
         return []
     parts = list(pairwise([0, *edges, len(points)]))
@@ -76,27 +101,31 @@ def examine_exchange(subject: str, pixels: Tensor, known: Tensor, points: Tensor
     return [Finding(Severity.WARNING, subject, what, remedy, frames, views)]
 
 
-def _exchanges(pixels: Tensor, known: Tensor) -> list[int]:
-    """Frames at which sides are the opposite of those before, where both went on for a while."""
-    left, right = ([LANDMARKS.index(f"{side}_{name}") for name in _PAIRS] for side in "lr")
-    both = (known[..., left] & known[..., right]).unsqueeze(-1)
-    sides = torch.where(both, pixels[..., left, :] - pixels[..., right, :], torch.nan)  # F C N 2
+def exchanges(pixels: Tensor, known: Tensor, views: int) -> list[int]:
+    """Frames at which sides are the opposite of those before, where both went on for a while.
+
+    Args:
+        pixels: landmarks of successive frames, (F, C, 16, 2).
+        known: which of them count, (F, C, 16).
+        views: how many must show it.
+    """
+    sides = across(torch.where(known.unsqueeze(-1), pixels, torch.nan))  # F C N 2
     found = []
     for frame in range(_LONG, len(pixels) - _LONG + 1):
         # who turns takes more than one frame
-        if not _alike(sides[frame - 1], sides[frame]) < -_AT_ONCE:
+        if not alike(sides[frame - 1], sides[frame]) < -_AT_ONCE:
             continue
         before = sides[frame - _NEAR : frame].nanmean(0)
         after = sides[frame : frame + _NEAR].nanmean(0)
-        if not _alike(before, after) < -_CLEAR:
+        if not alike(before, after) < -_CLEAR:
             continue
-        crossed = [_alike(*view) < -_CLEAR for view in zip(before, after, strict=True)]
-        if sum(crossed) < 2:  # a network exchanges sides now and then, in one view
+        crossed = [alike(*view) < -_CLEAR for view in zip(before, after, strict=True)]
+        if sum(crossed) < views:
             continue
         earlier = sides[frame - _LONG : frame - _NEAR].nanmean(0)
         later = sides[frame + _NEAR : frame + _LONG].nanmean(0)
-        if _alike(earlier, before) > 0 and _alike(after, later) > 0:
-            found.append((_alike(before, after), frame))
+        if alike(earlier, before) > 0 and alike(after, later) > 0:
+            found.append((alike(before, after), frame))
     best: list[int] = []
     for _, frame in sorted(found):
         if all(abs(frame - other) >= _LONG for other in best):
@@ -104,7 +133,7 @@ def _exchanges(pixels: Tensor, known: Tensor) -> list[int]:
     return sorted(best)
 
 
-def _alike(sides: Tensor, others: Tensor) -> float:
+def alike(sides: Tensor, others: Tensor) -> float:
     """Correlation of directions (..., 2) in the images, from -1 to 1; NaN where none are known."""
     count = (sides.isfinite() & others.isfinite()).all(-1)
     first, second = sides[count], others[count]
@@ -112,9 +141,8 @@ def _alike(sides: Tensor, others: Tensor) -> float:
 
 
 def _cosine(first: Tensor, second: Tensor) -> Tensor:
-    """Of the frames (F,) that know both directions."""
-    cosine = torch.nn.functional.cosine_similarity(first, second, dim=-1)
-    return cosine[cosine.isfinite()]
+    """Of each frame, (F,); NaN where a direction is unknown."""
+    return torch.nn.functional.cosine_similarity(first, second, dim=-1)
 
 
 def _against(cosine: Tensor) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -115,10 +114,9 @@ class _Views:
             if each.remedy == remedy and rest <= _CLOSE * left[lowest]
         ]
         best, _, frames = min(alike, key=lambda each: _leap(self._mended(*each[1:]), each[2]))
-        if not self.others:  # of two views it is unknown which one is wrong
+        if not self.others and len(best.views) < 2:  # it is unknown which of both is wrong
             return _Mistake(" or ".join(self.names), remedy, best.what, frames, (0, 1))
-        wrong = (self.names.index(best.subject),)
-        return _Mistake(best.subject, remedy, best.what, frames, wrong)
+        return _Mistake(best.subject, remedy, best.what, frames, best.views)
 
     def _where(self, changed: Scene, part: Tensor) -> frozenset[int]:
         """Frames in and beside a part that fit better with a mistake undone."""
@@ -168,8 +166,9 @@ def _mistakes(views: _Views, alone: bool) -> Iterator[_Mistake]:
     """One of each part of the clip in which views disagree more than usual, if it is explained."""
     parts = _parts(views.scene.detections.frame_count)
     seen = [disagreement(views.scene.frames(part)) for part in parts]
-    known = [each for each in seen if math.isfinite(each)]
-    usual = statistics.median(known) if known else math.inf
+    known = sorted(each for each in seen if math.isfinite(each))
+    # of the better quarter: more than half of the clip may be wrong
+    usual = known[(len(known) - 1) // 4] if known else math.inf
     raised = max(_RAISED * usual, _LEAST * views.height)
     for part, now in zip(parts, seen, strict=True):
         if raised < now < math.inf:

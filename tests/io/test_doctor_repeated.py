@@ -1,0 +1,41 @@
+"""Joints of some frames that are those of others before, to the last digit."""
+
+import torch
+from doctored_views import FRAMES, detections, one, rig
+
+from perfcap.detect.detections import Detections
+from perfcap.io.doctor import Severity, examine_detections
+from perfcap.io.doctor.repeated import examine_repeated
+
+
+def late(seen: Detections, start: int, by: int) -> Detections:
+    """As where frames were put in at ``start``, of those before."""
+    index = torch.arange(seen.frame_count)
+    return seen.frames(torch.where(index < start, index, index - by))
+
+
+def test_frames_that_were_put_in() -> None:
+    """The first of them are there twice; those after are late, and nowhere else."""
+    seen = detections()
+    for start, by in ((12, 2), (12, 5), (16, 6)):
+        some = late(seen, start, by)
+        finding = one(examine_repeated("cam2", 1, some.joints2d[:, 1], some.confidence2d[:, 1]))
+        last = start + by - 1
+        assert f"frames {start}-{last} (of the capture" in finding.what
+        assert f"are those of {by} frames before to the last digit" in finding.what
+        assert finding.frames == tuple(range(start, start + by)) and finding.views == (1,)
+        assert finding.severity is Severity.WARNING
+        found = examine_detections(rig(), some)
+        assert [each.subject for each in found] == list(rig().names)
+
+
+def test_one_frame_that_looks_like_another_is_none() -> None:
+    """On the same whole pixels, say; and frames that show nobody are alike."""
+    seen = detections()
+    joints, confidence = seen.joints2d[:, 0].clone(), seen.confidence2d[:, 0].clone()
+    joints[15] = joints[4]
+    assert examine_repeated("cam1", 0, joints, confidence) == []
+    joints[18:22], confidence[18:22] = joints[4:8], 0
+    confidence[4:8, 3:] = 0
+    assert examine_repeated("cam1", 0, joints, confidence) == []
+    assert len(joints) == FRAMES
