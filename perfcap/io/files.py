@@ -14,6 +14,8 @@ from perfcap.errors import InputError
 MEBIBYTE = 2**20
 JSON_LIMIT = 512 * MEBIBYTE
 TEXT_LIMIT = 64 * MEBIBYTE
+_PLENTY = 1024 * MEBIBYTE  # of values in memory, and three times their text
+_TAKEN = {"{": 184, "[": 88, ",": 32}  # bytes: an object, a list, a number and its place
 VIDEO_SUFFIXES = frozenset(
     {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"}
 )
@@ -67,6 +69,7 @@ def read_text(path: Path, what: str, limit: int = TEXT_LIMIT) -> str:
 def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
     """The value of a JSON file. ``NaN`` and ``Infinity`` are read, as detectors write them."""
     text = read_text(path, what, limit)  # refused by itself: an InputError is a ValueError
+    _require_modest(path, text, what)
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
@@ -78,6 +81,17 @@ def read_json(path: Path, what: str, limit: int = JSON_LIMIT) -> Any:
         raise InputError(f"{path}: JSON nested too deep; expected {what}") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: is not usable JSON ({error}); expected {what}") from error
+
+
+def _require_modest(path: Path, text: str, what: str) -> None:
+    """Refuse JSON whose values take far more memory than their text: brackets and little else."""
+    taken = sum(size * text.count(mark) for mark, size in _TAKEN.items())
+    if taken > _PLENTY + 3 * len(text):
+        raise InputError(
+            f"{path}: {len(text) / MEBIBYTE:.0f} MB of JSON hold {text.count('{')} objects and "
+            f"{text.count('[')} lists, {taken / MEBIBYTE:.0f} MB in memory; expected {what}; "
+            "split it"
+        )
 
 
 def read_toml(path: Path, what: str, limit: int = TEXT_LIMIT) -> dict[str, Any]:
