@@ -100,9 +100,8 @@ def examine_turned_view(name: str, pixels: Tensor, confidence: Tensor) -> list[F
     """
     known = confidence > _SURE
     shown = torch.where(known[..., None], pixels, torch.nan)
-    tall = shown[..., 1].nan_to_num(-torch.inf).amax(1) - shown[..., 1].nan_to_num(torch.inf).amin(
-        1
-    )
+    rows = shown[..., 1]
+    tall = rows.nan_to_num(-torch.inf).amax(1) - rows.nan_to_num(torch.inf).amin(1)
     tall = tall[known.sum(1) >= _AROUND]
     if not len(tall):
         return []
