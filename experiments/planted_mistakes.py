@@ -1,0 +1,142 @@
+"""Mistakes planted in joints that are given: how many are named, and what is named of right ones.
+
+In two calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
+from the middle of the clip on, arms or legs exchanged in all views for a third of it, five frames
+put in. In one view with 3D poses: joints of both sides exchanged throughout; left and right
+exchanged, or depth negated, for a third of the clip. Whatever is said of an input counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import report
+import torch
+from recordings import Recording, balancing, demo, rendered, rendered_views
+from report import Report, Table
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor import Severity, examine_agreement, examine_detections
+
+_PAIRS = ("elbow", "wrist", "knee", "ankle", "toe")
+_ARMS, _LEGS = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "toe")
+_SEVERAL = (("dev_views", 1), ("dev_dance", 1), ("dev_duo", 2), ("dev_trio", 3), ("dev_twins", 2))
+_PUT_IN = 5  # frames
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    sets: int = 6
+    """Of two to four views of each recording, drawn at random."""
+    seed: int = 0
+    """Of the sets."""
+
+
+def run(config: Experiment) -> Report:
+    """A row for each mistake."""
+    torch.set_num_threads(1)
+    counts: dict[str, list[bool]] = {}
+    for rig, seen in _inputs(config):
+        for mistake, joints in _spoiled(seen):
+            counts.setdefault(mistake, []).append(_named(rig, joints))
+    rows = tuple(
+        (mistake, len(named), sum(named), 100 * sum(named) / len(named))
+        for mistake, named in counts.items()
+    )
+    columns = ("mistake", "inputs", "something is said of", "%")
+    return Report((Table("planted mistakes", columns, rows, 0),))
+
+
+def _inputs(config: Experiment) -> Iterator[tuple[CameraRig, Detections]]:
+    rng = np.random.default_rng(config.seed)
+    for clip in _several(config.data):
+        every = [s for n in (2, 3, 4) for s in combinations(range(clip.cameras.views), n)]
+        for index in rng.permutation(len(every))[: config.sets].tolist():
+            views = list(every[index])
+            yield clip.rig.select(views), clip.detections.select(views).without_poses()
+    for name in ("dev_tight", "dev_skirt", "dev_coat"):
+        clip = rendered(config.data, name)
+        yield clip.rig, clip.detections
+    yield demo().rig, demo().detections
+
+
+def _several(data: Path) -> Iterator[Recording]:
+    for name, people in _SEVERAL:
+        yield from (rendered_views(data, name, person) for person in range(1, people + 1))
+    yield balancing(data)
+
+
+def _named(rig: CameraRig, seen: Detections) -> bool:
+    found = (*examine_detections(rig, seen, coverage=False), *examine_agreement(rig, seen))
+    return any(each.severity is not Severity.INFO for each in found)
+
+
+def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
+    alone, count = seen.views == 1, seen.frame_count
+    whose = "one view" if alone else "several"
+    whole, third = slice(None), slice(count // 3, 2 * count // 3)
+    yield f"{whose}: none", seen
+    for name in _PAIRS:
+        yield f"{whose}: {name}s exchanged", _ordered(seen, _exchange(name), whole)
+    if alone:
+        order = list(LANDMARKS16.mirrored())
+        yield f"{whose}: left and right, a third", _ordered(seen, order, third)
+        yield f"{whose}: depth negated, a third", _ordered(seen, range(16), third, depth=-1.0)
+        return
+    for names, limbs in ((_ARMS, "arms"), (_LEGS, "legs")):
+        yield f"{whose}: {limbs}, a third", _ordered(seen, _exchange(*names), third)
+    if seen.views > 2:
+        views = torch.arange(seen.views)
+        views[:2] = torch.tensor([1, 0])
+        late = torch.arange(count) >= count // 2
+        yield (
+            f"{whose}: two views exchanged from the middle",
+            seen.select(views.tolist()).where(late, seen),
+        )
+    later = torch.arange(count)
+    later[count // 3 :] = (later[count // 3 :] - _PUT_IN).clamp(min=0)
+    yield f"{whose}: {_PUT_IN} frames put in", seen.frames(later)
+
+
+def _exchange(*names: str) -> list[int]:
+    """Order of the landmarks with these joints of both sides exchanged."""
+    order = list(range(len(LANDMARKS)))
+    for name in names:
+        left, right = (LANDMARKS.index(f"{side}_{name}") for side in "lr")
+        order[left], order[right] = right, left
+    return order
+
+
+def _ordered(seen: Detections, order: Sequence[int], part: slice, depth: float = 1.0) -> Detections:
+    """Joints in another order in a part of the frames, and depth times a factor."""
+
+    def changed(values: Tensor, axis: int) -> Tensor:
+        result = values.clone()
+        result[part] = values[part].index_select(axis, torch.tensor([*order]))
+        return result
+
+    poses = seen.joints3d
+    if poses is not None:
+        poses = changed(poses, -2)
+        poses[part, ..., 2] *= depth
+    return replace(
+        seen,
+        joints2d=changed(seen.joints2d, -2),
+        confidence2d=changed(seen.confidence2d, -1),
+        joints3d=poses,
+    )
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "planted_mistakes")
