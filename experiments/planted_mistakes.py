@@ -3,7 +3,8 @@
 In two calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
 from the middle of the clip on, arms or legs exchanged in all views for a third of it, five frames
 put in. In one view with 3D poses: joints of both sides exchanged throughout; left and right
-exchanged, or depth negated, for a third of the clip. Whatever is said of an input counts.
+exchanged, or depth negated, for a third of the clip. What is said of the right input as well does
+not count.
 """
 
 from __future__ import annotations
@@ -48,8 +49,12 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     counts: dict[str, list[bool]] = {}
     for rig, seen in _inputs(config):
+        right = _said(rig, seen)
+        whose = "one view" if seen.views == 1 else "several views"
+        counts.setdefault(f"{whose}: none", []).append(bool(right))
         for mistake, joints in _spoiled(seen):
-            counts.setdefault(mistake, []).append(_named(rig, joints))
+            named = bool(_said(rig, joints) - right)
+            counts.setdefault(f"{whose}: {mistake}", []).append(named)
     rows = tuple(
         (mistake, len(named), sum(named), 100 * sum(named) / len(named))
         for mistake, named in counts.items()
@@ -77,36 +82,34 @@ def _several(data: Path) -> Iterator[Recording]:
     yield balancing(data)
 
 
-def _named(rig: CameraRig, seen: Detections) -> bool:
+def _said(rig: CameraRig, seen: Detections) -> set[str]:
     found = (*examine_detections(rig, seen, coverage=False), *examine_agreement(rig, seen))
-    return any(each.severity is not Severity.INFO for each in found)
+    return {str(each) for each in found if each.severity is not Severity.INFO}
 
 
 def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     alone, count = seen.views == 1, seen.frame_count
-    whose = "one view" if alone else "several"
     whole, third = slice(None), slice(count // 3, 2 * count // 3)
-    yield f"{whose}: none", seen
     for name in _PAIRS:
-        yield f"{whose}: {name}s exchanged", _ordered(seen, _exchange(name), whole)
+        yield f"{name}s exchanged", _ordered(seen, _exchange(name), whole)
     if alone:
         order = list(LANDMARKS16.mirrored())
-        yield f"{whose}: left and right, a third", _ordered(seen, order, third)
-        yield f"{whose}: depth negated, a third", _ordered(seen, range(16), third, depth=-1.0)
+        yield "left and right, a third", _ordered(seen, order, third)
+        yield "depth negated, a third", _ordered(seen, range(16), third, depth=-1.0)
         return
     for names, limbs in ((_ARMS, "arms"), (_LEGS, "legs")):
-        yield f"{whose}: {limbs}, a third", _ordered(seen, _exchange(*names), third)
+        yield f"{limbs} exchanged, a third", _ordered(seen, _exchange(*names), third)
     if seen.views > 2:
         views = torch.arange(seen.views)
         views[:2] = torch.tensor([1, 0])
         late = torch.arange(count) >= count // 2
         yield (
-            f"{whose}: two views exchanged from the middle",
+            "two views exchanged from the middle",
             seen.select(views.tolist()).where(late, seen),
         )
     later = torch.arange(count)
     later[count // 3 :] = (later[count // 3 :] - _PUT_IN).clamp(min=0)
-    yield f"{whose}: {_PUT_IN} frames put in", seen.frames(later)
+    yield f"{_PUT_IN} frames put in", seen.frames(later)
 
 
 def _exchange(*names: str) -> list[int]:
