@@ -60,19 +60,26 @@ def test_a_part_of_a_list_that_is_counted_from_boxes() -> None:
 
 
 def test_photographs_that_were_cut_out_are_accepted() -> None:
-    joints = from_box(people(200)[0])
+    joints, sizes = people(200)
+    joints = from_box(joints)
     require_whole(PATH, joints, joints.max(1) + 10)
+    with pytest.raises(InputError):  # of whole photographs they are no places
+        require_whole(PATH, joints, sizes)
 
 
 def test_people_low_and_left_before_one_camera_are_accepted() -> None:
     joints, sizes = people(200)
-    joints += sizes[:, None] * np.float32([-0.15, 0.2])
-    require_whole(PATH, joints, sizes)
+    require_whole(PATH, joints + sizes[:, None] * np.float32([-0.15, 0.2]), sizes)
+    with pytest.raises(InputError):  # high and left, as of copies
+        require_whole(PATH, joints + sizes[:, None] * np.float32([-0.15, -0.15]), sizes)
 
 
 def test_few_people_say_nothing() -> None:
-    joints, sizes = people(19)
-    require_whole(PATH, (0.4 * joints).astype(np.float32), sizes)
+    joints, sizes = people(60)
+    joints = (0.4 * joints).astype(np.float32)
+    require_whole(PATH, joints[:19], sizes[:19])
+    with pytest.raises(InputError):
+        require_whole(PATH, joints, sizes)
 
 
 @pytest.mark.skipif(not LSPET.is_dir(), reason="needs shared/data/lspet")

@@ -121,14 +121,19 @@ SPOILED |= {
 
 def test_a_joint_that_is_nowhere_seen_is_accepted(tmp_path: Path) -> None:
     made = at_origin("l_wrist")
+    with pytest.raises(InputError):  # as if it were seen there
+        read(tmp_path, **made).require_followed(tmp_path / "tracks.npz")
     made["confidence"][..., LANDMARKS.index("l_wrist")] = 0
     read(tmp_path, **made).require_followed(tmp_path / "tracks.npz")
 
 
 def test_a_joint_of_a_few_tracks_may_be_elsewhere(tmp_path: Path) -> None:
     """As an elbow that networks do not find behind a back."""
-    few = {name: values[:9] for name, values in at_origin("l_wrist").items()}
+    made = at_origin("l_wrist")
+    few = {name: values[:9] for name, values in made.items()}
     read(tmp_path, **few).require_followed(tmp_path / "tracks.npz")
+    with pytest.raises(InputError):
+        read(tmp_path, **made).require_followed(tmp_path / "tracks.npz")
 
 
 @pytest.mark.parametrize("kind", SPOILED)
