@@ -62,13 +62,13 @@ def _odd_sizes(detections: Detections, seen: list[int]) -> Iterator[str]:
         )
 
 
-def nobody_there(empty: Tensor | None) -> Iterator[str]:
+def empty_poses(empty: Tensor | None) -> Iterator[str]:
     """Frames (F,) of an estimator whose 3D joints are all in one place."""
     frames = [] if empty is None else empty.nonzero().flatten().tolist()
     if frames:
         yield (
             f"3D joints of frames {ranges(frames)} are all in one place, and count as missing; "
-            "NaN says so of frames without anybody"
+            "NaN says so of frames without a person"
         )
 
 

@@ -211,7 +211,7 @@ def _with_places(
 ) -> ClipEstimate:
     """Add 3D joints: a pose is used as a whole, where all joints that the set has are finite.
 
-    Poses whose joints are all in one place stand for nobody, as zeros in frames without anybody.
+    Poses whose joints are all in one place show no person, as zeros in frames without one.
     """
     local = given["joints3d"]
     sure = torch.ones_like(local[..., 0])

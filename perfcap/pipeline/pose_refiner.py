@@ -24,7 +24,7 @@ from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.estimate_doubts import estimate_doubts, nobody_there, size_doubts
+from perfcap.pipeline.estimate_doubts import empty_poses, estimate_doubts, size_doubts
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
@@ -197,7 +197,7 @@ class PoseRefiner(nn.Module):
             learned = clip.detections.confidence2d.requires_grad
             which = "" if len(clips) == 1 else f"clip {index}: "
             lines = [*estimate_doubts(clip.cameras, seen, missing, learned)]
-            lines += nobody_there(clip.empty)
+            lines += empty_poses(clip.empty)
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
             for line in lines:

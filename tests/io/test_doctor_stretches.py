@@ -9,6 +9,7 @@ import torch
 from doctored_views import FRAMES, NAMES, detections, one, person, rig, with_joints
 from torch import Tensor
 
+from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.calibration import CameraRig, read_cameras
@@ -23,6 +24,14 @@ WHERE = f"frames {FROM}-{FRAMES - 1}"
 def three() -> CameraRig:
     good = rig()
     return CameraRig(NAMES[:3], good.cameras.select([0, 1, 2]))
+
+
+def taken(views: list[int]) -> tuple[CameraRig, Detections]:
+    """Some views of a recording."""
+    whole = read_cameras(TAKE / "cameras.json")
+    found = TAKE / "person1" / "detections.npz"
+    seen = read_detections([found], views=whole.names, pixel_offset=whole.pixel_offset)[0]
+    return whole.select(views), seen.select(views)
 
 
 def aside(joints: Tensor) -> Tensor:
@@ -88,12 +97,7 @@ def test_a_clip_hardly_longer_than_a_part_is_looked_at_as_a_whole() -> None:
 @pytest.mark.skipif(not TAKE.exists(), reason="needs the shared data beside this tree")
 def test_of_two_views_that_fit_alike_with_sides_exchanged_the_right_one_is_named() -> None:
     """Exchanged in another one as well, the sides change places at that frame."""
-    whole = read_cameras(TAKE / "cameras.json")
-    found = TAKE / "person1" / "detections.npz"
-    seen = read_detections([found], views=whole.names, pixel_offset=whole.pixel_offset)[0]
-    views = [0, 2, 5]
-    some = CameraRig(tuple(whole.names[view] for view in views), whole.cameras.select(views))
-    seen = seen.select(views)
+    some, seen = taken([0, 2, 5])
     assert examine_agreement(some, seen) == []
 
     def late(joints: Tensor) -> None:
@@ -110,12 +114,7 @@ def test_two_of_three_views_are_exchanged_in_half_of_the_clip(
     pair: tuple[int, int], start: int
 ) -> None:
     """More than half of the parts disagree then, and in one pair or the other sides turn over."""
-    whole = read_cameras(TAKE / "cameras.json")
-    found = TAKE / "person1" / "detections.npz"
-    seen = read_detections([found], views=whole.names, pixel_offset=whole.pixel_offset)[0]
-    views = [0, 2, 4]
-    some = CameraRig(tuple(whole.names[view] for view in views), whole.cameras.select(views))
-    seen = seen.select(views)
+    some, seen = taken([0, 2, 4])
     joints, confidence = seen.joints2d.clone(), seen.confidence2d.clone()
     for values in (joints, confidence):
         values[start:, list(pair)] = values[start:, list(reversed(pair))]

@@ -48,6 +48,8 @@ def test_findings_doubt_their_frames_and_views_alone() -> None:
     doubted = marked(seen, (0, 2)).doubted
     assert doubted is not None
     assert doubted[FROM:, [0, 2]].all() and int(doubted.sum()) == 2 * (FRAMES - FROM)
+    twice = marked(marked(seen, (0,)), (2,)).doubted
+    assert twice is not None and torch.equal(twice, doubted)
 
 
 def test_joints_that_the_others_bear_out_change_little() -> None:

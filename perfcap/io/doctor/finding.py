@@ -45,7 +45,7 @@ class Finding:
 
 
 def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
-    """Detections of which those are doubted that findings say are wrong in some frames.
+    """Detections of which those are doubted, too, that findings say are wrong in some frames.
 
     Args:
         detections: of the capture, (F, C).
@@ -55,6 +55,8 @@ def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
     if not wrong:
         return detections
     doubted = torch.zeros_like(detections.trusted3d)
+    if detections.doubted is not None:
+        doubted |= detections.doubted
     for found in wrong:
         there = torch.zeros_like(doubted)
         there[..., found.frames, :] = True
