@@ -13,7 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import report
-from actor_import import RATE, transformed
+from actor_import import RATE
+from foreign_rigs import transformed
 from makehuman_rigs import build, rigs
 from report import Report, Table, data_folder
 
@@ -139,6 +140,7 @@ def _scan(source: Path, folder: Path) -> str:
 
 def _shrink(sheet: Path, path: Path) -> None:
     picture = cv2.imread(str(sheet))
+    assert picture is not None
     size = (_WIDTH, round(_WIDTH * picture.shape[0] / picture.shape[1]))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])

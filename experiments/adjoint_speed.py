@@ -12,6 +12,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import report
 import torch
@@ -216,7 +217,7 @@ def _errors(
     return rows, (note,)
 
 
-_KINDS = ("full", "gauss_newton")
+_KINDS: tuple[Literal["full", "gauss_newton"], ...] = ("full", "gauss_newton")
 
 
 def _slopes(problem: Problem, known: Inputs, start: Motion, adjoint: Implicit) -> dict[str, Tensor]:

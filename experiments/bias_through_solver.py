@@ -225,7 +225,8 @@ def _seen(head: HeatmapHead, scene: Scene) -> Tensor:
     """The head's joints, (F, C, 16, 2), pixels, in the precision of the solver."""
     to_image = torch.tensor([[_STRIDE, 0, 0], [0, _STRIDE, 0]], dtype=torch.float32)
     whole = to_image.expand(*scene.features.shape[:2], 2, 3)
-    return head(scene.features, whole).joints2d.double()
+    joints: Tensor = head(scene.features, whole).joints2d
+    return joints.double()
 
 
 def _planted(config: Experiment) -> Tensor:
@@ -250,7 +251,8 @@ def _biased_head(study: Study, config: Experiment) -> HeatmapHead:
         start = step % (config.frames - config.window + 1)
         scene = study.train[step % len(study.train)].cut(slice(start, start + config.window))
         adam.zero_grad()
-        (_seen(head, scene) - scene.pixels - planted).square().mean().backward()
+        missed = (_seen(head, scene) - scene.pixels - planted).square().mean()
+        torch.autograd.backward(missed)
         adam.step()
         schedule.step()
     return head
@@ -273,7 +275,7 @@ def _train(head: HeatmapHead, study: Study, config: Experiment, loss: Loss) -> N
             clip = int(torch.randint(len(study.train), (), generator=random))
             first = int(torch.randint(config.frames - config.window + 1, (), generator=random))
             scene = study.train[clip].cut(slice(first, first + config.window))
-            loss(scene, _seen(head, scene)).backward()
+            torch.autograd.backward(loss(scene, _seen(head, scene)))
         adam.step()
         schedule.step()
 

@@ -109,8 +109,8 @@ def fitted(frames: list[Person], views: int, height: float, config: Experiment) 
     model = load_body_model()
     actor = model.actor(torch.zeros(0))
     unit = 0.01 * extents(take.detections)
-    frames = FrameProblem(actor, take.cameras, take.detections, PoseConfig(), unit)
-    initial, _ = initialize(prepare(frames))
+    problem = FrameProblem(actor, take.cameras, take.detections, PoseConfig(), unit)
+    initial, _ = initialize(prepare(problem))
     return fit_body(
         model,
         take.cameras,

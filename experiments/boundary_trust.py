@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +95,12 @@ def run(config: Experiment) -> Report:
     for name in config.tests:
         test = rendered(config.data, name)
         every = {0: range(0, test.detections.frame_count, config.every)}
-        sources[name] = _points(test, images_of(test), every, lambda _, f, t=test: true_mask(t, f))
+        sources[name] = _points(test, images_of(test), every, partial(_true, test))
     return Report((_reliability(sources), _weights(fitted)))
+
+
+def _true(recording: Recording, view: int, frame: int) -> Mask:
+    return true_mask(recording, frame)
 
 
 def _points(

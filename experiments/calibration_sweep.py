@@ -63,7 +63,8 @@ def wrong(cameras: Camera, kind: str, value: float, generator: torch.Generator) 
 
 
 def _unit(vectors: Tensor) -> Tensor:
-    return vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=math.ulp(1.0))
+    length: Tensor = vectors.norm(dim=-1, keepdim=True)
+    return vectors / length.clamp(min=math.ulp(1.0))
 
 
 def _recording(config: Experiment, sequence: str) -> Recording:

@@ -84,8 +84,8 @@ def run(config: Experiment) -> Report:
     )  # fmt: skip
     tables.append(Table("clothed people without a template", columns, tuple(rows)))
     if config.real:
-        columns = ("body from", "views", "height, cm", "precision %", "recall %", "IoU %")
-        tables.append(Table("a real man, outlines by hand", columns, tuple(_real(config))))
+        measured = ("body from", "views", "height, cm", "precision %", "recall %", "IoU %")
+        tables.append(Table("a real man, outlines by hand", measured, tuple(_real(config))))
     note = (
         "Errors of measurements: mean size of people, signed of single ones. Joints: as captured, "
     )
@@ -181,7 +181,8 @@ def _fitted(take: Take, shown: _Painted, kind: str) -> Measurements:
 
 
 def _recorded(config: Experiment, name: str) -> list[tuple[object, ...]]:
-    whole, rows = read(name, config.data), []
+    whole = read(name, config.data)
+    rows: list[tuple[object, ...]] = []
     truth = whole.recording.truth
     true = np.array(astuple(measure(whole.recording.actor.template)))
     for count, views in _VIEWS.items():
@@ -253,7 +254,8 @@ def _most(error: Tensor) -> float:
 
 
 def _real(config: Experiment) -> list[tuple[object, ...]]:
-    real, rows = balancing(config.data), []
+    real = balancing(config.data)
+    rows: list[tuple[object, ...]] = []
     clip, pixel_map = clip_of(real)
     labels = labels_of(clip.sizes)
     cameras = pixel_map.cameras(real.cameras, clip.sizes)

@@ -13,7 +13,7 @@ import report
 import torch
 from contour_pictures import save_pictures
 from numpy.typing import NDArray
-from recordings import Recording, rendered_views
+from recordings import Recording, rendered_views, stored_image
 from report import Report, Table
 
 from perfcap.actor.volume import GaussianCentres
@@ -134,7 +134,7 @@ def read(name: str, data: Path, edges: str = "learned") -> Seen:
     files = sorted((recording.folder / "views").glob("*.mp4"))
     clip = Clip.open([str(file) for file in files])
     frames, size = len(recording.truth), clip.sizes[0]
-    maps = [cv2.imread(str(p), cv2.IMREAD_UNCHANGED).reshape(frames, *size)
+    maps = [stored_image(p).reshape(frames, *size)
             for p in sorted((recording.folder / "labels").glob("*.png"))]  # fmt: skip
     images = Images(clip, recording.cameras, edges=edge_network(edges))
     return Seen(recording, images, maps, person)

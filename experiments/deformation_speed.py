@@ -18,6 +18,8 @@ import torch
 from deformation_problem import Scene
 from report import Report, Table
 
+from perfcap.energy.contour_alignment import ContourAlignment
+from perfcap.energy.rigidity import Rigidity
 from perfcap.solve import TruncatedNewton, solve
 from perfcap.solve.coarse import coarse_correction
 from perfcap.solve.conjugate_gradient import conjugate_gradients
@@ -96,13 +98,14 @@ def _parts(scene: Scene, config: Experiment) -> Table:
     state = scene.graph.identity(scene.posed)
     objective = scene.objective(pairs, config.rigidity[0], config.stretch)
     problem = SparseProblem.of(objective, state)
-    contour, rigidity = problem.energies.values()
     with torch.no_grad():
         equations = problem.linearize(state)
         damping = config.method.damping * equations.diagonal.diagonal(dim1=-2, dim2=-1)
         space = problem.coarse_space(state)
         assert space is not None
         correct = partial(coarse_correction, space, equations, damping)
+        contour, rigidity = problem.energies.values()
+        assert isinstance(contour, ContourAlignment) and isinstance(rigidity, Rigidity)
         parts: list[tuple[str, Callable[[], object]]] = [
             ("energies", partial(problem.evaluate, state)),
             ("linearization", partial(problem.linearize, state)),

@@ -96,7 +96,8 @@ def _detect3d(truth: np.ndarray, rng: np.random.Generator, noise: Noise) -> np.n
     for frame in _runs(frames, 0.025 * noise.wrong, (1, 3), rng):
         turn = _rotations(np.array([[0.0, np.radians(rng.uniform(70, 290)), 0.0]]))[0]
         joints[frame] = joints[rng.integers(frames)] @ turn.T + rng.normal(0, 0.06, (16, 3))
-    return joints
+    moved: np.ndarray = joints
+    return moved
 
 
 def _rebuild(points: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -122,7 +123,8 @@ def _runs(frames: int, rate: float, span: tuple[int, int], rng: np.random.Genera
     """Frames inside events that start at a rate and last a uniform number of frames."""
     inside: set[int] = set()
     for start in np.flatnonzero(rng.random(frames) < rate):
-        inside.update(range(start, min(frames, start + rng.integers(span[0], span[1] + 1))))
+        stop = int(start + rng.integers(span[0], span[1] + 1))
+        inside.update(range(int(start), min(frames, stop)))
     return sorted(inside)
 
 

@@ -30,7 +30,7 @@ from export_readers import (
 from report import DATA, Report, Table, main
 
 from perfcap.app.export import run_export
-from perfcap.commands.results import Export
+from perfcap.commands.results import Export, Format
 from perfcap.io.export import Recording, upright_from
 from perfcap.io.export.options import unique_names, word
 from perfcap.io.export.recording import Z_UP
@@ -38,7 +38,7 @@ from perfcap.io.result import read_result
 from perfcap.pipeline.surroundings import upright
 
 SAMPLES = 20
-FORMATS = ("glb", "bvh", "usd", "usdz", "trc", "c3d", "npz", "csv")
+FORMATS: tuple[Format, ...] = ("glb", "bvh", "usd", "usdz", "trc", "c3d", "npz", "csv")
 COLUMNS = ("validator", "three", "blender", "bones", "bvhio", "bvhio deg", "usd skin", "usd deg",
            "usd errors", "usd surface", "opensim", "c3d", "own rig")  # fmt: skip
 
@@ -130,7 +130,9 @@ def _surfaces(
 ) -> Mapping[str, Any]:
     """The captured surface in every program; of clips in pieces, the last piece."""
     expected = np.concatenate([recording.vertices(f, f + 1) for f in frames]).astype(float)
-    found = {"usd surface": apart(read_usd_surface(out / "x_surface.usdc", frames), expected)}
+    found: dict[str, Any] = {
+        "usd surface": apart(read_usd_surface(out / "x_surface.usdc", frames), expected)
+    }
     path = sorted(out.glob("x*.glb"))[-1]
     first = recording.frames - targets(path)
     kept = [number for number, frame in enumerate(frames) if frame >= first]

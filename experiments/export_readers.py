@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class Programs:
     chromium: Path | None = None
     """The browser."""
 
-    def sample_blender(self, path: Path, rate: float, frames: Sequence[int], *more: str) -> dict:
+    def sample_blender(self, path: Path, rate: float, frames: Sequence[int], *more: str) -> Any:
         """Arrays of ``tools/blender_sample.py``."""
         out = path.parent / "blender.npz"
         command = [str(self.blender), str(TOOLS / "blender_sample.py"), str(path), str(out)]

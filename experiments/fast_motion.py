@@ -138,7 +138,8 @@ def active(points: Tensor, frames: int) -> Tensor:
 
 def _acceleration(points: Tensor) -> Tensor:
     """(F - 2, 16), m/s^2."""
-    return points.diff(n=2, dim=0).norm(dim=-1) * _RATE**2
+    size: Tensor = points.diff(n=2, dim=0).norm(dim=-1)
+    return size * _RATE**2
 
 
 def around(truth: Tensor, views: int, rng: np.random.Generator) -> Camera:

@@ -61,7 +61,7 @@ def run(config: Experiment) -> Report:
             Table("feet, mm and mm/frame", _COLUMNS, tuple(rows), 1),
             Table("floor of the captures with contact", columns, tuple(floors), 2),
         ),
-        (__doc__ or "").strip().splitlines()[2:],
+        tuple((__doc__ or "").strip().splitlines()[2:]),
     )
 
 

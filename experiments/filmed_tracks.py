@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import report
@@ -100,7 +101,7 @@ def write_tracks(config: Experiment, *, all_of_them: bool = False) -> list[Track
     made = list(tracks(config))
     if not all_of_them:
         made = [track for track in made if np.nanmedian(_off(track)) < _FOLLOWED]
-    stacked = {
+    stacked: dict[str, Any] = {
         name: np.stack([getattr(track, name) for track in made])
         for name in Tracked.__dataclass_fields__
     }

@@ -24,7 +24,7 @@ from staged_people import RATE, staged
 from torch import Tensor
 
 from perfcap.app.capture import run_capture
-from perfcap.commands.capture import Capture
+from perfcap.commands.capture import Capture, Until
 from perfcap.geometry.alignment import procrustes
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import read_cameras
@@ -57,7 +57,7 @@ class Experiment:
     """Of its pictures, pixels."""
     seed: int = 7
     """Of the staged clips."""
-    until: str = "track_motion"
+    until: Until = "track_motion"
     """The last stage to run."""
     keep: Path | None = None
     """Folder to keep videos and captures in, with pictures."""

@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 import report
 from numpy.typing import NDArray
-from recordings import data_folder
-from report import Report, Table
+from report import Report, Table, data_folder
 from staged_people import RATE, Staged, staged
 
 from perfcap.app.networks import NO_SEGMENTER, find_segmenter

@@ -112,7 +112,8 @@ def exchanged(joints: Tensor, truth: Tensor) -> Tensor:
 
 def _apart(truth: Tensor) -> Tensor:
     left, right = (truth[:, legs] for legs in _LEGS)
-    return (left - right).norm(dim=-1) > _APART
+    apart: Tensor = (left - right).norm(dim=-1)
+    return apart > _APART
 
 
 def _methods(take: Take) -> dict[str, Tensor]:

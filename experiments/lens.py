@@ -91,7 +91,9 @@ def run(config: Experiment) -> Report:
         *(f"PA-MPJPE mm, {lens}" for lens in ("found", "assumed", "true")),
         *(f"distance off %, {lens}" for lens in ("found", "assumed", "true")),
     )
-    off = np.abs([[_wrong(row[1], angle) for angle in (row[2], ASSUMED_FOV)] for row in rows])
+    off = np.abs(
+        [[_wrong(float(row[1]), float(angle)) for angle in (row[2], ASSUMED_FOV)] for row in rows]
+    )
     found, assumed = np.median(off, 0).tolist()
     note = (
         f"focal length off by {100 * found:.0f} % in the median, {100 * assumed:.0f} % as assumed; "
@@ -164,7 +166,8 @@ def _scores(video: Video, out: Path) -> tuple[float, float]:
 
 def _lengths(joints: Tensor) -> Tensor:
     """Mean lengths of the bones, m."""
-    return bone_vectors(joints).norm(dim=-1).nanmean(0)
+    lengths: Tensor = bone_vectors(joints).norm(dim=-1)
+    return lengths.nanmean(0)
 
 
 if __name__ == "__main__":

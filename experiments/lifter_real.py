@@ -34,7 +34,7 @@ def run(config: Experiment) -> Report:
     """PA-MPJPE of each view."""
     real, lifter = balancing(config.data, config.actor), OnnxLifter(config.lifter)
     rows = [_row(real, lifter, view) for view in range(real.cameras.views)]
-    means = [sum(row[k] for row in rows) / len(rows) for k in range(1, len(rows[0]))]
+    means = [sum(float(row[k]) for row in rows) / len(rows) for k in range(1, len(rows[0]))]
     columns = (
         *("view", "each frame alone", "lifter", "window solve", "solve without lifter"),
         *("below each frame, %", "below the lifter, %", "acceleration, lifter", "solve"),

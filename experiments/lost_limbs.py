@@ -104,7 +104,8 @@ def _errors(out: Path, truth: Tensor) -> Tensor:
     joints, truth = joints[:count], truth[:count].double()
     known = truth.isfinite().all(-1).all(0)
     joints, truth = joints[:, known], truth[:, known]
-    return (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1)
+    apart: Tensor = (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1)
+    return apart
 
 
 if __name__ == "__main__":

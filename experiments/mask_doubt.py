@@ -17,8 +17,7 @@ import numpy as np
 import report
 from held_out_masks import capture_staged
 from numpy.typing import NDArray
-from recordings import data_folder
-from report import Report, Table
+from report import Report, Table, data_folder
 from staged_people import Staged, staged
 
 from perfcap.app.networks import NO_SEGMENTER

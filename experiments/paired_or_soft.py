@@ -129,7 +129,8 @@ class _Trial:
         )
 
     def _errors(self, motion: Motion) -> Tensor:
-        return (self.actor.joints(motion) - self.joints).norm(dim=-1).mean(-1)
+        apart: Tensor = (self.actor.joints(motion) - self.joints).norm(dim=-1)
+        return apart.mean(-1)
 
     def _look(self, motion: Motion) -> list[list[View]]:
         with torch.no_grad():

@@ -21,6 +21,7 @@ from report import Report, Table, data_folder
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
+from perfcap.actor.actor import Actor
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.commands.capture import Capture
 from perfcap.commands.views import DEFAULT_DETECTORS, FINDER
@@ -68,8 +69,8 @@ class _Take:
     count: int
     truth: Tensor
     visible: Tensor
-    actors: tuple[object, ...]
-    more: tuple[tuple[str, Path], ...] = ()
+    actors: tuple[Actor, ...]
+    video_map: Path | None = None
 
 
 def run(config: Experiment) -> Report:
@@ -130,8 +131,8 @@ def _take(data: Path, name: str) -> _Take:
     truth = man.joints3d[None]
     known = truth.isfinite().all(-1)[:, :, None].expand(-1, -1, 4, -1)[..., _TWELVE]
     cameras = folder / "calibration" / "Calib_scene.toml"
-    more = (("video_map", folder / "video_to_native.json"),)
-    return _Take(folder / "videos", cameras, 2, truth, known, (load_actor("sam"),), more)
+    video_map = folder / "video_to_native.json"
+    return _Take(folder / "videos", cameras, 2, truth, known, (load_actor("sam"),), video_map)
 
 
 def _visible(person: Recording) -> Tensor:
@@ -144,20 +145,24 @@ def _request(take: _Take, networks: tuple[str, ...], views: Sequence[int]) -> Ca
     videos = sorted(take.folder.glob("*.mp4"))
     chosen = tuple(videos[c] for c in views) if views else tuple(videos)
     return Capture(
-        videos=chosen, cameras=take.cameras, people=take.count, detector=networks, **dict(take.more)
+        videos=chosen,
+        cameras=take.cameras,
+        people=take.count,
+        detector=networks,
+        video_map=take.video_map,
     )
 
 
 def _apart(found: Detections, truth: Tensor) -> Tensor:
     """Mean distance of seen joints from those of each person, pixels, (K, F, C)."""
     seen = found.confidence2d > _SEEN
-    apart = (found.joints2d - truth).norm(dim=-1).where(seen, torch.nan)
-    return apart.nanmean(-1)
+    apart: Tensor = (found.joints2d - truth).norm(dim=-1)
+    return apart.where(seen, torch.nan).nanmean(-1)
 
 
 def _hits(found: Detections, truth: Tensor) -> Tensor:
-    torso = (truth[..., _TORSO[0], :] - truth[..., _TORSO[1], :]).norm(dim=-1, keepdim=True)
-    near = (found.joints2d - truth).norm(dim=-1) <= _PCK * torso
+    torso: Tensor = (truth[..., _TORSO[0], :] - truth[..., _TORSO[1], :]).norm(dim=-1, keepdim=True)
+    near: Tensor = (found.joints2d - truth).norm(dim=-1) <= _PCK * torso
     return (near & (found.confidence2d > 0))[..., _TWELVE]
 
 

@@ -14,7 +14,7 @@ import report
 import torch
 from numpy.typing import NDArray
 from people_takes import people_of, shuffled
-from recordings import Recording
+from recordings import Recording, stored_image
 from report import RESULTS, Report, Table
 from surface_recordings import images_of
 
@@ -30,6 +30,7 @@ from perfcap.pipeline.overlay import COLORS
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.pose_spread import part_deviations, pose_factors
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.stage import Stage
 from perfcap.segment import SequenceSettings
@@ -80,7 +81,7 @@ class Take:
         images = images_of(people[0])
         paths = sorted((people[0].folder / "labels").glob("*.png"))
         truth = [
-            cv2.imread(str(path), cv2.IMREAD_UNCHANGED).reshape(-1, *size)
+            stored_image(path).reshape(-1, *size)
             for path, size in zip(paths, images.cameras.size, strict=True)
         ]
         return cls(name, people, cast, images, truth)
@@ -153,6 +154,7 @@ def seen_of(take: Take, found: Performance) -> Seen:
     cameras = take.images.cameras.to(found.motion.angles)
     template = found.actor.template
     sight = Sight(cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
+    assert isinstance(found.config, CaptureConfig)
     given = found.actor, found.cameras, found.detections, found.config.pose
     problem = ClipProblem.of(FrameProblem.of(*given), found.rate)
     deviations = part_deviations(problem, found.motion)

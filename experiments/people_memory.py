@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import report
 import torch
 from long_clip import Memory
@@ -53,7 +54,7 @@ class _Chosen:
     def __len__(self) -> int:
         return len(self.reader)
 
-    def read_view(self, view: int, start: int, stop: int) -> NDArray:
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
         """A reader's only method."""
         return self.reader.read_view(self.views[view], start, stop)
 

@@ -21,6 +21,7 @@ import torch
 from numpy.typing import NDArray
 from people_association import matched
 from people_takes import pose2sim
+from recordings import stored_image
 from report import Report, Table, data_folder
 
 from perfcap.app.capture import run_capture
@@ -96,13 +97,14 @@ def _joints(data: Path) -> Report:
     (number,) = [k for k, person in matched(crowd, found.slots)[1] if person == _MAN]
     cast = tuple(Person(actor, each) for each in found.people)
     among = capture(Scene(crowd.cameras, cast, crowd.rate))[number]
-    rows = []
+    rows: list[tuple[str, float, float, float]] = []
     for label, each in (("alone", alone), ("among others", among)):
         joints = each.joints()
         apart = 1000 * (joints - truth[: len(joints)]).norm(dim=-1)
         e = joint_errors(joints, truth[: len(joints)], crowd.rate)
         rows.append((label, float(apart.nanmean()), float(e.mpjpe_root), float(e.mpjpe_similarity)))
-    rows.append(("ratio", *(b / a for a, b in zip(rows[0][1:], rows[1][1:], strict=True))))
+    one, two, three = (b / a for a, b in zip(rows[0][1:], rows[1][1:], strict=True))
+    rows.append(("ratio", one, two, three))
     columns = ("detections", "absolute", "about the root", "after a similarity")
     note = "The truth is triangulated from the same detections, good to some centimetres."
     return Report((Table("the man's joints, mm", columns, tuple(rows), 2),), (note,))
@@ -173,7 +175,7 @@ def _to_native(path: Path, name: str) -> NDArray[np.float64]:
 
 def _labels(out: Path, drawn: _Drawn) -> Labels:
     folder = sorted((out / "masks").iterdir())[drawn.view]
-    labels = cv2.imread(str(folder / f"{drawn.frame:06d}.png"), cv2.IMREAD_UNCHANGED)
+    labels = stored_image(folder / f"{drawn.frame:06d}.png")
     assert labels is not None
     return np.asarray(labels if labels.ndim == 2 else labels[..., 0], np.uint8)
 

@@ -89,7 +89,7 @@ def _thirds(real: Recording, model: BodyModel) -> Table:
             pixels = pixel_map.to_video(some.joints2d)
             detections = Detections.from_joints(pixels, some.confidence2d)
             chosen = ChosenFrames(clip, tuple(frames.tolist()), cameras.frames(frames), detections)
-            fit, _ = fit_person(model, chosen, evidence=kind)  # type: ignore[arg-type]
+            fit, _ = fit_person(model, chosen, evidence=kind)
             found.append([100 * value for value in astuple(fit.measurements)])
             known = [100 * value for value in astuple(fit.deviations)]
         rows.append((kind, *np.ptp(found, 0).tolist(), *known[:2]))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from report import data_folder
 from torch import Tensor
 
@@ -127,4 +129,14 @@ def demo_motion() -> Motion:
     """The motion that the demo clip was rendered from; for scoring only."""
     with np.load(models_folder() / "demo" / "truth.npz", allow_pickle=False) as file:
         keys = ("root_translation", "root_rotation", "angles")
-        return Motion(*(torch.tensor(file[key]) for key in keys))
+        translation, rotation, angles = (torch.tensor(file[key]) for key in keys)
+        return Motion(translation, rotation, angles)
+
+
+def stored_image(path: Path) -> NDArray[np.uint8]:
+    """An image as its file stores it: gray values that are numbers of people, say."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise FileNotFoundError(path)
+    stored: NDArray[np.uint8] = image.astype(np.uint8)
+    return stored

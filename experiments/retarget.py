@@ -155,7 +155,8 @@ def shipped_clip() -> MovingRig:
     with np.load(models_folder() / "demo" / "truth.npz", allow_pickle=False) as data:
         values = [torch.tensor(data[n]) for n in ("root_translation", "root_rotation", "angles")]
         rate, numbers = float(data["fps"]), data["frames"]
-    pose = actor.skeleton(Motion(*(each.to(actor.vertices) for each in values)))
+    translation, rotation, angles = (each.to(actor.vertices) for each in values)
+    pose = actor.skeleton(Motion(translation, rotation, angles))
     return MovingRig(actor, pose.rotation.numpy(), pose.position.numpy(), rate, numbers)
 
 

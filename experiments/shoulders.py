@@ -164,7 +164,8 @@ def pose_whole(body: Actor, rig: MovingRig, every: int) -> Truth:
     names = {bone: joint for joint, bone in template.joint_bones.items()}
     clavicles = _clavicles(body)
     rest, count = torch.tensor(template.bone_rest[:, :3, 3]).to(like), len(turns)
-    rotation, position = [], []
+    rotation: list[Tensor] = []
+    position: list[Tensor] = []
     for bone, parent in enumerate(template.bone_parents.tolist()):
         above = rotation[parent] if parent >= 0 else torch.eye(3).to(like).expand(count, 3, 3)
         at = position[parent] + above @ (rest[bone] - rest[parent]) if parent >= 0 else rest[bone]

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import report
 import torch
@@ -28,6 +29,7 @@ from perfcap.render.soft_silhouette import SoftSilhouette
 
 _SKIRT = report.DATA / "rendered" / "dev_skirt" / "template.glb"
 _REPEATS = 5
+_Result = TypeVar("_Result")
 _COLUMNS = ("vertices", "image", "forward, median ms", "least", "most", "backward, median ms",
             "least", "most", "both, median ms")  # fmt: skip
 
@@ -138,7 +140,7 @@ def timed(vertices: Tensor, faces: Tensor, size: int) -> Timing:
     return Timing(tuple(forward[1:]), tuple(backward[1:]))
 
 
-def _cpu(function: Callable[[], Tensor]) -> tuple[Tensor, float]:
+def _cpu(function: Callable[[], _Result]) -> tuple[_Result, float]:
     start = time.process_time()
     result = function()
     return result, 1e3 * (time.process_time() - start)

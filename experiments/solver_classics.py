@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import report
@@ -73,7 +74,7 @@ def run(config: Experiment) -> Report:
 
 
 def _classics(problems: list[Classic]) -> list[Task]:
-    return [Task(problem, lambda x, p=problem: _reaches(p, x)) for problem in problems]
+    return [Task(problem, partial(_reaches, problem)) for problem in problems]
 
 
 def _reaches(problem: Classic, x: Tensor) -> bool:

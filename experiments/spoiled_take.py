@@ -19,6 +19,7 @@ from perfcap.pipeline.extract_silhouettes import extract_silhouettes
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
+from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.refine import limb_of_triangles
 from perfcap.pipeline.refine_surface import refine_surface
 from perfcap.pipeline.sight import Sight
@@ -78,6 +79,7 @@ class Take:
             self.sight.look(self.skinned[f : f + 1], slice(f, f + 1))[0][0]
             for f in range(self.found.frames)
         ]
+        assert isinstance(self.found.config, CaptureConfig)
         heights, settings = 100 * self.clean.pixel_unit, self.found.config.silhouettes.again
         actor, motion, reader = self.found.actor, self.found.motion, self.images.reader
         with spoiling(fault, views), torch.no_grad():
@@ -87,6 +89,7 @@ class Take:
 
     def refined(self, evidence: Evidence, trust: str) -> SurfaceFrames:
         """The surface that some masks make."""
+        assert isinstance(self.found.config, CaptureConfig)
         settings, actor = self.found.config.refine_surface, self.found.actor
         if trust != TRUSTS[0]:
             full = tuple(tuple(np.full_like(t, 255) for t in row) for row in evidence.confidence)

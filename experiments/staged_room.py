@@ -135,7 +135,7 @@ def empty_room(
 def one_camera(cameras: Camera, frame: int) -> Camera:
     """The camera of a frame, batch (1,)."""
     if not cameras.moving:
-        return cameras.to(torch.float32)
+        return cameras.to(torch.zeros(()))
     now = (cameras.intrinsics, cameras.rotation, cameras.translation)
     intrinsics, rotation, translation = (part[frame].float() for part in now)
     return Camera(intrinsics, rotation, translation, size=cameras.size)

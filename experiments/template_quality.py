@@ -48,10 +48,7 @@ def resized(template: Template, factor: float) -> Template:
     """The same person taller or smaller."""
     rest = template.bone_rest.copy()
     rest[:, :3, 3] *= factor
-    points = {
-        name: (bone, tuple(factor * float(x) for x in place))
-        for name, (bone, place) in template.landmarks.items()
-    }
+    points = {name: (bone, factor * place) for name, (bone, place) in template.landmarks.items()}
     return replace(
         template, vertices=factor * template.vertices, bone_rest=rest, landmarks=points, space=None
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import report
 import torch
@@ -26,7 +27,7 @@ class Experiment(MotionSweep):
 
 
 def _settings() -> Mapping[str, Callable[[PoseConfig], PoseConfig]]:
-    def part(name: str, **changes: float | None) -> Callable[[PoseConfig], PoseConfig]:
+    def part(name: str, **changes: Any) -> Callable[[PoseConfig], PoseConfig]:
         return lambda base: replace(base, **{name: replace(getattr(base, name), **changes)})
 
     return {
@@ -51,10 +52,11 @@ def run_cell(config: Experiment, cell: Cell) -> Mapping[str, float]:
     recording = recording_of(config, cell.sequence, config.frames)
     if cell.variant == "no joint limits":
         recording = replace(recording, actor=_unlimited(recording.actor))
-    change = _settings().get(cell.variant, lambda base: base)
+    change = _settings().get(cell.variant)
+    pose = change(PoseConfig()) if change else PoseConfig()
     until = Stage.INITIALIZE if cell.variant == "no temporal solve" else Stage.TRACK_MOTION
-    settings = CaptureConfig(change(PoseConfig()))
-    found = track(recording, simulated(recording, cell.seed), settings, until=until)
+    detections = simulated(recording, cell.seed)
+    found = track(recording, detections, CaptureConfig(pose), until=until)
     return motion_scores(recording, found.joints())
 
 

@@ -45,7 +45,8 @@ class Experiment:
 def run(config: Experiment) -> Report:
     """Every clip with every kind of detections, and all of a kind together."""
     torch.set_num_threads(1)
-    rows, sums = [], {}
+    rows: list[tuple[object, ...]] = []
+    sums: dict[str, list[Tensor]] = {}
     for clip in _clips(config.data):
         for kind, detections in _detections(clip, config.seed):
             bad, named = _judged(clip, detections)

@@ -75,10 +75,10 @@ def run(config: Experiment) -> Report:
     torch.set_num_threads(1)
     made = list(_films(config))
     bad, errors = (_fitted(made, kind) for kind in ("bad", "error"))
-    weights = [
+    weights: tuple[tuple[object, ...], ...] = tuple(
         (name, *(float(part) for part in row))
         for name, *row in zip((*FEATURES, "constant"), bad, errors, strict=True)
-    ]
+    )
     left_out = _left_out(made)
     rows: list[tuple[object, ...]] = [("films left out", *left_out)]
     if config.recordings:
@@ -100,10 +100,9 @@ def run(config: Experiment) -> Report:
 def _films(config: Experiment) -> Iterator[Judged]:
     library = MotionLibrary.read(data_folder(config.data, "mocap_cmu_library"))
     with tempfile.TemporaryDirectory() as folder:
-        given = Path(folder), library
         for count, hard, seed in ((config.level, False, 7), (config.hard, True, 11)):
-            size = config.frames, config.size, seed, hard
-            for film in films(*given, count, *size):
+            settings = config.frames, config.size, seed
+            for film in films(Path(folder), library, count, *settings, hard=hard):
                 yield _judged(film.name, film.path, film.truth)
 
 

@@ -20,7 +20,7 @@ from report import Report, Table, data_folder
 from torch import Tensor
 
 from perfcap.app.capture import run_capture
-from perfcap.commands.capture import Capture
+from perfcap.commands.capture import Capture, Until
 from perfcap.io.calibration import read_cameras
 from perfcap.io.calibration.assumed import ASSUMED_FOV
 from perfcap.metrics import floor_contact, foot_skate, joint_errors
@@ -40,7 +40,7 @@ class Experiment:
     """Of the real man's, each captured alone."""
     detector: tuple[str, ...] = ()
     """Networks to use instead of the default."""
-    until: str = "track_motion"
+    until: Until = "track_motion"
     """The last stage to run."""
     fovs: tuple[float, ...] = field(default_factory=tuple)
     """Degrees to assume across the longer side, in turn; perfcap's own if none is given."""
@@ -71,7 +71,9 @@ def run(config: Experiment) -> Report:
         real = [row for row in found if str(row[0]).startswith(_REAL)]
         rows += found
         if len(real) > 1:
-            rows.append((f"{_REAL}, mean", *np.mean([r[1:] for r in real], 0).tolist()))
+            rows.append(
+                (f"{_REAL}, mean", *np.mean([[float(x) for x in r[1:]] for r in real], 0).tolist())
+            )
     columns = (
         "video",
         "field of view",

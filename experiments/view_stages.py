@@ -71,14 +71,14 @@ def _row(data: Path, name: str, views: tuple[int, ...]) -> tuple[object, ...]:
     model = load_body_model()
     errors: dict[str, Tensor] = {}
     bodies: dict[str, Actor] = {}
-    for kind in ("joints", "silhouettes"):
-        evidence: Evidence = kind  # type: ignore[assignment]
-        fit, _ = fit_person(model, chosen, evidence=evidence)
+    kinds: tuple[Evidence, ...] = ("joints", "silhouettes")
+    for kind in kinds:
+        fit, _ = fit_person(model, chosen, evidence=kind)
         bodies[kind] = Actor(fit.template).to(torch.zeros((), dtype=torch.float64))
         errors[kind] = settled(bodies[kind].joints(replace(fit.motion, shared={})), own.truth)
     given = own.cameras, own.detections, own.rate
-    for kind, body in bodies.items():
-        errors[f"windows {kind}"] = settled(capture(body, *given).joints(), own.truth)
+    for name, body in bodies.items():
+        errors[f"windows {name}"] = settled(capture(body, *given).joints(), own.truth)
     for preset in ("default", "rhodin2016"):
         found = capture(
             bodies["silhouettes"], *given, PRESETS[preset], images=seen.images,

@@ -60,7 +60,7 @@ def run(config: Experiment) -> Report:
     for name in config.sequences:
         whole = rendered_views(config.data, name)
         rows = [_row(whole, list(views), config) for views in _CHOICES[name]]
-        columns = (
+        columns: tuple[str, ...] = (
             "cameras", "triangulation", "template", "and lifter", "muvs2017", "exact",
             "template, aligned", "auto, aligned", "auto and lifter, aligned", "CPU s",
         )  # fmt: skip

@@ -23,7 +23,6 @@ from window_motion import clip_landmarks, default_skeleton, random_landmarks
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
-from perfcap.actor.points import Landmarks
 from perfcap.actor.skeleton import Skeleton
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
@@ -50,11 +49,12 @@ _FOCAL, _CENTRE, _SIZE = 1220.0, 319.5, 640  # px
 class _BareActor(Actor):
     def __init__(self, skeleton: Skeleton) -> None:
         Module.__init__(self)  # no template, no skin
-        self.skeleton, self.landmarks = skeleton, Landmarks(skeleton)
+        self.skeleton = skeleton
 
     def joints(self, motion: Motion) -> Tensor:
         """Landmarks in the world, (*b, F, 16, 3), metres."""
-        return self.landmarks(motion)
+        joints: Tensor = self.landmarks(motion)
+        return joints
 
 
 def bare_actor(skeleton: Skeleton) -> Actor:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -17,8 +18,8 @@ import held_out_masks
 import numpy as np
 import report
 from numpy.typing import NDArray
-from recordings import data_folder, rendered
-from report import Report, Table
+from recordings import rendered
+from report import Report, Table, data_folder
 from staged_people import staged
 from surface_recordings import images_of, true_mask
 
@@ -100,7 +101,7 @@ def _clips(config: Experiment) -> Iterator[list[_Scored]]:
             recording.actor, recording.cameras, recording.detections, recording.rate,
             images=type(images)(images.reader, images.cameras, network), until=Stage.REFINE_POSE,
         )  # fmt: skip
-        yield _scored(name, found, images.reader, lambda f, r=recording: true_mask(r, f))
+        yield _scored(name, found, images.reader, partial(true_mask, recording))
     library = MotionLibrary.read(data_folder(config.data, "mocap_cmu_library"))
     settings = held_out_masks.Experiment(config.data)
     for number in range(config.clips):
@@ -109,7 +110,7 @@ def _clips(config: Experiment) -> Iterator[list[_Scored]]:
                 Path(folder), library, number, settings.frames, settings.size, config.seed
             )
             found = held_out_masks.capture_staged(clip, config.network, settings.until)
-            yield _scored(clip.name, found, clip.clip, lambda f, c=clip: c.masks[f])
+            yield _scored(clip.name, found, clip.clip, clip.masks.__getitem__)
 
 
 def _scored(

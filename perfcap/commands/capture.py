@@ -11,6 +11,7 @@ import tyro
 from perfcap.commands.views import Views
 
 AUTO = "auto"  # an actor of the person's own
+Until = Literal["initialize", "track_motion", "refine_pose", "refine_surface"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Capture(Views):
     edges: str = "learned"
     """How the edges that contours of --preset rhodin2016 meet are weighed: by the shipped network,
     by weights of your own (.safetensors), or plain, as they are."""
-    until: Literal["initialize", "track_motion", "refine_pose", "refine_surface"] = "refine_surface"
+    until: Until = "refine_surface"
     """The last stage to run."""
     preset: Literal["default", "liu2013", "monoperfcap", "muvs2017", "rhodin2016"] = "default"
     """Measured defaults, or what Xu et al. 2018, Huang et al. 2017 (several views), Rhodin et al.

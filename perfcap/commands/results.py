@@ -8,6 +8,10 @@ from typing import Literal
 
 import tyro
 
+Format = Literal[
+    "glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv", "osim", "qpos"
+]
+
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -61,12 +65,7 @@ class Export:
 
     folder: tyro.conf.Positional[Path]
     """Folder of a capture."""
-    to: tuple[
-        Literal[
-            "glb", "bvh", "usd", "usdz", "obj", "ply", "trc", "c3d", "npz", "csv", "osim", "qpos"
-        ],
-        ...,
-    ]
+    to: tuple[Format, ...]
     """One or several formats; usd, usdz and c3d need an extra of perfcap."""
     out: Path | None = None
     """Folder for the files; FOLDER/export if not given."""
