@@ -15,13 +15,13 @@ import network_bodies
 import numpy as np
 import project_files
 import robots
-import torch
 import trimesh
 from fuzzing import mutate
+from fuzzing.arrays import arrays
 from fuzzing.mutate import Random
 from fuzzing.networks import networks
 from fuzzing.recordings import data_sets
-from fuzzing.targets import Target, command, spoiled
+from fuzzing.targets import Target, command
 from takes import TakeFiles, detect, make_take, shrunk, write_take
 from tiny_networks import write_tiny
 
@@ -39,7 +39,6 @@ from perfcap.io.mesh import read_mesh
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.project import open_project
 from perfcap.io.result import Result, read_result
-from perfcap.pipeline import PoseRefiner, Stage, capture
 
 SIZES = ((480, 640), (480, 640))
 
@@ -59,7 +58,7 @@ def targets(root: Path) -> list[Target]:
         *networks(root),
         Target("result", out, lambda f, _: _whole(read_result(f))),
         *_commands(root, take, out),
-        *_arrays(root),
+        *arrays(root),
         *data_sets(root),
     ]
 
@@ -282,46 +281,6 @@ def _commands(root: Path, take: TakeFiles, out: Path) -> list[Target]:
     return [
         Target("commands", place, run, mutates_files=False, weight=0.5),
         Target("shown", out, show, weight=0.5),
-    ]
-
-
-def _arrays(root: Path) -> list[Target]:
-    take, nothing = make_take(6), _new(root, "arrays")
-    refiner = PoseRefiner(take.actor, joint_set="landmarks16", rate=30.0)
-    for kind in (torch.float32, torch.float64):  # compiled here, too
-        seen = take.detections.to(torch.zeros((), dtype=kind))
-        capture(take.actor, take.cameras, seen, take.rate, until=Stage.INITIALIZE)
-        for shape in (seen.joints2d, seen.joints2d[None]):
-            refiner.to(kind)(take.cameras, shape)
-
-    def change(rng: Random, thing: Any, names: tuple[str, ...]) -> Any:
-        name = rng.choice(names)
-        values = getattr(thing, name)
-        return replace(thing, **{name: spoiled(rng, values)})
-
-    def solve(_: Path, rng: Random) -> Any:
-        detections, cameras, rate = take.detections, take.cameras, take.rate
-        kind = rng.randrange(3)
-        if kind == 0:
-            names = ("joints2d", "confidence2d", "joints3d", "trusted3d")
-            detections = change(rng, detections, names)
-        elif kind == 1:
-            names = ("intrinsics", "rotation", "translation")
-            cameras = change(rng, cameras, names)
-        else:
-            rate = rng.choice((*mutate.NUMBERS, "x", None))
-        found = capture(take.actor, cameras, detections, rate, until=Stage.INITIALIZE)
-        return found.motion.translation, found.motion.rotation, found.motion.angles
-
-    def refine(_: Path, rng: Random) -> Any:
-        pixels = spoiled(rng, take.detections.joints2d)
-        found = refiner(take.cameras, pixels)
-        return found.joints
-
-    refused = (ValueError, TypeError)
-    return [
-        Target("arrays_capture", nothing, solve, refused, False, 0.3),
-        Target("arrays_refiner", nothing, refine, refused, False, 0.02),
     ]
 
 
