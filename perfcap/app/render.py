@@ -23,6 +23,8 @@ _SIZE = (720, 720)  # px, height and width
 _TURN = 360.0  # degrees
 _SECONDS = 4.0  # of a frozen frame
 _LONGEST = 600.0  # s
+_NEAR = 0.05  # m, before a camera
+_SMALL = 0.02  # of a picture's shorter side: a person of this size is a dot
 
 
 def run_render(request: Render) -> int:
@@ -53,6 +55,8 @@ def _render(request: Render) -> int:
         )
     around = Surroundings.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
     path = _path(request, result, around, rows)
+    if request.camera is not None:
+        _tell_of_empty(request, path, joints[path.frames])
     pictures = draw_free_view(result.template, result.shown, around, path)
     with progress_bars() as tell:
         save_free_view(
@@ -119,3 +123,24 @@ def _path(request: Render, result: Result, around: Surroundings, rows: Sequence[
         view = found
     numbers = result.frame_numbers[list(rows)].tolist()
     return calibrated(rig.cameras.select([view]), rows, numbers, size)
+
+
+def _tell_of_empty(request: Render, path: CameraPath, joints: torch.Tensor) -> None:
+    """Say so where no picture shows the landmarks, (N, 16, 3) m, or all of them as a dot."""
+    cameras = path.cameras.to(joints)
+    local = cameras.to_camera(joints)[:, 0]
+    pixels = cameras.project_camera(local[:, None])[:, 0]
+    size = pixels.new_tensor(cameras.size[0])
+    inside = (local[..., 2] > _NEAR) & ((pixels >= 0) & (pixels < size.flip(0))).all(-1)
+    extent = (pixels.amax(-2) - pixels.amin(-2)).amax(-1)[inside.any(-1)]
+    if not len(extent):
+        what = "no picture shows the person"
+    elif float(extent.max()) < _SMALL * float(size.min()):
+        what = f"the person is {float(extent.max()):.2g} px tall at most"
+    else:
+        return
+    PlainConsole().print(
+        f"--camera {request.camera}: {what}; expected a camera of the capture's world: metres, "
+        "x_camera = R x_world + t",
+        soft_wrap=True,
+    )

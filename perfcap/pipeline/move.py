@@ -176,7 +176,7 @@ class Moved:
             contours=looked.contours,
             floor=None if problem.standing is None else problem.standing.floor,
             contact=None if problem.standing is None else problem.standing.feet,
-            trust=judge_motion(judged, looked.motion),
+            trust=judge_motion(judged, looked.motion, self.motion),
         )
 
 

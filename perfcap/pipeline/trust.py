@@ -13,6 +13,7 @@ from torch import Tensor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.detect.retarget import mid_hip
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.solve.energy import Energy
@@ -34,6 +35,9 @@ _BAD_LIFTED = (0.278, 0.182, -1.126, 0.007, 0.259, 0.661, 0.067, 0.232, -0.874, 
 _ERROR_LIFTED = (0.126, 0.051, -0.368, -0.005, -0.186, 0.238, -0.124, 0.058, 0.688, 0.496, 5.377)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _DOUBTED = "a check of the inputs contradicts joints, and the others do not bear the motion out"
+_BESIDE = "limbs are far from where joints that several views agree on have them"
+_FAR_LIMB = 0.3  # m beside the middle of the hips: no two such poses of a frame can both be good
+_PAIR = 2  # views
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
 _FEW = math.log(0.15)  # log of detections that agree
@@ -231,13 +235,20 @@ class Trust:
             yield f"{len(self.doubtful) - _NAMED} shorter ranges are in run.json"
 
 
-def judge_motion(problem: ClipProblem, motion: Motion) -> Trust:
+def judge_motion(problem: ClipProblem, motion: Motion, joints: Motion | None = None) -> Trust:
     """Trust in a motion: no more in any frame than what joints that are not doubted bear out.
 
     Args:
         problem: as of ``frame_evidence``.
         motion: the result, (F,).
+        joints: the motion from joints alone, (F,), where images changed it. Where three views or
+            more bear that out, and limbs lie elsewhere, the result is wrong.
     """
+    found = _judged(problem, motion)
+    return found if joints is None else _beside(problem, found, motion, joints)
+
+
+def _judged(problem: ClipProblem, motion: Motion) -> Trust:
     evidence = frame_evidence(problem, motion)
     judged, doubted = judge_frames(evidence), problem.detections.doubted
     if doubted is None or not bool(doubted.any()):
@@ -254,6 +265,34 @@ def judge_motion(problem: ClipProblem, motion: Motion) -> Trust:
         for a, b in ranges(~(value >= THRESHOLD))
     )
     return Trust(value, error, doubtful)
+
+
+@torch.no_grad()
+def _beside(problem: ClipProblem, found: Trust, motion: Motion, joints: Motion) -> Trust:
+    """Trust in frames whose limbs images put far from where trusted joints have them."""
+    places = [problem.actor.joints(each) for each in (motion, joints)]
+    one, other = (each - mid_hip(each)[:, None] for each in places)
+    apart = (one - other).norm(dim=-1)  # F J
+    far = apart.amax(-1) > _FAR_LIMB
+    if not bool(far.any()):
+        return found
+    # of one view silhouettes show limbs that no network sees, and two may agree on a wrong place
+    several = (problem.detections.confidence2d > 0).any(-1).sum(-1) > _PAIR
+    borne_out = _judged(problem, joints).value
+    wrong = far & several & (borne_out >= THRESHOLD)
+    value = torch.where(wrong, torch.minimum(found.value, 1 - borne_out), found.value)
+    error = torch.where(wrong, torch.maximum(found.error, 1000 * apart.mean(-1)), found.error)
+    named = [(a, b, _BESIDE) for a, b in ranges(wrong)]
+    return Trust(value, error, tuple(sorted(_cut(found.doubtful, wrong) + named)))
+
+
+def _cut(doubtful: tuple[tuple[int, int, str], ...], taken: Tensor) -> list[tuple[int, int, str]]:
+    """What is left of ranges outside frames (F,) that are named otherwise."""
+    return [
+        (start + a, start + b, why)
+        for start, stop, why in doubtful
+        for a, b in ranges(~taken[start:stop])
+    ]
 
 
 def judge_frames(evidence: Tensor) -> Trust:

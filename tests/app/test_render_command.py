@@ -180,3 +180,25 @@ def test_upside_down_is_named(captured: Path, tmp_path: Path, perfcap: Command) 
         for up in ("auto", "y", "-y", "x")
     }
     assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]
+
+
+def test_cameras_that_do_not_see_the_person_are_named(
+    captured: Path, take: TakeFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    entry = camera_entry(take.take.cameras)
+    place = np.array(entry["t"])
+    kinds = {
+        "right": ({}, ""),
+        "millimetres": ({"t": (1000 * place).tolist()}, "px tall at most"),
+        "behind": ({"t": (-place).tolist()}, "no picture shows the person"),
+        "beside": (
+            {"t": (place + np.array([50.0, 0.0, 0.0])).tolist()},
+            "no picture shows the person",
+        ),
+    }
+    for kind, (change, said) in kinds.items():
+        write_json(tmp_path / "camera.json", entry | change)
+        call = ["render", captured, "--camera", tmp_path / "camera.json", "--frames", ":2"]
+        done = perfcap([*call, "--out", tmp_path / "a.mp4"])
+        assert done.code == 0 and said in done.out, kind
+        assert ("--camera" in done.out) == bool(said), kind
