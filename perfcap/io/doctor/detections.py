@@ -15,6 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
+from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.order import examine_order
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_repeated
@@ -88,6 +89,7 @@ def examine_detections(
                 trusted,
             )
             wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
+            wrong = wrong or examine_neighbours(name, pose)
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
             findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
