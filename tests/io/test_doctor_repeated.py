@@ -1,9 +1,13 @@
 """Joints of some frames that are those of others before, to the last digit."""
 
+from dataclasses import replace
+
 import torch
 from doctored_views import FRAMES, detections, one, rig
+from takes import make_take
 
 from perfcap.detect.detections import Detections
+from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_detections
 from perfcap.io.doctor.repeated import examine_repeated
 
@@ -39,3 +43,17 @@ def test_one_frame_that_looks_like_another_is_none() -> None:
     confidence[4:8, 3:] = 0
     assert examine_repeated("cam1", 0, joints, confidence) == []
     assert len(joints) == FRAMES
+
+
+def test_3d_poses_of_the_frame_before() -> None:
+    """Of a lifter that ran on every third frame, say, beside 2D joints of all."""
+    take = make_take(30)
+    alone = CameraRig(("a",), take.cameras)
+    assert examine_detections(alone, take.detections) == []
+    assert take.detections.joints3d is not None
+    held = take.detections.joints3d[torch.arange(30) // 3 * 3]
+    finding = one(examine_detections(alone, replace(take.detections, joints3d=held)))
+    assert finding.what.startswith("20 of 29 frames repeat the 3D joints of the frame before")
+    flat = take.detections.joints3d * torch.tensor([1.0, 1.0, 0.0])
+    finding = one(examine_detections(alone, replace(take.detections, joints3d=flat)))
+    assert "3D poses are flat" in finding.what and finding.severity is Severity.WARNING

@@ -18,13 +18,14 @@ from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
-from perfcap.io.doctor.repeated import examine_repeated
+from perfcap.io.doctor.repeated import examine_held, examine_repeated
 from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
+_FLAT = 0.01  # of a pose's size, in depth; who stands at attention has ten times as much
 _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
@@ -69,7 +70,7 @@ def examine_detections(
         order = _order(name, view, detections)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        findings += order + examine_repeated(name, view, *shown)
+        findings += order + _repeated(name, view, detections)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
@@ -104,6 +105,15 @@ def _order(name: str, view: int, detections: Detections) -> list[Finding]:
     if detections.joints3d is not None and not bool((sure > 0).any()):
         joints, sure = _poses(view, detections)
     return examine_order(name, joints, sure) or examine_shuffled(name, joints, sure)
+
+
+def _repeated(name: str, view: int, detections: Detections) -> list[Finding]:
+    """Frames of a view that repeat the joints of others, or those of 3D poses alone."""
+    shown = detections.joints2d[:, view], detections.confidence2d[:, view]
+    found = examine_repeated(name, view, *shown)
+    if detections.joints3d is None:
+        return found
+    return found or examine_held(name, *_poses(view, detections), "3D joints")
 
 
 def _poses(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
@@ -258,13 +268,20 @@ def _image_size(name: str, pixels: Tensor, size: tuple[int, int]) -> list[Findin
 
 
 def _pose3d(name: str, pose: Tensor) -> list[Finding]:
-    """Size and origin of 3D poses (F, 16, 3)."""
+    """Size, depth and origin of 3D poses (F, 16, 3)."""
     findings = []
     size = (pose.amax(1) - pose.amin(1)).norm(dim=-1).median()
     if not EXTENT[0] < float(size) < EXTENT[1]:
         what = f"3D poses span {size:.3g} m, expected {EXTENT[0]} to {EXTENT[1]}"
         remedy = "joints3d must be metres (joints3d_mm in files millimetres)"
         findings.append(Finding(Severity.ERROR, name, what, remedy))
+    depth = (pose[..., 2].amax(1) - pose[..., 2].amin(1)).median()
+    if float(depth) < _FLAT * float(size):
+        what = f"3D poses are flat: from end to end they span {size:.3g} m, in depth {depth:.2g} m"
+        remedy = (
+            "leave 3D joints out where their depth is not known, or give z in metres as x and y"
+        )
+        findings.append(Finding(Severity.WARNING, name, what, remedy))
     offset = pose[:, _HIPS].mean(1).norm(dim=-1).median()
     if float(offset) > ROOT_TOLERANCE * max(1.0, float(size)):
         what = f"3D poses have the middle of the hips {offset:.3g} m from the origin"

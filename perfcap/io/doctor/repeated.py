@@ -21,18 +21,27 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
         pixels: joints, (F, 16, 2).
         confidence: (F, 16).
     """
-    return [*_held(name, pixels, confidence), *_again(name, view, pixels, confidence)]
+    return [*examine_held(name, pixels, confidence), *_again(name, view, pixels, confidence)]
 
 
-def _held(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
-    """Joints of the frame before."""
+def examine_held(
+    name: str, pixels: Tensor, confidence: Tensor, joints: str = "joints"
+) -> list[Finding]:
+    """Frames whose joints are those of the frame before.
+
+    Args:
+        name: of the view.
+        pixels: joints, (F, 16, 2), or 3D ones, (F, 16, 3).
+        confidence: (F, 16).
+        joints: what they are called.
+    """
     seen = confidence > 0
     both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
     same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
     repeated, pairs = int(same.sum()), int(both.sum())
     if repeated < _FEWEST or repeated < _SHARE * pairs:
         return []
-    what = f"{repeated} of {pairs} frames repeat the joints of the frame before to the last digit"
+    what = f"{repeated} of {pairs} frames repeat the {joints} of the frame before to the last digit"
     remedy = (
         "no detector does; if it ran on some frames alone, leave the others out, and give video "
         "and detections the same frame rate"
