@@ -24,7 +24,12 @@ from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.estimate_doubts import empty_poses, estimate_doubts, size_doubts
+from perfcap.pipeline.estimate_doubts import (
+    empty_poses,
+    estimate_doubts,
+    place_doubts,
+    size_doubts,
+)
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
@@ -171,26 +176,25 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            first = self._examine(estimates)
+            told = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
-            if first:
-                self._examine_fit(estimates, refined)
+            self._examine_fit(estimates[: len(told)], refined, told)
         return refined if batched else _single(refined)
 
-    def _examine(self, clips: Sequence[ClipEstimate]) -> bool:
+    def _examine(self, clips: Sequence[ClipEstimate]) -> list[bool]:
         """Warn of mistakes that the first clips show: once, as a training loop has no time.
 
         Returns:
-            Whether these are the first.
+            Whether there was one, of each clip that was looked at.
         """
         if self._examined or not all(
             is_plain(each.detections.joints2d.detach().cpu()) for each in clips
         ):
-            return False
-        self._examined = True
+            return []
+        self._examined, told = True, []
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
@@ -202,17 +206,21 @@ class PoseRefiner(nn.Module):
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
-        return True
+            told.append(bool(lines))
+        return told
 
-    def _examine_fit(self, clips: Sequence[ClipEstimate], refined: RefinedPose) -> None:
+    def _examine_fit(
+        self, clips: Sequence[ClipEstimate], refined: RefinedPose, told: Sequence[bool]
+    ) -> None:
         """Warn of clips in which the solved person is far from the joints."""
-        for index, (clip, (_, joints)) in enumerate(zip(clips, refined.clips(), strict=True)):
-            if index == _EXAMINED:
-                break
+        for index, (clip, (_, joints)) in enumerate(zip(clips, refined.clips(), strict=False)):
             cameras = clip.cameras.map(Tensor.detach)
             seen = clip.detections.map(Tensor.detach)
             which = "" if len(clips) == 1 else f"clip {index}: "
-            for line in fit_doubts(cameras, seen, joints.detach()):
+            lines = [*fit_doubts(cameras, seen, joints.detach())]
+            if clip.targets is not None and not (clip.has_pixels or told[index]):
+                lines += place_doubts(clip.targets, clip.certain, joints)
+            for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
     def _solve_twice(

@@ -122,3 +122,10 @@ def test_placed_joints_of_another_size_are_named() -> None:
     """They put the person at half the distance."""
     with pytest.warns(UserWarning, match="legs are 2 times as long as those of the placed"):
         refine(0.5 * LOCAL)
+
+
+def test_a_person_far_from_3d_joints_alone() -> None:
+    """As where x is in another unit than y and z."""
+    wide = LOCAL * LOCAL.new_tensor([2.5, 1, 1])
+    with pytest.warns(UserWarning, match="from that of the 3D joints; check that"):
+        refine(wide)
