@@ -54,6 +54,3 @@ def test_3d_poses_of_the_frame_before() -> None:
     held = take.detections.joints3d[torch.arange(30) // 3 * 3]
     finding = one(examine_detections(alone, replace(take.detections, joints3d=held)))
     assert finding.what.startswith("20 of 29 frames repeat the 3D joints of the frame before")
-    flat = take.detections.joints3d * torch.tensor([1.0, 1.0, 0.0])
-    finding = one(examine_detections(alone, replace(take.detections, joints3d=flat)))
-    assert "3D poses are flat" in finding.what and finding.severity is Severity.WARNING

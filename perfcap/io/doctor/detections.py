@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
@@ -25,7 +26,6 @@ from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
-_FLAT = 0.01  # of a pose's size, in depth; who stands at attention has ten times as much
 _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
@@ -90,7 +90,7 @@ def examine_detections(
                 trusted,
             )
             wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
-            wrong = wrong or examine_neighbours(name, pose)
+            wrong = wrong or examine_neighbours(name, pose) or examine_depth(name, pose)
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
             findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
@@ -268,20 +268,13 @@ def _image_size(name: str, pixels: Tensor, size: tuple[int, int]) -> list[Findin
 
 
 def _pose3d(name: str, pose: Tensor) -> list[Finding]:
-    """Size, depth and origin of 3D poses (F, 16, 3)."""
+    """Size and origin of 3D poses (F, 16, 3)."""
     findings = []
     size = (pose.amax(1) - pose.amin(1)).norm(dim=-1).median()
     if not EXTENT[0] < float(size) < EXTENT[1]:
         what = f"3D poses span {size:.3g} m, expected {EXTENT[0]} to {EXTENT[1]}"
         remedy = "joints3d must be metres (joints3d_mm in files millimetres)"
         findings.append(Finding(Severity.ERROR, name, what, remedy))
-    depth = (pose[..., 2].amax(1) - pose[..., 2].amin(1)).median()
-    if float(depth) < _FLAT * float(size):
-        what = f"3D poses are flat: from end to end they span {size:.3g} m, in depth {depth:.2g} m"
-        remedy = (
-            "leave 3D joints out where their depth is not known, or give z in metres as x and y"
-        )
-        findings.append(Finding(Severity.WARNING, name, what, remedy))
     offset = pose[:, _HIPS].mean(1).norm(dim=-1).median()
     if float(offset) > ROOT_TOLERANCE * max(1.0, float(size)):
         what = f"3D poses have the middle of the hips {offset:.3g} m from the origin"
