@@ -22,6 +22,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.estimate_doubts import (
@@ -40,6 +41,7 @@ from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
 _EXAMINED = 16  # clips of the first batch
+_ACTOR = "and give the actor of this person: actor.resized makes one of other bone lengths"
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,8 @@ class PoseRefiner(nn.Module):
             lines += empty_poses(clip.empty)
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
+            if not lines:
+                lines += bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
             told.append(bool(lines))
