@@ -19,7 +19,8 @@ _FLAT = 0.01  # of a pose's size, in depth; who stands at attention has ten time
 # simulated detectors are steadiest with 0.7 to 1.4
 _FACTORS = [2 ** (step / 4) for step in range(-8, 9)]
 _ANOTHER = 1.9
-_STEADIER = 0.7  # of the spread of lengths as it is
+# Spread of lengths as it is, logarithm, below which errors explain it, and share of it
+_LOOSE, _STEADIER = 0.15, 0.7
 _FEWEST = 10  # frames
 
 
@@ -45,8 +46,9 @@ def examine_depth(name: str, poses: Tensor) -> list[Finding]:
     spreads = [_spread(bones * bones.new_tensor([1.0, 1.0, factor])) for factor in _FACTORS]
     best = min(range(len(spreads)), key=spreads.__getitem__)
     factor = _FACTORS[best]
-    told = not 1 / _ANOTHER < factor < _ANOTHER
-    if not (told and spreads[best] < _STEADIER * spreads[len(_FACTORS) // 2]):
+    loose = spreads[len(_FACTORS) // 2]
+    steadier = loose > _LOOSE and spreads[best] < _STEADIER * loose
+    if not steadier or 1 / _ANOTHER < factor < _ANOTHER:
         return []
     what = f"with {factor:.2g} times the depth, bones of the 3D poses would keep their lengths"
     remedy = "give z in metres as x and y"

@@ -70,7 +70,8 @@ def examine_detections(
         order = _order(name, view, detections)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        findings += order + _repeated(name, view, detections)
+        repeated = examine_repeated(name, view, *shown)
+        findings += order + repeated
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
@@ -91,6 +92,8 @@ def examine_detections(
             )
             wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
             wrong = wrong or examine_neighbours(name, pose) or examine_depth(name, pose)
+            if not repeated:
+                wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
             findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
@@ -105,15 +108,6 @@ def _order(name: str, view: int, detections: Detections) -> list[Finding]:
     if detections.joints3d is not None and not bool((sure > 0).any()):
         joints, sure = _poses(view, detections)
     return examine_order(name, joints, sure) or examine_shuffled(name, joints, sure)
-
-
-def _repeated(name: str, view: int, detections: Detections) -> list[Finding]:
-    """Frames of a view that repeat the joints of others, or those of 3D poses alone."""
-    shown = detections.joints2d[:, view], detections.confidence2d[:, view]
-    found = examine_repeated(name, view, *shown)
-    if detections.joints3d is None:
-        return found
-    return found or examine_held(name, *_poses(view, detections), "3D joints")
 
 
 def _poses(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
