@@ -89,8 +89,9 @@ class PoseRefiner(nn.Module):
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
     Of the first batch that it sees, 16 clips at most, it says in warnings what ``perfcap doctor``
-    would: exchanged axes and sides, units, views that disagree; and where the solved person is far
-    from the joints, as in the order of another joint set.
+    would: exchanged axes and sides, units, views that disagree, frames that do not follow one
+    another; and where the solved person is far from the joints, as in the order of another joint
+    set, or has other bones than several views show.
 
     Attributes:
         names: of the energies whose weights can be learned.
