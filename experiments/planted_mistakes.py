@@ -1,6 +1,7 @@
 """Mistakes planted in joints that are given: how many are named, and what is named of right ones.
 
-In two calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
+In any: joints that follow each other in a limb exchanged throughout, frames in no order. In two
+calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
 from the middle of the clip on, arms or legs exchanged in all views for a third of it, five frames
 put in. In one view with 3D poses: joints of both sides exchanged throughout; left and right
 exchanged, or depth negated, for a third of the clip. What is said of the right input as well does
@@ -27,6 +28,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_agreement, examine_detections
 
 _PAIRS = ("elbow", "wrist", "knee", "ankle", "toe")
+_NEIGHBOURS = (("elbow", "wrist"), ("knee", "ankle"), ("shoulder", "elbow"), ("hip", "knee"))
 _ARMS, _LEGS = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "toe")
 _SEVERAL = (("dev_views", 1), ("dev_dance", 1), ("dev_duo", 2), ("dev_trio", 3), ("dev_twins", 2))
 _PUT_IN = 5  # frames
@@ -95,6 +97,11 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     whole, third = slice(None), slice(count // 3, 2 * count // 3)
     for name in _PAIRS:
         yield f"{name}s exchanged", _ordered(seen, _exchange(name), whole)
+    for upper, lower in _NEIGHBOURS:
+        mistake = f"{upper}s and {lower}s exchanged"
+        yield mistake, _ordered(seen, _exchange_neighbours(upper, lower), whole)
+    mixed = np.random.default_rng(0).permutation(count)
+    yield "frames in no order", seen.frames(torch.from_numpy(mixed))
     if alone:
         order = list(LANDMARKS16.mirrored())
         yield "left and right, a third", _ordered(seen, order, third)
@@ -121,6 +128,15 @@ def _exchange(*names: str) -> list[int]:
     for name in names:
         left, right = (LANDMARKS.index(f"{side}_{name}") for side in "lr")
         order[left], order[right] = right, left
+    return order
+
+
+def _exchange_neighbours(upper: str, lower: str) -> list[int]:
+    """Order of the landmarks with two joints of each limb in each other's place."""
+    order = list(range(len(LANDMARKS)))
+    for side in "lr":
+        one, other = (LANDMARKS.index(f"{side}_{name}") for name in (upper, lower))
+        order[one], order[other] = other, one
     return order
 
 

@@ -90,6 +90,7 @@ def _tracks(path: Path) -> SeenTracks:
     """Tracks of videos that are of their truth."""
     tracks = SeenTracks.read(path)
     tracks.require_followed(path)
+    tracks.require_people(path)
     return tracks
 
 

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
+from perfcap.errors import InputError
 from perfcap.setting_checks import require_count, require_size
 
 _TINY = 1e-10
@@ -98,6 +99,9 @@ def map_to_input(points: Tensor, maps: tuple[int, int], size: tuple[int, int], h
         maps: (h, w) of the maps.
         size: (H, W) of the input.
         how: ``scale``, ``corners`` or ``centers``; see ``OutputSpec.alignment``.
+
+    Raises:
+        InputError: ``how`` is something else.
     """
     small = points.new_tensor([maps[1], maps[0]])
     large = points.new_tensor([size[1], size[0]])
@@ -105,6 +109,8 @@ def map_to_input(points: Tensor, maps: tuple[int, int], size: tuple[int, int], h
         return points * (large - 1) / (small - 1).clamp(min=1)
     if how == "centers":
         return (points + 0.5) * large / small - 0.5
+    if how != "scale":
+        raise InputError(f"how is {how!r:.40}, expected scale, corners or centers")
     return points * large / small
 
 

@@ -35,21 +35,26 @@ _BONES = {
 }
 
 
-def bone_doubts(actor: Actor, cameras: Camera, detections: Detections) -> Iterator[str]:
+REMEDY = (
+    "solve the bone lengths (--bones solve, solve_bones=True), or give the actor of this person"
+)
+
+
+def bone_doubts(
+    actor: Actor, cameras: Camera, detections: Detections, remedy: str = REMEDY
+) -> Iterator[str]:
     """Sentences about legs, or else single bones, of other lengths than several views show.
 
     Args:
         actor: in its rest pose.
         cameras: C views, (C,) or (F, C).
         detections: (F, C).
+        remedy: what to do where it is no mistake.
     """
     if detections.views < 2:
         return
     points = triangulated(cameras, detections)
     legs = _leg_ratio(actor, points)
-    remedy = (
-        "solve the bone lengths (--bones solve, solve_bones=True), or give the actor of this person"
-    )
     if legs is not None and not _RATIO[0] < legs < _RATIO[1]:
         yield (
             f"the actor's legs are {legs:.2g} times as long as those that the views show; check "

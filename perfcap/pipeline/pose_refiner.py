@@ -22,9 +22,15 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
-from perfcap.pipeline.estimate_doubts import empty_poses, estimate_doubts, size_doubts
+from perfcap.pipeline.estimate_doubts import (
+    empty_poses,
+    estimate_doubts,
+    place_doubts,
+    size_doubts,
+)
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
@@ -35,6 +41,7 @@ from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
 _EXAMINED = 16  # clips of the first batch
+_ACTOR = "and give the actor of this person: actor.resized makes one of other bone lengths"
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,9 @@ class PoseRefiner(nn.Module):
         energies: your own energies by name, see ``Term``; they act in windows, beside the others.
 
     Of the first batch that it sees, 16 clips at most, it says in warnings what ``perfcap doctor``
-    would: exchanged axes and sides, units, views that disagree; and where the solved person is far
-    from the joints, as in the order of another joint set.
+    would: exchanged axes and sides, units, views that disagree, frames that do not follow one
+    another; and where the solved person is far from the joints, as in the order of another joint
+    set, or has other bones than several views show.
 
     Attributes:
         names: of the energies whose weights can be learned.
@@ -171,26 +179,25 @@ class PoseRefiner(nn.Module):
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            first = self._examine(estimates)
+            told = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
             refined = self._pad(motions, status)
-            if first:
-                self._examine_fit(estimates, refined)
+            self._examine_fit(estimates[: len(told)], refined, told)
         return refined if batched else _single(refined)
 
-    def _examine(self, clips: Sequence[ClipEstimate]) -> bool:
+    def _examine(self, clips: Sequence[ClipEstimate]) -> list[bool]:
         """Warn of mistakes that the first clips show: once, as a training loop has no time.
 
         Returns:
-            Whether these are the first.
+            Whether there was one, of each clip that was looked at.
         """
         if self._examined or not all(
             is_plain(each.detections.joints2d.detach().cpu()) for each in clips
         ):
-            return False
-        self._examined = True
+            return []
+        self._examined, told = True, []
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
@@ -200,19 +207,25 @@ class PoseRefiner(nn.Module):
             lines += empty_poses(clip.empty)
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
+            if not lines:
+                lines += bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
-        return True
+            told.append(bool(lines))
+        return told
 
-    def _examine_fit(self, clips: Sequence[ClipEstimate], refined: RefinedPose) -> None:
+    def _examine_fit(
+        self, clips: Sequence[ClipEstimate], refined: RefinedPose, told: Sequence[bool]
+    ) -> None:
         """Warn of clips in which the solved person is far from the joints."""
-        for index, (clip, (_, joints)) in enumerate(zip(clips, refined.clips(), strict=True)):
-            if index == _EXAMINED:
-                break
+        for index, (clip, (_, joints)) in enumerate(zip(clips, refined.clips(), strict=False)):
             cameras = clip.cameras.map(Tensor.detach)
             seen = clip.detections.map(Tensor.detach)
             which = "" if len(clips) == 1 else f"clip {index}: "
-            for line in fit_doubts(cameras, seen, joints.detach()):
+            lines = [*fit_doubts(cameras, seen, joints.detach())]
+            if clip.targets is not None and not (clip.has_pixels or told[index]):
+                lines += place_doubts(clip.targets, clip.certain, joints)
+            for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
     def _solve_twice(

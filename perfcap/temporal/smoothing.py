@@ -277,7 +277,7 @@ def _confidence(values: Tensor, confidence: Tensor | None) -> Tensor:
         )
     if not bool((confidence.isfinite() & (confidence >= 0)).all()):
         raise InputError("confidence holds negative or infinite numbers; give 0 to 1 a frame")
-    return confidence.detach().to(values.device, torch.float64)
+    return confidence.to(values.device, torch.float64)
 
 
 def _checked(taps: Sequence[float]) -> Taps:
@@ -285,6 +285,11 @@ def _checked(taps: Sequence[float]) -> Taps:
         raise InputError(
             f"taps are {tuple(taps)}; give c_0 > 0 and others that are not negative, as box() and "
             "binomial() do"
+        )
+    if max(taps) > taps[0]:
+        raise InputError(
+            f"taps are {tuple(taps)}, which weigh other frames more than the frame itself; give "
+            "c_0 of the frame first, then c_1 of both beside it, ...: the latter half of a kernel"
         )
     return tuple(taps)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ _BONES = (
     ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"),
     ("thigh", "hip", "knee"), ("shank", "knee", "ankle"),
 )  # fmt: skip
+_LEG = (0.5, 1.2)  # m, hip to ankle; of the CMU library 0.75 to 0.92
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -128,7 +129,7 @@ def require_shapes(
 
 
 def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, Tensor]) -> None:
-    """Refuse motion of no person: other units or axes, sides exchanged.
+    """Refuse motion of no person: other units or axes.
 
     Args:
         path: of the library, for messages.
@@ -157,15 +158,42 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
                 f"{path}: clip {name}: the root moves at {float(speed.median()):.3g} m/s, expected "
                 f"{_FASTEST} at most; give root_m in metres, 60 frames a second"
             )
-    points = torch.cat(list(clips.values()))
-    points = points[:: max(1, len(points) // _LOOKED_AT)].double()
-    up = points[:, LANDMARKS.index("neck"), 1] - points[:, _ANKLES, 1].mean(1)
-    tall = (points.amax(1) - points.amin(1)).norm(dim=-1)
-    if float((up > 0.3 * tall).double().mean()) < _USUALLY:
+    if not usually_upright(clips.values()):
         raise InputError(
             f"{path}: people lie or stand on their heads in most frames; expected y up, angles "
             "about z, y, x in this order, and parents of these joints"
         )
+
+
+def usually_upright(clips: Iterable[Tensor]) -> bool:
+    """Whether necks are above ankles in most frames of landmarks (F, 16, 3) of clips."""
+    points = _some(clips)
+    up = points[:, LANDMARKS.index("neck"), 1] - points[:, _ANKLES, 1].mean(1)
+    tall = (points.amax(1) - points.amin(1)).norm(dim=-1)
+    return float((up > 0.3 * tall).double().mean()) >= _USUALLY
+
+
+def size_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
+    """What speaks against the size of a person of clips with landmarks (F, 16, 3)."""
+    leg = sum(left for bone, left, _ in _two_sided(clips[0]) if bone in ("thigh", "shank"))
+    if not _LEG[0] < leg < _LEG[1]:
+        yield (
+            f"legs are {leg:.2g} m long, those of grown people 0.65 to 1.05; if this is none, "
+            "offsets_m and root_m are not in metres (divide lengths of the CMU files by 0.45)"
+        )
+
+
+def require_sides(path: Path | str, clips: Iterable[Tensor]) -> None:
+    """Refuse motion whose sides are exchanged, or whose knees bend sideways.
+
+    Args:
+        path: of the library, or who in it, for messages.
+        clips: landmarks (F, 16, 3).
+
+    Raises:
+        InputError: they are, they do.
+    """
+    points = _some(clips)
     for finding in examine_sides(str(path), points):
         raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     across = _bends_across(points)
@@ -175,6 +203,12 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
             "the hips); expected angles about z, y and x in this order, each column its axis: "
             "sort or convert euler_zyx_deg"
         )
+
+
+def _some(clips: Iterable[Tensor]) -> Tensor:
+    """Some frames, (N, 16, 3), of all clips."""
+    points = torch.cat(list(clips))
+    return points[:: max(1, len(points) // _LOOKED_AT)].double()
 
 
 def _two_sided(points: Tensor) -> Iterator[tuple[str, float, float]]:

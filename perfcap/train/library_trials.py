@@ -101,7 +101,7 @@ _READINGS: tuple[tuple[str, Read], ...] = (
 
 
 def require_readings(
-    path: Path,
+    path: Path | str,
     clips: Mapping[str, Mapping[str, Array]],
     names: Sequence[str],
     parents: Sequence[int],
@@ -110,7 +110,7 @@ def require_readings(
     """Refuse motion that is of people only with another order, sign, unit or side of some angles.
 
     Args:
-        path: of the library, for messages.
+        path: of the library, or who in it, for messages.
         clips: ``euler_zyx_deg`` (F, J, 3), ``root_m`` (F, 3), ``offsets_m`` (J, 3) by name.
         names: of the joints.
         parents: of the joints.

@@ -21,8 +21,11 @@ from perfcap.train.library_checks import (
     require_motion,
     require_own_motion,
     require_shapes,
+    require_sides,
     require_skeleton,
     shared_bodies,
+    size_doubts,
+    usually_upright,
 )
 from perfcap.train.library_trials import require_readings, sliding
 
@@ -131,7 +134,10 @@ class MotionLibrary:
         def pose(angles: Array, places: Array, offsets: Array) -> Array:
             return _landmarks(angles, places, offsets, names, skeleton["parents"])[0]
 
-        require_readings(archive, clips, names, skeleton["parents"].tolist(), pose)
+        for whose, some in _people(archive, rows):
+            require_sides(whose, [motion[name] for name in some])
+            own = {name: clips[name] for name in some}
+            require_readings(whose, own, names, skeleton["parents"].tolist(), pose)
         inner = {name: values[:, 1:] for name, values in angles.items()}
         require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
         return cls(recordings)
@@ -172,10 +178,19 @@ class MotionLibrary:
         """What speaks against the motion, and against people who are kept from training being
         others than the rest.
         """
-        yield from sliding(recording.landmarks.numpy() for recording in self.recordings)
         clips: dict[str, list[Tensor]] = {}
         for recording in self.recordings:
             clips.setdefault(recording.subject, []).append(recording.landmarks)
+        told = [*sliding(recording.landmarks.numpy() for recording in self.recordings)]
+        for subject, own in clips.items() if not told else ():
+            lines = (*sliding(each.numpy() for each in own), *size_doubts(own))
+            told += [f"subject {subject}: {line}" for line in lines]
+            if not usually_upright(own):
+                told.append(
+                    f"subject {subject} lies or stands on their head in most frames; if they do "
+                    "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
+                )
+        yield from told
         same = shared_bodies(clips, kept)
         if same:
             pairs = ", ".join(f"{one} and {other}" for one, other in same[:3])
@@ -196,6 +211,19 @@ class MotionLibrary:
 
     def _where(self, wanted: Callable[[Recording], bool]) -> MotionLibrary:
         return MotionLibrary(tuple(r for r in self.recordings if wanted(r)))
+
+
+def _people(
+    path: Path, rows: Sequence[Mapping[str, str]]
+) -> Iterator[tuple[Path | str, list[str]]]:
+    """Everybody, and each person, with their clips: a library may be put together of several."""
+    clips: dict[str, list[str]] = {}
+    for row in rows:
+        clips.setdefault(row["subject"], []).append(row["clip"])
+    yield path, [row["clip"] for row in rows]
+    if len(clips) > 1:
+        for subject, some in clips.items():
+            yield f"{path}: subject {subject}", some
 
 
 def _clip(path: Path, row: Mapping[str, str], joints: int) -> dict[str, Array]:

@@ -21,6 +21,9 @@ from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.lifting import lifting_features
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
+from perfcap.io.doctor.depth import examine_depth
+from perfcap.io.doctor.order import examine_shuffled
+from perfcap.io.doctor.sides import examine_sides
 from perfcap.train.config import LiftingData
 from perfcap.train.detector_noise import unseen
 from perfcap.train.lifting_data import STANDING, LiftingBatch, LiftingSamples, root_relative
@@ -38,6 +41,7 @@ _MOST = 0.5  # of the tracks
 _NEAR = 0.04  # of a person's height: joints of filmed people are nearer in the median, 0.01 to 0.03
 _SEVERAL = 10  # tracks: a joint of few is elsewhere where networks err, as a hidden elbow by 0.17
 _CLEARLY = 0.5  # times that, of another joint's truth
+_ODD = 0.05  # of the tracks
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
 
@@ -137,6 +141,36 @@ class SeenTracks:
                 f"{path}: joints2d of {some} are farther from the truth before the camera than "
                 f"{_FOLLOWED:.0%} of a person's height in most frames; expected confidence 0 where "
                 f"a joint is not seen, and landmarks in the order {', '.join(LANDMARKS)}"
+            )
+
+    def require_people(self, path: Path) -> None:
+        """Refuse truth whose depth is wrong, of which its places in pictures know nothing, and
+        frames that do not follow one another.
+
+        Args:
+            path: that they were read from, for the message.
+
+        Raises:
+            InputError: of a twentieth of the tracks, feet point backwards in the truth, it has no
+                depth or one in another unit, or the joints move as in no order.
+        """
+        wrong = [
+            (track, finding.what)
+            for track, (places, sure, joints) in enumerate(
+                zip(self.plane, self.confidence, self.joints, strict=True)
+            )
+            for finding in (
+                examine_sides("", joints)
+                or examine_depth("", joints)
+                or examine_shuffled("", places, sure)
+            )
+        ]
+        if len(wrong) > _ODD * len(self.joints):
+            track, what = wrong[0]
+            raise InputError(
+                f"{path}: {len(wrong)} of {len(self.joints)} tracks are no motion of a person, of "
+                f"track {track} {what}; expected truth in metres in the axes of the camera, z "
+                "forward, and frames that follow each other"
             )
 
     def _joint_misses(self) -> Tensor:

@@ -12,6 +12,7 @@ from perfcap.detect.heatmap import (
     soft_argmax,
 )
 from perfcap.detect.joint_set import COCO17, LANDMARKS
+from perfcap.errors import InputError
 
 F64 = torch.float64
 CENTERS = torch.tensor([[7.3, 11.8], [20.0, 5.0], [14.49, 16.51]], dtype=F64)
@@ -94,3 +95,8 @@ def test_head_doubles_resolution() -> None:
     assert head.logits(torch.zeros(2, 3, 8, 6, 5)).shape == (2, 3, 17, 24, 20)
     state = HeatmapHead(8, COCO17, doublings=2, hidden=16)
     state.load_state_dict(head.state_dict())
+
+
+def test_an_unknown_alignment_is_refused() -> None:
+    with pytest.raises(InputError, match="'align_corners', expected scale, corners or centers"):
+        map_to_input(torch.zeros(2), (8, 8), (64, 64), "align_corners")

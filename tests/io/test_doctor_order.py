@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 import perfcap
 from perfcap.io import models_folder
-from perfcap.io.doctor.order import examine_order
+from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.pipeline.input_doubts import input_doubts
 
 DEMO = models_folder() / "demo"
@@ -43,3 +45,26 @@ def test_a_capture_says_so() -> None:
     told = input_doubts(rig.cameras, SEEN.frames(in_text_order(60, 1)))
     assert any("sorted as text" in line for line in told)
     assert not any("jump" in line for line in told)
+
+
+@pytest.mark.parametrize("count", [12, 30, 90])
+def test_images_that_do_not_follow_one_another_are_named(count: int) -> None:
+    """As in a shuffled batch; by 3D poses where nothing is seen in an image."""
+    rig = perfcap.read_cameras(DEMO / "camera.json")
+    part = SEEN.frames(slice(0, 120, 120 // count))
+    assert not any("follow" in line for line in input_doubts(rig.cameras, part))
+    order = torch.randperm(part.frame_count, generator=torch.Generator().manual_seed(1))
+    for seen in (part, replace(part, confidence2d=0 * part.confidence2d)):
+        told = input_doubts(rig.cameras, seen.frames(order))
+        assert any("images that do not follow one another" in line for line in told)
+
+
+def test_who_hardly_moves_is_not_shuffled() -> None:
+    random = torch.Generator().manual_seed(0)
+    place = 300 * torch.rand(16, 2, generator=random)
+    still = place + 5 * torch.randn(60, 16, 2, generator=random)
+    assert not examine_shuffled("view", still, torch.ones(60, 16))
+    assert not examine_shuffled("view", still, torch.zeros(60, 16))
+    moving = 300 * torch.rand(60, 16, 2, generator=random)
+    assert examine_shuffled("view", moving, torch.ones(60, 16))
+    assert not examine_shuffled("view", moving[:7], torch.ones(7, 16))

@@ -1,9 +1,13 @@
 """Joints of some frames that are those of others before, to the last digit."""
 
+from dataclasses import replace
+
 import torch
 from doctored_views import FRAMES, detections, one, rig
+from takes import make_take
 
 from perfcap.detect.detections import Detections
+from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_detections
 from perfcap.io.doctor.repeated import examine_repeated
 
@@ -39,3 +43,39 @@ def test_one_frame_that_looks_like_another_is_none() -> None:
     confidence[4:8, 3:] = 0
     assert examine_repeated("cam1", 0, joints, confidence) == []
     assert len(joints) == FRAMES
+
+
+def test_3d_poses_of_the_frame_before() -> None:
+    """Of a lifter that ran on every third frame, say, beside 2D joints of all."""
+    take = make_take(30)
+    alone = CameraRig(("a",), take.cameras)
+    assert examine_detections(alone, take.detections) == []
+    assert take.detections.joints3d is not None
+    held = take.detections.joints3d[torch.arange(30) // 3 * 3]
+    finding = one(examine_detections(alone, replace(take.detections, joints3d=held)))
+    assert finding.what.startswith("20 of 29 frames repeat the 3D joints of the frame before")
+
+
+def test_joints_that_stay_where_they_were() -> None:
+    """As where gaps of single joints were filled with the last place; a joint that stands on whole
+    pixels is none.
+    """
+    seen = detections()
+    joints, confidence = seen.joints2d[:, 0].clone(), seen.confidence2d[:, 0]
+    assert examine_repeated("cam1", 0, joints, confidence) == []
+    joints[6:12, 4] = joints[5, 4]
+    finding = one(examine_repeated("cam1", 0, joints, confidence))
+    assert "the frame before to the last digit: r_wrist (6) frames" in finding.what
+    assert examine_repeated("cam1", 0, (joints / 4).round() * 4, confidence) == []
+    confidence = confidence.clone()
+    confidence[6:12, 4] = 0
+    assert examine_repeated("cam1", 0, joints, confidence) == []
+
+
+def test_joints_at_one_place() -> None:
+    seen = detections()
+    joints = seen.joints2d[:, 0].clone()
+    joints[[3, 9], 5:14] = joints[[3, 9], :1]
+    finding = one(examine_repeated("cam1", 0, joints, seen.confidence2d[:, 0]))
+    assert finding.what.startswith("10 joints with confidence lie at one place")
+    assert finding.frames == (3, 9) and finding.views == (0,)

@@ -112,3 +112,15 @@ def test_another_clip_elsewhere_is_no_rotation(joints: Tensor) -> None:
     other = joints.flip(-2) + torch.tensor([0.0, 1.0, 8.0]).to(joints)
     lines = told(joints, other)
     assert lines and not any("rotation" in line or "mirror" in line for line in lines)
+
+
+def test_another_clip_whose_poses_are_alike(joints: Tensor) -> None:
+    """Of one person who waves: only time shows that they are of other motion."""
+    joints = joints.mean(0) + 0.7 * (joints - joints.mean(0))
+    mixed = joints[torch.arange(60) * 23 % 60]
+    aside = torch.tensor([0.06, 0.0, 0.0]).to(joints)
+    (line,) = told(mixed + aside, joints)
+    assert "change independently of each other" in line and "of this clip and person" in line
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(1)).to(joints)
+    assert told(joints + aside + 0.03 * noise, joints) == ()
+    assert told((mixed + aside)[:29], joints[:29]) == ()

@@ -122,3 +122,20 @@ def test_placed_joints_of_another_size_are_named() -> None:
     """They put the person at half the distance."""
     with pytest.warns(UserWarning, match="legs are 2 times as long as those of the placed"):
         refine(0.5 * LOCAL)
+
+
+def test_a_person_far_from_3d_joints_alone() -> None:
+    """As where x is in another unit than y and z."""
+    wide = LOCAL * LOCAL.new_tensor([2.5, 1, 1])
+    with pytest.warns(UserWarning, match="from that of the 3D joints; check that"):
+        refine(wide)
+
+
+def test_an_actor_of_another_size_than_views_show() -> None:
+    """As where joints are drawn towards the middle of each crop."""
+    two = make_take(12, views=2)
+    pixels = two.detections.joints2d
+    layer = PoseRefiner(two.actor).eval()
+    middle = pixels.mean(-2, keepdim=True)
+    with pytest.warns(UserWarning, match="legs are 1.7 times as long as those that the views show"):
+        layer(two.cameras, middle + 0.6 * (pixels - middle))

@@ -226,3 +226,18 @@ def test_rotation_matrices_are_no_rotation_vectors():
         smooth_rotations(torch.rand(6, 4))
     three = torch.rand(6, 3, 3, dtype=F64)
     assert smooth_rotations(three).shape == three.shape
+
+
+@pytest.mark.parametrize("smooth", [smooth_vectors, smooth_rotations])
+def test_gradients_reach_confidences(smooth):
+    """So they can be learned; they were constants without a word."""
+    values, weights = 0.3 * torch.randn(2, 9, 2, 3, dtype=F64)
+    confidence = torch.rand(9, dtype=F64, requires_grad=True)
+    torch.autograd.gradcheck(
+        lambda sure: (smooth(values, confidence=sure) * weights).sum(), (confidence,)
+    )
+
+
+def test_a_whole_kernel_is_no_half_of_one():
+    with pytest.raises(InputError, match="weigh other frames more than the frame itself"):
+        smooth_vectors(torch.zeros(9, 3), (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16))

@@ -129,6 +129,52 @@ def test_wrong_parts_of_motion_are_refused(tmp_path: Path, name: str) -> None:
         read(tmp_path, arrays)
 
 
+@pytest.mark.parametrize("name", ["root negated", "sides of arms"])
+def test_one_wrong_person_among_others_is_named(tmp_path: Path, name: str) -> None:
+    """As where a library is put together of several: medians of all people hardly know of one."""
+    arrays = several(tmp_path)
+    assert not list(read(tmp_path, arrays).doubts(["01"]))
+    spoil, words = MISTAKES[name]
+    wrong = {key: value for key, value in arrays.items() if "/" not in key or key[:2] == "02"}
+    spoil(wrong)
+    with pytest.raises(InputError, match=f"subject 02: .*{words}"):
+        read(tmp_path, arrays | wrong)
+
+
+def test_a_person_who_lies_slides_or_is_small_is_a_warning(tmp_path: Path) -> None:
+    """Nothing is sure: so people crawl, skate, and are children."""
+    arrays = several(tmp_path)
+    small = {f"02_01/{part}": 0.45 * arrays[f"02_01/{part}"] for part in ("root_m", "offsets_m")}
+    (doubt,) = read(tmp_path, arrays | small).doubts(["01"])
+    assert (
+        "subject 02: legs are 0.3" in doubt and "divide lengths of the CMU files by 0.45" in doubt
+    )
+    lying = arrays["02_01/euler_zyx_deg"].copy()
+    lying[:, 0] = [0, 0, 90]
+    (doubt,) = read(tmp_path, arrays | {"02_01/euler_zyx_deg": lying}).doubts(["01"])
+    assert "subject 02 lies or stands on their head" in doubt
+
+
+def several(folder: Path) -> Arrays:
+    """Those of ``standing``, and two more like the first who bend their backs otherwise."""
+    arrays = standing(folder)
+    spine = arrays["joint_names"].tolist().index("Spine1")
+    first = {key[6:]: value for key, value in arrays.items() if key.startswith("01_01/")}
+    for number in (3, 4):
+        bent = first["euler_zyx_deg"].copy()
+        bent[:, spine, 2] += 5 * np.sin(np.arange(FRAMES) / (10 * number))
+        more = first | {
+            "euler_zyx_deg": bent,
+            "offsets_m": (1 + 1e-3 * number) * first["offsets_m"],
+        }
+        arrays |= {f"0{number}_01/{part}": value for part, value in more.items()}
+    with (folder / "clips.csv").open("w", newline="") as lines:
+        writer = csv.writer(lines)
+        writer.writerow(("clip", "subject"))
+        writer.writerows((f"0{number}_01", f"0{number}") for number in (1, 2, 3, 4))
+    return arrays
+
+
 def test_sliding_without_another_reading_is_a_warning(tmp_path: Path) -> None:
     arrays = standing(tmp_path)
     for clip in ("01_01", "02_01"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from motion_files import write_library
+from takes import make_take
 
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.retarget import mid_hip
@@ -232,3 +233,27 @@ def test_batches_are_mixed_and_repeat(library: MotionLibrary, tmp_path: Path, sh
     rest = 8 - round(8 * share)
     if rest:
         assert torch.equal(batch.joints[-rest:], simulated.batch(7, rest).joints)
+
+
+def test_truth_of_no_motion_is_refused(tmp_path: Path) -> None:
+    """Depth negated, of none or in another unit, and frames in no order: pictures fit as well."""
+    take = make_take(40)
+    true = take.cameras.to_camera(take.actor.joints(take.truth)).expand(-1, 6, -1, -1)
+    true = true.transpose(0, 1).numpy().astype(float)
+    root = true[:, :, 8:9]
+
+    def tracks(truth: np.ndarray) -> SeenTracks:
+        pixels = truth @ LENS.T
+        made = {"joints2d": pixels[..., :2] / pixels[..., 2:], "truth": truth}
+        made["confidence"] = np.ones(truth.shape[:3])
+        return read(tmp_path, **made, intrinsics=np.tile(LENS, (6, 1, 1)))
+
+    tracks(true).require_people(tmp_path)
+    mixed = np.random.default_rng(1).permutation(40)
+    for words, truth in (
+        ("feet point backwards", root + (true - root) * [1, 1, -1]),
+        ("are flat", root + (true - root) * [1, 1, 0]),
+        ("do not follow one another", root + 4 * (true - root)[:, mixed]),
+    ):
+        with pytest.raises(InputError, match=f"6 of 6 tracks are no motion .* {words}"):
+            tracks(truth).require_people(tmp_path)

@@ -21,6 +21,7 @@ from perfcap.io.doctor.evidence import (
 )
 from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
+from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
@@ -74,7 +75,11 @@ def examine_agreement(
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
         findings += _scale(points)
-        findings += examine_sides("detections", points) or examine_pairs("detections", points)
+        findings += (
+            examine_sides("detections", points)
+            or examine_pairs("detections", points)
+            or examine_neighbours("detections", points)
+        )
         views = [rig.names.index(name) for name in names]  # others are left out by now
         parts = _stretches(scene.sure(), names, height, alone)
         findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]

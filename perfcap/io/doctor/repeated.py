@@ -5,11 +5,16 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 _NAMED = 3  # numbers of frames in words
 _SOME = 4  # joints that tell a repeated frame
 _FEWEST, _SHARE = 3, 0.05  # frames that repeat the one before, and share of them
+# Frames that hold one joint, and share of the other numbers that are there once: joints on whole
+# pixels, or on those of a heat map, stay where they are now and then
+_HOLDS, _UNIQUE = 5, 0.9
+_COLLAPSED = 8  # joints at one place
 
 
 def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -> list[Finding]:
@@ -21,23 +26,73 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
         pixels: joints, (F, 16, 2).
         confidence: (F, 16).
     """
-    return [*_held(name, pixels, confidence), *_again(name, view, pixels, confidence)]
+    held = examine_held(name, pixels, confidence)
+    return [
+        *(held or _held_joints(name, pixels, confidence)),
+        *_again(name, view, pixels, confidence),
+        *_collapsed(name, view, pixels, confidence),
+    ]
 
 
-def _held(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
-    """Joints of the frame before."""
+def examine_held(
+    name: str, pixels: Tensor, confidence: Tensor, joints: str = "joints"
+) -> list[Finding]:
+    """Frames whose joints are those of the frame before.
+
+    Args:
+        name: of the view.
+        pixels: joints, (F, 16, 2), or 3D ones, (F, 16, 3).
+        confidence: (F, 16).
+        joints: what they are called.
+    """
     seen = confidence > 0
     both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
     same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
     repeated, pairs = int(same.sum()), int(both.sum())
     if repeated < _FEWEST or repeated < _SHARE * pairs:
         return []
-    what = f"{repeated} of {pairs} frames repeat the joints of the frame before to the last digit"
+    what = f"{repeated} of {pairs} frames repeat the {joints} of the frame before to the last digit"
     remedy = (
         "no detector does; if it ran on some frames alone, leave the others out, and give video "
         "and detections the same frame rate"
     )
     return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _held_joints(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+    """Single joints that stay on the same pixel to the last digit while others move."""
+    seen = confidence > 0
+    same = (pixels[1:] == pixels[:-1]).all(-1) & seen[1:] & seen[:-1]
+    same &= (seen[1:] & seen[:-1] & ~same).sum(-1, keepdim=True) >= _SOME
+    found = [joint for joint in range(same.shape[1]) if int(same[:, joint].sum()) >= _HOLDS]
+    others = pixels[1:][seen[1:] & ~same]
+    if not found or len(others) == 0:
+        return []
+    if min(len(set(axis)) for axis in others.mT.tolist()) < _UNIQUE * len(others):
+        return []
+    joints = ", ".join(f"{LANDMARKS[j]} ({int(same[:, j].sum())})" for j in found)
+    what = f"joints stay where they were in the frame before to the last digit: {joints} frames"
+    remedy = (
+        "no detector does; were gaps filled with the last place? Give confidence 0 to what is not "
+        "detected"
+    )
+    return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _collapsed(name: str, view: int, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+    """Frames in which many joints lie at one place to the last digit."""
+    seen = confidence > 0
+    alike = (pixels.unsqueeze(-2) == pixels.unsqueeze(-3)).all(-1)
+    together = (alike & seen.unsqueeze(-1) & seen.unsqueeze(-2)).sum(-1).amax(-1)
+    frames = tuple((together >= _COLLAPSED).nonzero().flatten().tolist())
+    if not frames:
+        return []
+    what = (
+        f"{int(together.max())} joints with confidence lie at one place to the last digit in "
+        f"frames {ranges(frames)} (of the capture, counted from 0)"
+    )
+    remedy = "nobody looks so; give confidence 0 to what is not detected"
+    return [Finding(Severity.WARNING, name, what, remedy, frames, (view,))]
 
 
 def _again(name: str, view: int, pixels: Tensor, confidence: Tensor) -> list[Finding]:
