@@ -24,7 +24,7 @@ _LARGER = 1.8  # than a person: a child captured as an average adult is not that
 # Of distances of joints over time: of right results 0.76 and more, poor ones included, of two clips
 # of recorded people 0.15 in nine of ten pairs
 _COMMON = 0.2
-_ENOUGH, _POSES = 30, 0.03  # frames that tell, and m that the distances of the truth change
+_ENOUGH, _POSES = 30, 0.03  # frames that show it, and m that the distances of the truth change
 _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
 
 

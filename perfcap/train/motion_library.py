@@ -216,7 +216,7 @@ class MotionLibrary:
 def _people(
     path: Path, rows: Sequence[Mapping[str, str]]
 ) -> Iterator[tuple[Path | str, list[str]]]:
-    """Everybody, and each person, with their clips: a library may be put together of several."""
+    """All people together, and each of them, with their clips: a library may be put together of several."""
     clips: dict[str, list[str]] = {}
     for row in rows:
         clips.setdefault(row["subject"], []).append(row["clip"])

@@ -15,7 +15,7 @@ _BONES = [
     for ends in (limb[:2], limb[1:])
 ] + [[LANDMARKS.index(f"{end}_{name}") for end in "lr"] for name in ("hip", "shoulder")]
 _FLAT = 0.01  # of a pose's size, in depth; who stands at attention has ten times as much
-# Factors of the depth, and of those the least that are told: lengths of three networks and of
+# Factors of the depth, and of those the least that are named: lengths of three networks and of
 # simulated detectors are steadiest with 0.7 to 1.4
 _FACTORS = [2 ** (step / 4) for step in range(-8, 9)]
 _ANOTHER = 1.9

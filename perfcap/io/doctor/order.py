@@ -76,7 +76,7 @@ def examine_shuffled(name: str, joints: Tensor, confidence: Tensor) -> list[Find
 
 
 def _height(joints: Tensor, confidence: Tensor) -> float:
-    """Median size of the person along y; NaN of nobody."""
+    """Median size of the person along y; NaN where no joint is sure."""
     sure, along = confidence > _SURE, joints[..., 1]
     low = along.where(sure, torch.inf).amin(-1)
     high = along.where(sure, -torch.inf).amax(-1)

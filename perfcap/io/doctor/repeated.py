@@ -91,7 +91,7 @@ def _collapsed(name: str, view: int, pixels: Tensor, confidence: Tensor) -> list
         f"{int(together.max())} joints with confidence lie at one place to the last digit in "
         f"frames {ranges(frames)} (of the capture, counted from 0)"
     )
-    remedy = "nobody looks so; give confidence 0 to what is not detected"
+    remedy = "no person looks so; give confidence 0 to what is not detected"
     return [Finding(Severity.WARNING, name, what, remedy, frames, (view,))]
 
 
