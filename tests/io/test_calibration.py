@@ -217,6 +217,7 @@ BAD_ENTRIES: dict[str, tuple[dict[str, Any], str]] = {
     "lens nan": ({"distortion": [float("inf")] * 5}, "distortion holds NaN"),
     "no size": ({"width": None}, "image size of camera"),
     "size": ({"width": 0}, "image size 0x480"),
+    "listed size": ({"width": [640, 480], "height": [480, 640]}, "image size has 4 numbers"),
     "frames": ({"R": [pose(0)[0].tolist()] * 3, "t": [[0, 0, 4]] * 2}, "1, 3, 2 frames"),
     "count": ({"t": [[0, 0, 4], [0, 0, 5]], "frames": 3}, "says frames = 3"),
     "centre": ({"pixel_centre": 1}, "pixel_centre is 1"),

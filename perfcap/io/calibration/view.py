@@ -155,7 +155,12 @@ def _distortion(where: str, value: Any) -> Array:
 def _size(where: str, size: tuple[Any, Any] | None) -> tuple[int, int] | None:
     if size is None or size[0] is None or size[1] is None:
         return None
-    height, width = to_numbers(where, "image size", size).reshape(-1)
+    numbers = to_numbers(where, "image size", size).reshape(-1)
+    if len(numbers) != 2:
+        raise InputError(
+            f"{where}: image size has {len(numbers)} numbers, expected width and height"
+        )
+    height, width = numbers
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise InputError(f"{where}: image size {width:g}x{height:g}, expected pixels")
     return int(height), int(width)
