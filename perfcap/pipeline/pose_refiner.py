@@ -224,7 +224,7 @@ class PoseRefiner(nn.Module):
             which = "" if len(clips) == 1 else f"clip {index}: "
             lines = [*fit_doubts(cameras, seen, joints.detach())]
             if clip.targets is not None and not (clip.has_pixels or told[index]):
-                lines += place_doubts(clip.targets, clip.certain, joints)
+                lines += place_doubts(cameras, clip.targets, clip.certain, joints)
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 

@@ -70,7 +70,7 @@ def examine_detections(
         order = _order(name, view, detections)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        repeated = examine_repeated(name, view, *shown)
+        repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
@@ -103,11 +103,17 @@ def examine_detections(
 
 
 def _order(name: str, view: int, detections: Detections) -> list[Finding]:
-    """Frames of a view in a wrong order, by 3D poses where no joint is seen in its images."""
+    """Frames of a view in a wrong order."""
+    given = _given(view, detections)
+    return examine_order(name, *given) or examine_shuffled(name, *given)
+
+
+def _given(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
+    """Joints of a view and confidence (F, 16): of 3D poses where none is seen in its images."""
     joints, sure = detections.joints2d[:, view], detections.confidence2d[:, view]
     if detections.joints3d is not None and not bool((sure > 0).any()):
-        joints, sure = _poses(view, detections)
-    return examine_order(name, joints, sure) or examine_shuffled(name, joints, sure)
+        return _poses(view, detections)
+    return joints, sure
 
 
 def _poses(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
