@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any, Protocol
 
 from perfcap.errors import InputError
@@ -13,6 +14,9 @@ SLOWEST, FASTEST = 0.01, 1e5
 
 _SLOW = 0.2
 """Frames a second: who is seen every five seconds only has no motion to speak of."""
+
+_FAST = 1000.0
+"""Frames a second: nobody moves so fast that more would be recorded of them."""
 
 
 class Timed(Protocol):
@@ -47,14 +51,35 @@ def frame_rate(value: Any, name: str = "rate") -> float:
 
 
 def rate_doubts(rate: float) -> tuple[str, ...]:
-    """A sentence where a rate looks like the seconds of a frame.
+    """A sentence where a rate looks like the seconds of a frame, or is of no recording of people.
 
     Args:
         rate: frames a second.
     """
+    if rate > _FAST:
+        return (
+            f"rate is {rate:.4g} frames a second, which nobody records people at; check its unit "
+            "(30 or 60 for most videos)",
+        )
     if rate >= _SLOW:
         return ()
     return (
         f"rate is {rate:.4g} frames a second, a frame in {1 / rate:.4g} s; if a frame takes "
         f"{rate:.4g} s, give {1 / rate:.4g}",
     )
+
+
+def told_rate(value: Any, name: str = "rate") -> float:
+    """As ``frame_rate``, with a warning of what ``rate_doubts`` says.
+
+    Args:
+        value: as it was given.
+        name: of the argument.
+
+    Raises:
+        InputError: as of ``frame_rate``.
+    """
+    rate = frame_rate(value, name)
+    for line in rate_doubts(rate):
+        warnings.warn(f"{name}: {line}", stacklevel=3)
+    return rate

@@ -155,3 +155,9 @@ def test_3d_joints_alone_of_several_views() -> None:
     with pytest.warns(UserWarning, match="relative to a root, and nothing says where") as said:
         PoseRefiner(two.actor).eval()(two.cameras, joints3d=local - mid_hip(local)[..., None, :])
     assert len(said) == 1
+
+
+def test_a_rate_in_another_unit() -> None:
+    layer = PoseRefiner(TAKE.actor, rate=3000).eval()
+    with pytest.warns(UserWarning, match="rate is 3000 frames a second, which nobody records"):
+        layer(TAKE.cameras, PIXELS)
