@@ -16,6 +16,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.train.library_checks import (
+    held_doubts,
     read_index,
     require_degrees,
     require_motion,
@@ -183,7 +184,7 @@ class MotionLibrary:
             clips.setdefault(recording.subject, []).append(recording.landmarks)
         told = [*sliding(recording.landmarks.numpy() for recording in self.recordings)]
         for subject, own in clips.items() if not told else ():
-            lines = (*sliding(each.numpy() for each in own), *size_doubts(own))
+            lines = [*sliding(each.numpy() for each in own), *size_doubts(own), *held_doubts(own)]
             told += [f"subject {subject}: {line}" for line in lines]
             if not usually_upright(own):
                 told.append(
