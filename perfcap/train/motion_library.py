@@ -184,13 +184,15 @@ class MotionLibrary:
             clips.setdefault(recording.subject, []).append(recording.landmarks)
         told = [*sliding(recording.landmarks.numpy() for recording in self.recordings)]
         for subject, own in clips.items() if not told else ():
-            lines = [*sliding(each.numpy() for each in own), *size_doubts(own), *held_doubts(own)]
+            lines = (*sliding(each.numpy() for each in own), *size_doubts(own))
             told += [f"subject {subject}: {line}" for line in lines]
             if not usually_upright(own):
                 told.append(
                     f"subject {subject} lies or stands on their head in most frames; if they do "
                     "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
                 )
+        for subject, own in clips.items():
+            told += [f"subject {subject}: {line}" for line in held_doubts(own)]
         yield from told
         same = shared_bodies(clips, kept)
         if same:

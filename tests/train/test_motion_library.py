@@ -207,6 +207,7 @@ def test_frames_that_are_there_twice(tmp_path: Path) -> None:
         for k, each in enumerate(recordings[:count]):
             twice = torch.arange(len(each.landmarks)) // 2 * 2
             recordings[k] = replace(each, landmarks=each.landmarks[twice])
-        told.append([*replace(library, recordings=tuple(recordings)).doubts(["01"])])
+        lines = replace(library, recordings=tuple(recordings)).doubts(["01"])
+        told.append([line for line in lines if "lowest foot" not in line])
     assert len(told[1]) == 1 and not told[0]
     assert "subject 01: in 2 of 2 clips frames are there twice, 120 of 239 frames" in told[1][0]

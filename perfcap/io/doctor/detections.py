@@ -16,7 +16,7 @@ from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
-from perfcap.io.doctor.neighbours import examine_neighbours
+from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
@@ -91,13 +91,14 @@ def examine_detections(
                 trusted,
             )
             wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
-            wrong = wrong or examine_neighbours(name, pose) or examine_depth(name, pose)
+            wrong = wrong or examine_neighbours(name, pose) or examine_crown(name, *shown)
+            wrong = wrong or examine_depth(name, pose)
             if not repeated:
                 wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
             findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
-            findings += examine_turned_view(name, *shown)
+            findings += examine_turned_view(name, *shown) + examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
 
