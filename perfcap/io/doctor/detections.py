@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
@@ -106,7 +107,8 @@ def examine_detections(
 def _order(name: str, view: int, detections: Detections) -> list[Finding]:
     """Frames of a view in a wrong order."""
     given = _given(view, detections)
-    return examine_order(name, *given) or examine_shuffled(name, *given)
+    order = examine_order(name, *given) or examine_shuffled(name, *given)
+    return order or examine_backwards(name, view, *given)
 
 
 def _given(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
