@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any, Protocol
 
 from perfcap.errors import InputError
@@ -67,19 +66,3 @@ def rate_doubts(rate: float) -> tuple[str, ...]:
         f"rate is {rate:.4g} frames a second, a frame in {1 / rate:.4g} s; if a frame takes "
         f"{rate:.4g} s, give {1 / rate:.4g}",
     )
-
-
-def told_rate(value: Any, name: str = "rate") -> float:
-    """As ``frame_rate``, with a warning of what ``rate_doubts`` says.
-
-    Args:
-        value: as it was given.
-        name: of the argument.
-
-    Raises:
-        InputError: as of ``frame_rate``.
-    """
-    rate = frame_rate(value, name)
-    for line in rate_doubts(rate):
-        warnings.warn(f"{name}: {line}", stacklevel=3)
-    return rate

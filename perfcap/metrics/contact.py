@@ -10,7 +10,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.geometry.signed_gap import Mesh, signed_gap
 from perfcap.metrics.missing import frame_mean
-from perfcap.rates import told_rate
+from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_number
 
 CONTACT_HEIGHT = 0.05  # m above a point's rest height on the floor
@@ -63,7 +63,7 @@ def floor_contact(
             f"feet have shape {tuple(feet.shape)} and height {tuple(height.shape)}; give "
             "(*b, F, K, 3) and (*b, F, K)"
         )
-    fps = told_rate(fps, "fps")
+    fps = frame_rate(fps, "fps")
     known = torch.where(height.isfinite(), height, torch.inf)
     # where no height of a joint is known its lowest is infinite too, and nothing of it stands
     low = (known <= known.amin(-2, keepdim=True) + rise) & height.isfinite()

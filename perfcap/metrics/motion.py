@@ -11,7 +11,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.metrics.missing import check_radians, check_same_joints, frame_mean
-from perfcap.rates import told_rate
+from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_number
 
 _MILLIMETRES = 1000.0  # in a metre
@@ -50,7 +50,7 @@ def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
 
     Over runs of four complete frames; NaN if there are none.
     """
-    fps = told_rate(fps, "fps")
+    fps = frame_rate(fps, "fps")
     check_same_joints(points, points)
     return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
 

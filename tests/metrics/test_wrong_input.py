@@ -216,11 +216,3 @@ def test_truth_that_was_not_measured() -> None:
     assert joint_errors(FOUND, truth, 30, confidence=sure).frames == 4
     truth = TRUTH - TRUTH[:, 8:9]  # relative to a joint
     assert joint_errors(FOUND, truth, 30).frames == 6
-
-
-@pytest.mark.parametrize(("rate", "words"), [(1 / 30, "give 30"), (30000, "check its unit")])
-def test_rates_of_no_recording(rate: float, words: str) -> None:
-    still = torch.zeros(5, 2, 3, dtype=F64)
-    for measure in (lambda: jerk(still, rate), lambda: floor_contact(still, still[..., 1], rate)):
-        with pytest.warns(UserWarning, match=f"fps: rate is .* frames a second.*{words}"):
-            measure()
