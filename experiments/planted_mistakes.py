@@ -1,6 +1,7 @@
 """Mistakes planted in joints that are given: how many are named, and what is named of right ones.
 
-In any: joints that follow each other in a limb exchanged throughout, frames in no order. In two
+In any: joints that follow each other in a limb exchanged throughout, frames in no order, a third of
+the clip backwards. In two
 calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
 from the middle of the clip on, arms or legs exchanged in all views for a third of it, five frames
 put in. In one view with 3D poses: joints of both sides exchanged throughout; left and right
@@ -102,6 +103,9 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
         yield mistake, _ordered(seen, _exchange_neighbours(upper, lower), whole)
     mixed = np.random.default_rng(0).permutation(count)
     yield "frames in no order", seen.frames(torch.from_numpy(mixed))
+    turned = torch.arange(count)
+    turned[third] = turned[third].flip(0)
+    yield "a third backwards", seen.frames(turned)
     if alone:
         order = list(LANDMARKS16.mirrored())
         yield "left and right, a third", _ordered(seen, order, third)

@@ -14,6 +14,9 @@ SLOWEST, FASTEST = 0.01, 1e5
 _SLOW = 0.2
 """Frames a second: who is seen every five seconds only has no motion to speak of."""
 
+_FAST = 1000.0
+"""Frames a second: nobody moves so fast that more would be recorded of them."""
+
 
 class Timed(Protocol):
     """Something that runs at so many frames a second; a ``Clip``."""
@@ -47,11 +50,16 @@ def frame_rate(value: Any, name: str = "rate") -> float:
 
 
 def rate_doubts(rate: float) -> tuple[str, ...]:
-    """A sentence where a rate looks like the seconds of a frame.
+    """A sentence where a rate looks like the seconds of a frame, or is of no recording of people.
 
     Args:
         rate: frames a second.
     """
+    if rate > _FAST:
+        return (
+            f"rate is {rate:.4g} frames a second, which nobody records people at; check its unit "
+            "(30 or 60 for most videos)",
+        )
     if rate >= _SLOW:
         return ()
     return (

@@ -10,15 +10,17 @@ import torch
 from perfcap.actor.actor import Actor
 from perfcap.app.actor_inspect import run_inspect
 from perfcap.app.actor_sheet import SHEET
-from perfcap.app.capture_checks import examined
+from perfcap.app.capture_checks import examined, told
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import read_inputs
+from perfcap.app.masked_frames import order_doubts
 from perfcap.app.measures import print_measures
 from perfcap.app.personal_body import FIT_SHEET, BodyRequest, find_body
 from perfcap.app.project import in_project
 from perfcap.commands.actor import ActorFit
 from perfcap.errors import InputError
 from perfcap.io.actor_folder import MANIFEST, save_actor, spare_actor, spare_files
+from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY, MEASURES
 from perfcap.rigging import Person
 
@@ -39,6 +41,9 @@ def run_fit(request: ActorFit) -> int:
         needs_images=request.evidence != "joints" and not request.masks,
         detected=bool(request.detectors),
     )
+    if request.masks:
+        masks = MaskFolders.open(request.masks, inputs.clip)
+        inputs = told(inputs, [*order_doubts(inputs, masks)])
     body = find_body(
         inputs,
         BodyRequest(

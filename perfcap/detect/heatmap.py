@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.detect.detections import Detections
-from perfcap.detect.joint_set import LANDMARKS16, JointSet, map_to_landmarks
+from perfcap.detect.joint_set import LANDMARKS16, JointSet, find_joint_set, map_to_landmarks
 from perfcap.errors import InputError
 from perfcap.setting_checks import require_count, require_size
 
@@ -122,16 +122,19 @@ class HeatmapHead(nn.Module):
 
     Args:
         channels: of the features.
-        joints: what the maps are of.
+        joints: what the maps are of, or the name of a known set.
         doublings: how often the resolution is doubled.
         hidden: channels between.
         spread: standard deviation of a map, in map pixels, at which confidence is exp(-1/2).
+
+    Raises:
+        InputError: the joint set is not known, or a number is none.
     """
 
     def __init__(
         self,
         channels: int,
-        joints: JointSet = LANDMARKS16,
+        joints: JointSet | str = LANDMARKS16,
         doublings: int = 0,
         hidden: int = 64,
         spread: float = 3.0,
@@ -141,7 +144,7 @@ class HeatmapHead(nn.Module):
         require_count(doublings, "doublings", least=0)
         require_count(hidden, "hidden")
         require_size(spread, "spread", finite=True)
-        self.joint_set = joints
+        self.joint_set = joints = find_joint_set(joints, "joints")
         widths = [channels, *[hidden] * doublings]
         layers: list[nn.Module] = []
         for before, after in pairwise(widths):

@@ -10,6 +10,8 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from perfcap.errors import InputError
+
 LANDMARKS = (
     "head_top",
     "neck",
@@ -103,14 +105,14 @@ def _other_side(joint: str, joints: Sequence[str]) -> str:
 
 
 def map_to_landmarks(
-    values: Tensor, confidence: Tensor, joint_set: JointSet, *, measured: bool = False
+    values: Tensor, confidence: Tensor, joint_set: JointSet | str, *, measured: bool = False
 ) -> tuple[Tensor, Tensor]:
     """Reorder and combine a detector's joints into the 16 landmarks.
 
     Args:
         values: pixels (..., J, 2) or positions (..., J, 3) in the order of ``joint_set``.
         confidence: (..., J).
-        joint_set: names of the J joints.
+        joint_set: names of the J joints, or the name of a known set.
         measured: leave out landmarks that would be guessed, for a truth to score against.
 
     Returns:
@@ -118,6 +120,7 @@ def map_to_landmarks(
         confidence or (in pixels) lies at exactly (0, 0), and where the set has no such joint,
         both are 0. A landmark made from several joints has the least of their confidences.
     """
+    joint_set = find_joint_set(joint_set)
     if values.shape[:-1] != confidence.shape or values.shape[-2] != len(joint_set):
         raise ValueError(
             f"values {tuple(values.shape)} and confidence {tuple(confidence.shape)} do not hold "
@@ -269,3 +272,29 @@ JOINT_SETS = (
 """Every set known by name. BODY_25 and BODY_25B both have 25 joints, MPII has 16 as ours has."""
 
 KNOWN_JOINTS = frozenset(joint for joint_set in JOINT_SETS for joint in joint_set.joints)
+
+
+def find_joint_set(joint_set: JointSet | str, name: str = "joint_set") -> JointSet:
+    """A set by its name in any case, or itself.
+
+    Args:
+        joint_set: as it was given.
+        name: of the argument.
+
+    Raises:
+        InputError: no set has the name, or it is something else.
+    """
+    if isinstance(joint_set, str):
+        named = {known.name.lower(): known for known in JOINT_SETS}
+        if joint_set.lower() not in named:
+            raise InputError(
+                f"{name} {joint_set!r:.80} is not known; expected one of "
+                f"{', '.join(known.name for known in JOINT_SETS)}, or a JointSet of your own names"
+            )
+        return named[joint_set.lower()]
+    if not isinstance(joint_set, JointSet):
+        raise InputError(
+            f"{name} is a {type(joint_set).__name__}, expected the name of a known set, or "
+            "JointSet('mine', names) of the estimator's joints in its order"
+        )
+    return joint_set

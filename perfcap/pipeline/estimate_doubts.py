@@ -24,6 +24,7 @@ _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 # Of a pose from end to end: errors of 3 cm leave 0.02 and 0.03 of the joint that is worst, of 15 cm
 # 0.09 and 0.11; another order of the joints 0.04 and 0.2
 _OFF, _OFF_ONE = 0.06, 0.15
+_AT = 0.05  # m from a camera, which is inside of no person
 _TURNED, _STEEP, _HEADLONG, _FEWEST = 1e-3, 0.5, 0.9, 5  # the last: poses that say something
 
 
@@ -107,17 +108,31 @@ def size_doubts(actor: Actor, places: Tensor, certain: Tensor) -> Iterator[str]:
         )
 
 
-def place_doubts(places: Tensor, certain: Tensor, joints: Tensor) -> Iterator[str]:
+def _at_root(cameras: Camera, places: Tensor) -> bool:
+    """Whether joints (F, C, 16, 3) have their hips in the camera, as those relative to a root."""
+    away = (mid_hip(places) - cameras.centre.detach()).norm(dim=-1)
+    return float(away.nanmedian()) < _AT
+
+
+def place_doubts(cameras: Camera, places: Tensor, certain: Tensor, joints: Tensor) -> Iterator[str]:
     """Whether a solved person is far from 3D joints that nothing else says anything about.
 
     Args:
+        cameras: C views, (C,) or (F, C).
         places: of the joints in the world, of each view, (F, C, 16, 3) m.
         certain: confidence of them, (F, C, 16).
         joints: landmarks of the person, (F, 16, 3).
     """
-    seen = torch.where(certain[..., None] > 0, places, torch.nan).detach()
-    size = extents(joints.detach()).median()
-    off = (seen - joints.detach().unsqueeze(-3)).norm(dim=-1) / size
+    seen, joints = torch.where(certain[..., None] > 0, places, torch.nan).detach(), joints.detach()
+    size = extents(joints).median()
+    if cameras.views > 1 and _at_root(cameras, seen):
+        yield (
+            "3D joints of several views are relative to a root, and nothing says where the person "
+            "is, who is put between the cameras; give 2D joints as well, or 3D joints from the "
+            "centre of each camera"
+        )
+        seen = seen - (mid_hip(seen) - mid_hip(joints).unsqueeze(-2)).unsqueeze(-2)
+    off = (seen - joints.unsqueeze(-3)).norm(dim=-1) / size
     usual, single = float(off.nanmedian()), off.flatten(0, -2).nanmedian(0).values
     if usual > _OFF:
         yield (

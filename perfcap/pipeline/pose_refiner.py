@@ -12,11 +12,11 @@ from torch import Tensor, nn
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import (
-    JOINT_SETS,
     LANDMARKS,
     LANDMARKS16,
     JointSet,
     canonical_name,
+    find_joint_set,
 )
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -224,7 +224,7 @@ class PoseRefiner(nn.Module):
             which = "" if len(clips) == 1 else f"clip {index}: "
             lines = [*fit_doubts(cameras, seen, joints.detach())]
             if clip.targets is not None and not (clip.has_pixels or told[index]):
-                lines += place_doubts(clip.targets, clip.certain, joints)
+                lines += place_doubts(cameras, clip.targets, clip.certain, joints)
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
 
@@ -292,19 +292,7 @@ def _single(refined: RefinedPose) -> RefinedPose:
 
 
 def _known(joint_set: JointSet | str) -> JointSet:
-    if isinstance(joint_set, str):
-        named = {known.name.lower(): known for known in JOINT_SETS}
-        if joint_set.lower() not in named:
-            raise InputError(
-                f"joint_set {joint_set!r} is not known; expected one of "
-                f"{', '.join(known.name for known in JOINT_SETS)}, or a JointSet of your own names"
-            )
-        joint_set = named[joint_set.lower()]
-    if not isinstance(joint_set, JointSet):
-        raise InputError(
-            f"joint_set is a {type(joint_set).__name__}, expected the name of a known set, or "
-            "JointSet('mine', names) of the estimator's joints in its order"
-        )
+    joint_set = find_joint_set(joint_set)
     missing = joint_set.missing()
     spelled = [f"{own} (expected {mark})" for own, mark in _misspelled(joint_set, missing)]
     if spelled:

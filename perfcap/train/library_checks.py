@@ -15,6 +15,7 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.doctor.repeated import examine_held
 from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.files import MEBIBYTE, read_text
 
@@ -180,6 +181,17 @@ def size_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
         yield (
             f"legs are {leg:.2g} m long, those of grown people 0.65 to 1.05; if this is none, "
             "offsets_m and root_m are not in metres (divide lengths of the CMU files by 0.45)"
+        )
+
+
+def held_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
+    """What speaks against 60 frames a second of clips with landmarks (F, 16, 3): repeated ones."""
+    told = [examine_held("", points, torch.ones_like(points[..., 0]), "joints") for points in clips]
+    held = [finding.what for findings in told for finding in findings]
+    if len(held) > _USUALLY * len(clips):  # somebody may stand quite still in single ones
+        yield (
+            f"in {len(held)} of {len(clips)} clips frames are there twice, {held[0]}; if motion of "
+            "another rate was filled up to 60 a second so, resample it: the lifter learns to jerk"
         )
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.train.library_checks import (
+    held_doubts,
     read_index,
     require_degrees,
     require_motion,
@@ -190,6 +191,8 @@ class MotionLibrary:
                     f"subject {subject} lies or stands on their head in most frames; if they do "
                     "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
                 )
+        for subject, own in clips.items():
+            told += [f"subject {subject}: {line}" for line in held_doubts(own)]
         yield from told
         same = shared_bodies(clips, kept)
         if same:

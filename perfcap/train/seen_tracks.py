@@ -8,6 +8,7 @@ truth is known do (``experiments/filmed_tracks.py`` makes some).
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -22,7 +23,10 @@ from perfcap.detect.lifting import lifting_features
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.doctor.depth import examine_depth
+from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.order import examine_shuffled
+from perfcap.io.doctor.pairs import examine_pairs
+from perfcap.io.doctor.repeated import examine_held
 from perfcap.io.doctor.sides import examine_sides
 from perfcap.train.config import LiftingData
 from perfcap.train.detector_noise import unseen
@@ -42,6 +46,7 @@ _NEAR = 0.04  # of a person's height: joints of filmed people are nearer in the 
 _SEVERAL = 10  # tracks: a joint of few is elsewhere where networks err, as a hidden elbow by 0.17
 _CLEARLY = 0.5  # times that, of another joint's truth
 _ODD = 0.05  # of the tracks
+_OFTEN = 0.1  # of the tracks: networks take one side's joint for the other's throughout in fewer
 _MIRRORED = list(LANDMARKS16.mirrored())
 _OTHER = 0x7AC5  # of seeds: tracks are chosen independently of motion
 
@@ -121,18 +126,22 @@ class SeenTracks:
         """Refuse single joints that are elsewhere: medians over all hardly know of them."""
         if len(self.plane) < _SEVERAL:
             return
-        apart = self._joint_misses()
-        own, (miss, nearest) = apart.diagonal(), apart.nan_to_num(torch.inf).min(1)
-        clear = (miss < _CLEARLY * own) & (own > _NEAR)
-        pairs = [
-            f"{LANDMARKS[one]} and {LANDMARKS[other]}"
-            for one, other in enumerate(nearest.tolist())
-            if one < other and clear[one] and clear[other] and nearest[other] == one
-        ]
-        if pairs:
+        apart = self._joint_misses(self.plane, self.confidence, self.joints)
+        own = apart.diagonal()
+        if pairs := _crossed(apart):
             raise InputError(
                 f"{path}: {', '.join(pairs)} of joints2d are each nearer to the other's truth; "
                 f"exchange them: expected landmarks in the order {', '.join(LANDMARKS)}"
+            )
+        each = zip(self.plane, self.confidence, self.joints, strict=True)
+        crossed = Counter(pair for one in each for pair in _crossed(self._joint_misses(*one)))
+        often = {k: n for k, n in crossed.items() if n > _OFTEN * len(self.plane)}
+        if often:
+            some = ", ".join(f"{pair} in {count}" for pair, count in often.items())
+            raise InputError(
+                f"{path}: joints2d are each nearer to the other's truth, {some} of "
+                f"{len(self.plane)} tracks; exchange them there: expected landmarks in one order, "
+                f"{', '.join(LANDMARKS)}"
             )
         lost = (own > _FOLLOWED).nonzero().flatten().tolist()
         if lost:
@@ -151,8 +160,9 @@ class SeenTracks:
             path: that they were read from, for the message.
 
         Raises:
-            InputError: of a twentieth of the tracks, feet point backwards in the truth, it has no
-                depth or one in another unit, or the joints move as in no order.
+            InputError: of a twentieth of the tracks, feet point backwards in the truth, joints of
+                it are in each other's place, it has no depth or one in another unit, or the joints
+                move as in no order, or repeat those of the frame before.
         """
         wrong = [
             (track, finding.what)
@@ -161,8 +171,12 @@ class SeenTracks:
             )
             for finding in (
                 examine_sides("", joints)
+                or examine_pairs("", joints)
+                or examine_neighbours("", joints)
                 or examine_depth("", joints)
                 or examine_shuffled("", places, sure)
+                or examine_held("", joints, torch.ones_like(sure), "true joints")
+                or examine_held("", places, sure)
             )
         ]
         if len(wrong) > _ODD * len(self.joints):
@@ -173,19 +187,25 @@ class SeenTracks:
                 "forward, and frames that follow each other"
             )
 
-    def _joint_misses(self) -> Tensor:
+    @staticmethod
+    def _joint_misses(plane: Tensor, confidence: Tensor, joints: Tensor) -> Tensor:
         """Median distance of each landmark from each true one, in heights, (16, 16); NaN of those
         that are nowhere seen.
+
+        Args:
+            plane: of some frames, (*b, 16, 2).
+            confidence: (*b, 16).
+            joints: (*b, 16, 3), metres.
         """
-        true = self.joints[..., :2] / self.joints[..., 2:]
-        height = STANDING / self.joints[..., 2].mean(-1)
+        true = joints[..., :2] / joints[..., 2:]
+        height = STANDING / joints[..., 2].mean(-1)
         rows = []
         for joint in range(len(LANDMARKS)):
-            seen = self.confidence[..., joint] > 0
+            seen = confidence[..., joint] > 0
             if not seen.any():
-                rows.append(torch.full_like(true[0, 0, :, 0], torch.nan))
+                rows.append(torch.full_like(true[..., 0].flatten(0, -2)[0], torch.nan))
                 continue
-            apart = (self.plane[seen][:, joint, None] - true[seen]).norm(dim=-1)
+            apart = (plane[seen][:, joint, None] - true[seen]).norm(dim=-1)
             rows.append((apart / height[seen][:, None]).median(0).values)
         return torch.stack(rows)
 
@@ -260,6 +280,21 @@ class MixedSamples:
         return LiftingBatch(
             torch.cat((seen.features, rest.features)), torch.cat((seen.joints, rest.joints))
         )
+
+
+def _crossed(apart: Tensor) -> list[str]:
+    """Pairs of landmarks that are each clearly nearer to the other's truth.
+
+    Args:
+        apart: median distance of each landmark from each true one, in heights, (16, 16).
+    """
+    own, (miss, nearest) = apart.diagonal(), apart.nan_to_num(torch.inf).min(1)
+    clear = (miss < _CLEARLY * own) & (own > _NEAR)
+    return [
+        f"{LANDMARKS[one]} and {LANDMARKS[other]}"
+        for one, other in enumerate(nearest.tolist())
+        if one < other and clear[one] and clear[other] and nearest[other] == one
+    ]
 
 
 def _rolls(flip: Tensor, deviation: float, generator: Generator) -> Tensor:

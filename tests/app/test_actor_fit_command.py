@@ -82,6 +82,7 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
     done = perfcap(call(take, tmp_path / "me", "--masks", masks))
     assert done.code == 0, done
     assert any("give --height" in note for note in done.notes)  # one camera
+    assert any("masks are the same in frames 0-23" in note for note in done.notes)
     cv2.imwrite(str(masks / "000000.png"), np.zeros((60, 80), np.uint8))
     line = perfcap(call(take, tmp_path / "out", "--masks", masks)).refused()
     assert "80x60" in line and "160x120" in line and not (tmp_path / "out").exists()

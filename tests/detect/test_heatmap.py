@@ -11,7 +11,7 @@ from perfcap.detect.heatmap import (
     map_to_input,
     soft_argmax,
 )
-from perfcap.detect.joint_set import COCO17, LANDMARKS
+from perfcap.detect.joint_set import COCO17, LANDMARKS, map_to_landmarks
 from perfcap.errors import InputError
 
 F64 = torch.float64
@@ -100,3 +100,19 @@ def test_head_doubles_resolution() -> None:
 def test_an_unknown_alignment_is_refused() -> None:
     with pytest.raises(InputError, match="'align_corners', expected scale, corners or centers"):
         map_to_input(torch.zeros(2), (8, 8), (64, 64), "align_corners")
+
+
+def test_joints_by_the_name_of_their_set() -> None:
+    """A name has a length of its own, and was an AttributeError later."""
+    assert HeatmapHead(8, "coco-17").joint_set is COCO17
+    with pytest.raises(InputError, match="joints 'COCO' is not known; expected one of landmarks16"):
+        HeatmapHead(8, "COCO")
+    with pytest.raises(InputError, match="joints is a tuple, expected the name of a known set"):
+        HeatmapHead(8, LANDMARKS)  # type: ignore[arg-type]
+    values, confidence = torch.rand(17, 2), torch.rand(17)
+    for mapped, same in zip(
+        map_to_landmarks(values, confidence, "COCO-17"),
+        map_to_landmarks(values, confidence, COCO17),
+        strict=True,
+    ):
+        assert torch.equal(mapped, same)

@@ -11,7 +11,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import Severity, examine_agreement, examine_detections
-from perfcap.io.doctor.neighbours import examine_neighbours
+from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 
 PAIRS = (
     ("l_elbow", "l_wrist"),
@@ -79,3 +79,26 @@ def test_bent_limbs_and_unknown_joints_say_nothing() -> None:
     few[9:] = torch.nan
     for case in (joints, folded, few):
         assert examine_neighbours("a", case) == []
+
+
+@pytest.mark.parametrize("lifted", [False, True])
+def test_neck_and_crown_of_one_view(lifted: bool) -> None:
+    """Beside the 3D poses of a lifter too, which knows of no other order."""
+    take = make_take(20)
+    alone = CameraRig(("a",), take.cameras)
+    seen = take.detections if lifted else take.detections.without_poses()
+    assert examine_detections(alone, seen) == []
+    joints = exchanged(seen.joints2d, ("head_top", "neck"))
+    found = examine_detections(alone, replace(seen, joints2d=joints))
+    assert any("head_top and neck look exchanged: the crown is nearer" in e.what for e in found)
+
+
+def test_a_crown_above_the_shoulders_is_none() -> None:
+    """As a camera at the ceiling sees it."""
+    pixels = make_take(20).detections.joints2d[:, 0].clone()
+    shoulders = [LANDMARKS.index(f"{side}_shoulder") for side in "lr"]
+    middle = pixels[:, shoulders].mean(1)
+    width = (pixels[:, shoulders[0]] - pixels[:, shoulders[1]]).norm(dim=-1, keepdim=True)
+    for name, share in (("head_top", 0.05), ("neck", 0.3)):
+        pixels[:, LANDMARKS.index(name)] = middle + share * width
+    assert examine_crown("a", pixels, torch.ones(pixels.shape[:2])) == []

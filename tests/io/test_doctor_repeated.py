@@ -79,3 +79,12 @@ def test_joints_at_one_place() -> None:
     finding = one(examine_repeated("cam1", 0, joints, seen.confidence2d[:, 0]))
     assert finding.what.startswith("10 joints with confidence lie at one place")
     assert finding.frames == (3, 9) and finding.views == (0,)
+
+
+def test_frames_that_were_put_in_among_3d_poses_alone() -> None:
+    take = make_take(30)
+    alone = CameraRig(("a",), take.cameras)
+    poses = replace(take.detections, confidence2d=0 * take.detections.confidence2d)
+    assert examine_detections(alone, poses, coverage=False) == []
+    finding = one(examine_detections(alone, late(poses, 12, 5), coverage=False))
+    assert "frames 12-16 (of the capture" in finding.what and finding.views == (0,)

@@ -113,6 +113,19 @@ def test_limbs_of_one_view_that_are_exchanged_for_a_while(
     assert finding.frames == tuple(range(8, 18)) and finding.views == (0,)
 
 
+@pytest.mark.parametrize(
+    ("words", "first", "second"),
+    [("right of the arms look", 2, 5), ("right of the legs look", 8, 12), ("in 3D in", 2, 12)],
+)
+def test_limbs_of_3d_poses_alone(words: str, first: int, second: int) -> None:
+    camera, seen = one_view()
+    alone = replace(seen, confidence2d=0 * seen.confidence2d)
+    assert examine_detections(camera, alone, coverage=False) == []
+    spoiled = _limbs(first, second)(alone, slice(8, 18))
+    finding = one(examine_detections(camera, spoiled, coverage=False))
+    assert words in finding.what and finding.frames == tuple(range(8, 18))
+
+
 @pytest.mark.parametrize("edges", [(50,), (80, 100)])
 def test_sides_that_change_places_where_there_is_no_pose(edges: tuple[int, ...]) -> None:
     """Which part is wrong is unknown; one exchange of eight frames is what a person can do."""

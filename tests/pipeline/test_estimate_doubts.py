@@ -12,6 +12,7 @@ from takes import make_take
 from torch import Tensor
 
 from perfcap.detect.joint_set import COCO17, LANDMARKS, JointSet
+from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.pipeline import PoseRefiner
 
@@ -139,3 +140,24 @@ def test_an_actor_of_another_size_than_views_show() -> None:
     middle = pixels.mean(-2, keepdim=True)
     with pytest.warns(UserWarning, match="legs are 1.7 times as long as those that the views show"):
         layer(two.cameras, middle + 0.6 * (pixels - middle))
+
+
+def test_3d_joints_alone_of_several_views() -> None:
+    """No joint is expected in the images; cameras in another order, and no place, are named."""
+    two = make_take(12, views=2)
+    local = two.cameras.to_camera(two.actor.joints(two.truth))
+    layer = PoseRefiner(two.actor).eval()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        layer(two.cameras, joints3d=local)
+    with pytest.warns(UserWarning, match="from the 3D joints; check that .* views agree"):
+        PoseRefiner(two.actor).eval()(two.cameras.select([1, 0]), joints3d=local)
+    with pytest.warns(UserWarning, match="relative to a root, and nothing says where") as said:
+        PoseRefiner(two.actor).eval()(two.cameras, joints3d=local - mid_hip(local)[..., None, :])
+    assert len(said) == 1
+
+
+def test_a_rate_in_another_unit() -> None:
+    layer = PoseRefiner(TAKE.actor, rate=3000).eval()
+    with pytest.warns(UserWarning, match="rate is 3000 frames a second, which nobody records"):
+        layer(TAKE.cameras, PIXELS)

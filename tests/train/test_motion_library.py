@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from motion_files import write_library
 
 from perfcap.errors import InputError
@@ -193,3 +195,19 @@ def test_people_with_the_bones_of_one_who_is_held_out(tmp_path: Path, same: tupl
         return
     assert len(found) == 1 and "the subjects 01 and 03 have the same bones" in found[0]
     assert not list(MotionLibrary.read(tmp_path).doubts(["02"]))
+
+
+def test_frames_that_are_there_twice(tmp_path: Path) -> None:
+    """As of 30 a second that were filled up to 60; of one clip of several nothing is said."""
+    write_library(tmp_path)
+    library = MotionLibrary.read(tmp_path)
+    told = []
+    for count in (1, 2):
+        recordings = list(library.recordings)
+        for k, each in enumerate(recordings[:count]):
+            twice = torch.arange(len(each.landmarks)) // 2 * 2
+            recordings[k] = replace(each, landmarks=each.landmarks[twice])
+        lines = replace(library, recordings=tuple(recordings)).doubts(["01"])
+        told.append([line for line in lines if "lowest foot" not in line])
+    assert len(told[1]) == 1 and not told[0]
+    assert "subject 01: in 2 of 2 clips frames are there twice, 120 of 239 frames" in told[1][0]

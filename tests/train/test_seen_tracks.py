@@ -1,5 +1,6 @@
 """Tracks of videos with their truth: read, checked, turned and mirrored as they should be."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,17 @@ def test_a_joint_of_a_few_tracks_may_be_elsewhere(tmp_path: Path) -> None:
         read(tmp_path, **made).require_followed(tmp_path / "tracks.npz")
 
 
+def test_joints_that_are_exchanged_in_some_tracks(tmp_path: Path) -> None:
+    """As where files of one camera have another order; medians over all hardly know of them."""
+    right, other = people(SEVERAL), reordered(("l_wrist", "r_wrist"))
+    for count, words in ((1, ""), (3, "r_wrist and l_wrist in 3 of 10 tracks; exchange them")):
+        wrong = (np.arange(SEVERAL) < count)[:, None, None, None]
+        made = right | {"joints2d": np.where(wrong, other["joints2d"], right["joints2d"])}
+        tracks = read(tmp_path, **made)
+        with pytest.raises(InputError, match=words) if words else nullcontext():
+            tracks.require_followed(tmp_path)
+
+
 @pytest.mark.parametrize("kind", SPOILED)
 def test_tracks_that_are_not_of_their_truth_are_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "tracks.npz"
@@ -250,10 +262,17 @@ def test_truth_of_no_motion_is_refused(tmp_path: Path) -> None:
 
     tracks(true).require_people(tmp_path)
     mixed = np.random.default_rng(1).permutation(40)
+    hands, arms = list(range(16)), list(range(16))
+    for name, other, order in (("l_wrist", "r_wrist", hands), ("l_elbow", "l_wrist", arms)):
+        one, two = LANDMARKS.index(name), LANDMARKS.index(other)
+        order[one], order[two] = two, one
     for words, truth in (
         ("feet point backwards", root + (true - root) * [1, 1, -1]),
         ("are flat", root + (true - root) * [1, 1, 0]),
         ("do not follow one another", root + 4 * (true - root)[:, mixed]),
+        ("l_wrist and r_wrist look exchanged", true[:, :, hands]),
+        ("l_elbow and l_wrist look exchanged", true[:, :, arms]),
+        ("repeat the true joints of the frame before", true[:, np.arange(40) // 2 * 2]),
     ):
         with pytest.raises(InputError, match=f"6 of 6 tracks are no motion .* {words}"):
             tracks(truth).require_people(tmp_path)

@@ -58,6 +58,8 @@ def examine_agreement(
         return []
     if rig.cameras.moving and len(rig.cameras.rotation) != detections.frame_count:
         return []
+    if bool(detections.trusted3d.any()) and not bool((detections.confidence2d > 0).any()):
+        return []  # 3D poses alone: each is its view's own, and none is expected in the images
     given = Scene(rig.cameras, detections).straightened()
     scene, names = given, list(rig.names)
     height, now = person_height(scene.sampled()), disagreement(scene.sampled())

@@ -12,11 +12,12 @@ from torch import Tensor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
-from perfcap.io.doctor.neighbours import examine_neighbours
+from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
@@ -70,7 +71,7 @@ def examine_detections(
         order = _order(name, view, detections)
         if not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
-        repeated = examine_repeated(name, view, *shown)
+        repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
@@ -91,23 +92,31 @@ def examine_detections(
                 trusted,
             )
             wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
-            wrong = wrong or examine_neighbours(name, pose) or examine_depth(name, pose)
+            wrong = wrong or examine_neighbours(name, pose) or examine_crown(name, *shown)
+            wrong = wrong or examine_depth(name, pose)
             if not repeated:
                 wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
             findings += wrong or examine_turned_poses(name, view, *shown, *poses)
         elif len(rig.names) == 1:
-            findings += examine_turned_view(name, *shown)
+            findings += examine_turned_view(name, *shown) + examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
 
 
 def _order(name: str, view: int, detections: Detections) -> list[Finding]:
-    """Frames of a view in a wrong order, by 3D poses where no joint is seen in its images."""
+    """Frames of a view in a wrong order."""
+    given = _given(view, detections)
+    order = examine_order(name, *given) or examine_shuffled(name, *given)
+    return order or examine_backwards(name, view, *given)
+
+
+def _given(view: int, detections: Detections) -> tuple[Tensor, Tensor]:
+    """Joints of a view and confidence (F, 16): of 3D poses where none is seen in its images."""
     joints, sure = detections.joints2d[:, view], detections.confidence2d[:, view]
     if detections.joints3d is not None and not bool((sure > 0).any()):
-        joints, sure = _poses(view, detections)
-    return examine_order(name, joints, sure) or examine_shuffled(name, joints, sure)
+        return _poses(view, detections)
+    return joints, sure
 
 
 def _poses(view: int, detections: Detections) -> tuple[Tensor, Tensor]:

@@ -19,6 +19,8 @@ _LONGER = 1.4  # times one bone of a limb may be as long as the other
 _SHORTER = 0.9
 _ORDERS = ([0, 1, 3, 2], [0, 2, 1, 3], [0, 3, 2, 1])  # of the neck and the joints
 _FEWEST = 10  # frames
+_SURE = 0.3  # confidence
+_ABOVE = 0.5  # of the width of the shoulders in the image: from above, necks are nearer to them
 _REMEDY = "exchange their names or columns: in the order of the joints they are each other's"
 
 
@@ -43,6 +45,24 @@ def examine_neighbours(subject: str, points: Tensor) -> list[Finding]:
         return []
     what = f"{', '.join(found)} look exchanged: as named, no person has bones of such lengths"
     return [Finding(Severity.WARNING, subject, what, _REMEDY)]
+
+
+def examine_crown(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+    """Neck and crown that are each other's in one view, of which limbs have no lengths.
+
+    Args:
+        name: of the view.
+        pixels: its joints, (F, 16, 2).
+        confidence: of the joints, (F, 16).
+    """
+    shown = torch.where((confidence > _SURE)[..., None], pixels, torch.nan)
+    neck, left, right = (shown[:, LANDMARKS.index(joint)] for joint in _HEAD[1:])
+    away, wide = (neck - 0.5 * (left + right)).norm(dim=-1), (left - right).norm(dim=-1)
+    # from above, the crown is over the shoulders, but the neck is not far from them
+    if not (_headlong(shown) and float((away / wide).nanmedian()) > _ABOVE):
+        return []
+    what = "head_top and neck look exchanged: the crown is nearer to the shoulders"
+    return [Finding(Severity.WARNING, name, what, _REMEDY)]
 
 
 def _headlong(points: Tensor) -> bool:

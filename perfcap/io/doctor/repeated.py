@@ -23,7 +23,7 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
     Args:
         name: of the view.
         view: its number.
-        pixels: joints, (F, 16, 2).
+        pixels: joints, (F, 16, 2), or where there are none 3D ones, (F, 16, 3).
         confidence: (F, 16).
     """
     held = examine_held(name, pixels, confidence)

@@ -33,7 +33,7 @@ def examine_turned_poses(
     """Frames whose 3D poses are mirror images, of a view whose other frames are right.
 
     Toes point backwards in them, or hips lie the other way than shoulders; and at their first or
-    last frame the joints turn over: sides in 2D and 3D, or near and far in 3D.
+    last frame the joints turn over: sides in 2D, where there is any, and 3D, or near and far in 3D.
 
     Args:
         name: of the view.
@@ -45,14 +45,16 @@ def examine_turned_poses(
     """
     points = torch.where(trusted[:, None, None], pose, torch.nan)
     shown = torch.where((confidence > _SURE)[..., None], pixels, torch.nan)
-    sides = [across(shown), across(points)]
+    alone = not bool((confidence > 0).any())  # 3D poses of who gives no pixels
+    sides = [across(points)] if alone else [across(shown), across(points)]
     ahead, level = bearings(points)
     whole = _parts(sides, ahead)
-    findings = _finding(name, "left and right look exchanged in 2D and 3D", _REMEDY, whole, (view,))
+    what = f"left and right look exchanged in {'3D' if alone else '2D and 3D'}"
+    findings = _finding(name, what, _REMEDY, whole, (view,))
     depth = points[..., 2:] - points[..., 2:].mean(1, keepdim=True)
     deep = [] if whole else _parts([depth], ahead)
     what, remedy = "the depth of 3D poses looks negated, so that feet point backwards,", _DEPTH
-    if not all(_go_on(sides[1][..., :2], part) for part in deep):
+    if not all(_go_on(sides[-1][..., :2], part) for part in deep):
         # of one who stands sideways, images hardly show which
         what = "3D poses look like mirror images, sides exchanged or depth negated,"
         remedy = f"{_REMEDY}; or {_DEPTH}"
