@@ -15,7 +15,7 @@ _SLOW = 0.2
 """Frames a second: who is seen every five seconds only has no motion to speak of."""
 
 _FAST = 1000.0
-"""Frames a second: nobody moves so fast that more would be recorded of them."""
+"""Frames a second: people move too slowly for more to be recorded of them."""
 
 
 class Timed(Protocol):
@@ -57,7 +57,7 @@ def rate_doubts(rate: float) -> tuple[str, ...]:
     """
     if rate > _FAST:
         return (
-            f"rate is {rate:.4g} frames a second, which nobody records people at; check its unit "
+            f"rate is {rate:.4g} frames a second, at which people are not recorded; check its unit "
             "(30 or 60 for most videos)",
         )
     if rate >= _SLOW:

@@ -188,7 +188,7 @@ def held_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
     """What speaks against 60 frames a second of clips with landmarks (F, 16, 3): repeated ones."""
     told = [examine_held("", points, torch.ones_like(points[..., 0]), "joints") for points in clips]
     held = [finding.what for findings in told for finding in findings]
-    if len(held) > _USUALLY * len(clips):  # somebody may stand quite still in single ones
+    if len(held) > _USUALLY * len(clips):  # a person may stand quite still in single ones
         yield (
             f"in {len(held)} of {len(clips)} clips frames are there twice, {held[0]}; if motion of "
             "another rate was filled up to 60 a second so, resample it: the lifter learns to jerk"

@@ -159,5 +159,5 @@ def test_3d_joints_alone_of_several_views() -> None:
 
 def test_a_rate_in_another_unit() -> None:
     layer = PoseRefiner(TAKE.actor, rate=3000).eval()
-    with pytest.warns(UserWarning, match="rate is 3000 frames a second, which nobody records"):
+    with pytest.warns(UserWarning, match="rate is 3000 frames a second, at which people"):
         layer(TAKE.cameras, PIXELS)
