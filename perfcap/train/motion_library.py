@@ -219,7 +219,7 @@ class MotionLibrary:
 def _people(
     path: Path, rows: Sequence[Mapping[str, str]]
 ) -> Iterator[tuple[Path | str, list[str]]]:
-    """All people together and each of them, with their clips: libraries may be of several sources."""
+    """All people together, and each: a library may be put together of several sources."""
     clips: dict[str, list[str]] = {}
     for row in rows:
         clips.setdefault(row["subject"], []).append(row["clip"])
