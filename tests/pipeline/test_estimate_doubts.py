@@ -24,9 +24,10 @@ PIXELS = TAKE.detections.joints2d
 
 def refine(
     joints3d: Tensor, joints2d: Tensor | None = None, joint_set: str = "landmarks16"
-) -> None:
+) -> Tensor:
     layer = PoseRefiner(TAKE.actor, joint_set=joint_set).eval()
-    layer(TAKE.cameras, joints2d, joints3d=joints3d)
+    joints: Tensor = layer(TAKE.cameras, joints2d, joints3d=joints3d).joints
+    return joints
 
 
 @pytest.mark.parametrize(
@@ -93,14 +94,19 @@ def test_good_joints_are_not() -> None:
         coco[:, :, place], pixels[:, :, place] = LOCAL[:, :, mark], PIXELS[:, :, mark]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        refine(LOCAL)
-        refine(LOCAL, PIXELS)
-        refine(coco, joint_set="COCO-17")  # has no toes, which point nowhere
-        refine(coco, pixels, joint_set="COCO-17")
+        found = [
+            refine(LOCAL),
+            refine(LOCAL, PIXELS),
+            refine(coco, joint_set="COCO-17"),  # has no toes, which point nowhere
+            refine(coco, pixels, joint_set="COCO-17"),
+        ]
         # a camera that does not turn stands for none: the axes are the world's own
         turn = torch.eye(3, dtype=LOCAL.dtype)[None]
         still = replace(TAKE.cameras, rotation=turn)
         PoseRefiner(TAKE.actor).eval()(still, joints3d=LOCAL * LOCAL.new_tensor([1, -1, -1]))
+    knees = [LANDMARKS.index(f"{side}_knee") for side in "lr"]
+    for joints in found:
+        assert float((joints - JOINTS)[:, knees].norm(dim=-1).mean()) < 0.05  # m
 
 
 def test_confidences_that_hardly_count_are_named_unless_they_are_learned() -> None:
