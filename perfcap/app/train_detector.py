@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ import torch
 from torch import distributed
 
 from perfcap.app.console import PlainConsole, progress_bars
+from perfcap.app.networks import DETECTORS
 from perfcap.app.train import (
     MODEL,
     make_folder,
@@ -21,8 +23,9 @@ from perfcap.app.train import (
     tensorboard,
 )
 from perfcap.commands.train import TrainDetector
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
-from perfcap.io.actor import actor_files, load_actor
+from perfcap.io.actor import actor_files, load_actor, models_folder
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import body_model_files, load_body_model
 from perfcap.train.backgrounds import Backgrounds
@@ -37,11 +40,15 @@ from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_dete
 from perfcap.train.export import expected_error, export_detector, fit_calibration
 from perfcap.train.loop import BEST, train
 from perfcap.train.motion_library import MotionLibrary
-from perfcap.train.photographs import Mixture, Photographs
+from perfcap.train.photograph_looks import photograph_doubts
+from perfcap.train.photographs import ANNOTATIONS, Mixture, Photographs
 from perfcap.train.scenes import Scenes
+
+_LOG = logging.getLogger(__name__)
 
 CROPS = "crops"
 WEIGHTS = "weights.safetensors"  # beside the exported model: what others start from
+_LOOKING = "lightning"  # finds 64 % of the joints of lspet, in a third of the time of `thunder`
 _VALIDATION_SEED = 2**32  # none that a run would be given
 
 
@@ -102,9 +109,16 @@ def _check(config: TrainDetectorConfig) -> None:
 
 
 def _photographs(request: TrainDetector) -> Photographs | None:
+    """Photographs to learn from; a shipped network looks whether their joints are theirs."""
     if request.photographs is None:
         return None
-    return Photographs(request.photographs, request.config.scene.size, request.config.scene.margin)
+    scene = request.config.scene
+    photographs = Photographs(request.photographs, scene.size, scene.margin)
+    network = OnnxDetector(models_folder() / DETECTORS / _LOOKING, flip_test=False)
+    path = request.photographs / ANNOTATIONS
+    for doubt in photograph_doubts(path, network, photographs.people):
+        _LOG.warning("%s", doubt)
+    return photographs
 
 
 def describe_drawn(request: TrainDetector, behind: Backgrounds) -> dict[str, object]:

@@ -51,7 +51,7 @@ def require_people(path: Path, joints: Floats) -> None:
     _require_upright(path, joints)
     for part in stretches(len(joints)):
         for what in (*_names(joints[part]), *_mirrored(joints[part])):
-            raise InputError(f"{path}: {_where(part, len(joints))}{what}")
+            raise InputError(f"{path}: {where(part, len(joints))}{what}")
 
 
 def stretches(count: int) -> Iterator[slice]:
@@ -63,7 +63,8 @@ def stretches(count: int) -> Iterator[slice]:
             yield slice(start, start + size)
 
 
-def _where(part: slice, count: int) -> str:
+def where(part: slice, count: int) -> str:
+    """Words before what is odd of a stretch of a list; none of the whole list."""
     whole = part.stop - part.start == count
     return "" if whole else f"in people {part.start} to {part.stop - 1} of the list, "
 
@@ -240,7 +241,7 @@ def require_places(path: Path, joints: Floats, sizes: Floats, outside: Flags) ->
         allowed = _OUTSIDE if part.stop - part.start == whole else _OUTSIDE_STRETCH
         if share > allowed:
             raise InputError(
-                f"{path}: {_where(part, whole)}{share:.0%} of the joints lie outside of their "
+                f"{path}: {where(part, whole)}{share:.0%} of the joints lie outside of their "
                 "photographs; expected pixels of these very files, and joints of the person in each"
             )
         if float(reach[part].max()) >= _QUARTER:
@@ -254,7 +255,7 @@ def require_places(path: Path, joints: Floats, sizes: Floats, outside: Flags) ->
         small = np.median(size[part]) < _SMALLER * np.median(size[rest])
         if small and float(reach.max()) > _WHOLE:
             raise InputError(
-                f"{path}: {_where(part, whole)}joints lie in the upper left quarter of the "
+                f"{path}: {where(part, whole)}joints lie in the upper left quarter of the "
                 "photographs, and people are smaller than elsewhere; expected pixels of these very "
                 "files, not of smaller copies"
             )

@@ -60,17 +60,17 @@ class Photographs:
     """
 
     def __init__(self, folder: Path, size: int, margin: float) -> None:
-        self._annotations = read_annotations(folder)
+        self.people = read_annotations(folder)
         self._size, self._margin = size, margin
 
     def __len__(self) -> int:
-        return len(self._annotations)
+        return len(self.people)
 
     @property
     def digest(self) -> str:
         """SHA-256 of photographs and joints: another one is other data."""
-        total = hashlib.sha256(digest_of(each.path for each in self._annotations).encode())
-        for each in self._annotations:
+        total = hashlib.sha256(digest_of(each.path for each in self.people).encode())
+        for each in self.people:
             total.update(each.joints2d.tobytes())
         return total.hexdigest()
 
@@ -80,8 +80,8 @@ class Photographs:
         Raises:
             InputError: the photograph cannot be read, or has no joint inside.
         """
-        annotation = self._annotations[number]
-        image = _read(annotation.path)
+        annotation = self.people[number]
+        image = read_photograph(annotation.path)
         joints = annotation.joints2d
         known = np.isfinite(joints).all(-1)
         height, width = image.shape[:2]
@@ -199,7 +199,12 @@ def _annotation(
     return Annotation(file, joints)
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
+def read_photograph(path: Path) -> NDArray[np.uint8]:
+    """A photograph as it is shown, RGB, (H, W, 3).
+
+    Raises:
+        InputError: it is not there, cannot be read, or is too large.
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such file; the annotations name it")
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)

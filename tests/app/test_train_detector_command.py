@@ -1,5 +1,6 @@
 """``perfcap train detector``, from motion to a model that opens, and what it refuses."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from perfcap.train.checkpoint import Checkpoint, save_checkpoint, start_from
 from perfcap.train.config import DetectorConfig
 from perfcap.train.detector import Detector
 
+LSPET = Path(__file__).parents[3] / "shared" / "data" / "lspet"
 VALUES = {"step": "1", "best": "1.0", "config": "{}"}
 PEOPLE = ("--held-out", "03", "--validation", "02")
 TINY = (
@@ -136,3 +138,18 @@ def test_refuses_in_a_line(
 ) -> None:
     call = ["train", "detector", "--motion", library, "--out", tmp_path, *PEOPLE, *TINY, *change]
     assert message in perfcap(call).refused()
+
+
+@pytest.mark.skipif(not LSPET.is_dir(), reason="needs shared/data/lspet")
+def test_photographs_with_exchanged_sides_are_refused(
+    perfcap: Command, library: Path, tmp_path: Path
+) -> None:
+    table = json.loads((LSPET / "annotations.json").read_text())
+    other = {"l_": "r_", "r_": "l_"}
+    table["joint_names"] = [other.get(n[:2], n[:2]) + n[2:] for n in table["joint_names"]]
+    table["images"] = table["images"][:24]
+    (tmp_path / "images").symlink_to(LSPET / "images")
+    (tmp_path / "annotations.json").write_text(json.dumps(table))
+    call = ["train", "detector", "--motion", library, "--out", tmp_path / "run", *PEOPLE, *TINY]
+    refused = perfcap([*call, "--photographs", tmp_path]).refused()
+    assert "where those of the other side are marked" in refused
