@@ -27,9 +27,10 @@ from perfcap.train.checkpoint import (
 from perfcap.train.config import LifterConfig
 from perfcap.train.export import export_lifter
 from perfcap.train.lifter import Lifter, LifterCommittee
-from perfcap.train.lifter_task import LiftingTask, score_lifter
+from perfcap.train.lifter_task import LiftingTask, score_guess, score_lifter
 from perfcap.train.loop import LAST, train
 from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.outcome import outcome_doubts
 from perfcap.train.seen_tracks import SeenTracks
 
 _LOG = logging.getLogger(__name__)
@@ -138,12 +139,24 @@ def _finish(
         for person in (*config.held_out, *config.validation)
     }
     write_lifter_card(folder, config, learned, scores, 1 + len(request.together_with))
+    for doubt in _outcome(model, request, library.of(config.validation)):
+        _LOG.warning("%s", doubt)
     console = PlainConsole()
     table = Table("person", *next(iter(scores.values())))
     for person, values in scores.items():
         table.add_row(person, *(f"{value:.1f}" for value in values.values()))
     console.print(table)
     console.print(f"written to {folder}", soft_wrap=True)
+
+
+def _outcome(
+    model: Lifter | LifterCommittee, request: TrainLifter, people: MotionLibrary
+) -> Iterator[str]:
+    """What scores on the people of the validation say against using a lifter."""
+    data, start = request.config.data, None
+    if request.start is not None:
+        start = score_lifter(_lifter(request.start, request.config.lifter), people, data)
+    yield from outcome_doubts(score_lifter(model, people, data), score_guess(people, data), start)
 
 
 def make_folder(out: Path, resume: bool) -> None:

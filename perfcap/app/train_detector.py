@@ -36,10 +36,11 @@ from perfcap.train.config import TrainDetectorConfig
 from perfcap.train.crop_batches import Shots
 from perfcap.train.crop_store import CropStore, Progress, render_crops
 from perfcap.train.detector import Detector
-from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector
+from perfcap.train.detector_task import DetectorTask, peaks_and_hits, score_detector, score_guess
 from perfcap.train.export import expected_error, export_detector, fit_calibration
 from perfcap.train.loop import BEST, train
 from perfcap.train.motion_library import MotionLibrary
+from perfcap.train.outcome import outcome_doubts
 from perfcap.train.photograph_looks import photograph_doubts
 from perfcap.train.photographs import ANNOTATIONS, Mixture, Photographs
 from perfcap.train.scenes import Scenes
@@ -200,6 +201,13 @@ def _finish(
     scores = score_detector(trained, validation, config, device)
     scores["calibration error"] = expected_error(peaks, hits, calibration)
     write_detector_card(folder, config, learned, scores)
+    start = None
+    if request.start is not None:
+        before = Detector(config.detector)
+        start_from(before, request.start)
+        start = score_detector(before, validation, config, device)
+    for doubt in outcome_doubts(scores, score_guess(validation, config), start):
+        _LOG.warning("%s", doubt)
     console = PlainConsole()
     for name, value in scores.items():
         console.print(f"{name}: {value:.3g}")

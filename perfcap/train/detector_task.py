@@ -161,10 +161,20 @@ def score_detector(
     errors, missed = [], []
     for batch, points, _, joints3d in _looks(model, shots, config, device):
         present = batch.inside.any(-1)
-        missed.append(_far(points, batch)[present].float())
+        missed.append(_far(points, batch.joints2d)[present].float())
         errors.append((joints3d - batch.joints3d).norm(dim=-1)[present])
     share, error = float(torch.cat(missed).mean()), float(torch.cat(errors).mean())
     return {"missed %": 100 * share, "PCK %": 100 * (1 - share), "MPJPE mm": _MM * error}
+
+
+def score_guess(shots: Shots, config: TrainDetectorConfig) -> dict[str, float]:
+    """Scores of finding each joint where it is in the mean of all crops, whatever is in them."""
+    seen = [(b.joints2d, b.inside) for b in _batches(shots, config)]
+    joints, inside = (torch.cat(part) for part in zip(*seen, strict=True))
+    weight = inside[..., None].float()
+    mean = (joints * weight).sum(0) / weight.sum(0).clamp(min=1)
+    missed = _far(mean, joints)[inside.any(-1)]
+    return {"missed %": 100 * float(missed.float().mean())}
 
 
 def peaks_and_hits(
@@ -177,7 +187,7 @@ def peaks_and_hits(
     peaks, hits = [], []
     for batch, points, peak, _ in _looks(model, shots, config, device):
         peaks.append(peak.flatten())
-        hits.append((~_far(points, batch) & batch.inside).flatten())
+        hits.append((~_far(points, batch.joints2d) & batch.inside).flatten())
     return torch.cat(peaks).double().cpu().numpy(), torch.cat(hits).cpu().numpy()
 
 
@@ -187,19 +197,25 @@ def _looks(
     """Batches with the points, peaks and positions that a model finds in them."""
     model.eval()
     size = config.sizes[-1][1]
-    for start in range(0, len(shots), _BATCH):
-        numbers = range(start, min(start + _BATCH, len(shots)))
-        batch = plain_batch(shots, numbers, size, config.scene.margin).to(device)
+    for plain in _batches(shots, config):
+        batch = plain.to(device)
         with torch.no_grad():
             logits, places = model(batch.crops)
             points, peak, joints3d = read_joints(logits, places, size)
         yield batch, points, peak, joints3d
 
 
-def _far(points: Tensor, batch: CropBatch) -> Tensor:
-    """Joints further from the truth than a fifth of the torso, (N, 16)."""
-    limit = PCK * torso_length(batch.joints2d)
-    far: Tensor = (points - batch.joints2d).norm(dim=-1) > limit[:, None]
+def _batches(shots: Shots, config: TrainDetectorConfig) -> Iterator[CropBatch]:
+    """All shots as a person is followed, at the size that is exported."""
+    for start in range(0, len(shots), _BATCH):
+        numbers = range(start, min(start + _BATCH, len(shots)))
+        yield plain_batch(shots, numbers, config.sizes[-1][1], config.scene.margin)
+
+
+def _far(points: Tensor, truth: Tensor) -> Tensor:
+    """Joints (N, 16, 2) further from the truth than a fifth of the torso, (N, 16)."""
+    limit = PCK * torso_length(truth)
+    far: Tensor = (points - truth).norm(dim=-1) > limit[:, None]
     return far
 
 

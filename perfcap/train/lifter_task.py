@@ -135,6 +135,15 @@ def score_samples(
     }
 
 
+def score_guess(
+    people: MotionLibrary, data: LiftingData, batches: int = BATCHES
+) -> dict[str, float]:
+    """Scores of answering with the mean pose of people, whatever their detections are."""
+    samples = LiftingSamples(people, as_recorded(data), _VALIDATION_SEED)
+    poses = torch.cat([samples.batch(number, _TRACKS).joints for number in range(batches)])
+    return {"MPJPE mm": _MM * float((poses - poses.mean((0, 1))).norm(dim=-1).mean())}
+
+
 def lifting_loss(
     joints: Tensor, spread: Tensor, truth: Tensor, weights: LiftingLoss
 ) -> dict[str, Tensor]:

@@ -45,6 +45,7 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     call = ["train", "lifter", "--motion", library, *TINY, "--out"]
     outcome = perfcap([*call, tmp_path / "a"])
     assert outcome.code == 0 and "MPJPE" in outcome.out
+    assert any("has learned nothing" in note for note in outcome.notes)  # in two steps
     assert OnnxLifter(tmp_path / "a" / "model").manifest.reach == 40
     assert "Where it fails" in (tmp_path / "a" / "model" / "card.md").read_text()
     best = tmp_path / "a" / "best.safetensors"
