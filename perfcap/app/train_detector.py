@@ -23,11 +23,14 @@ from perfcap.app.train import (
     tensorboard,
 )
 from perfcap.commands.train import TrainDetector
+from perfcap.commands.views import FINDER
 from perfcap.detect.onnx import OnnxDetector
+from perfcap.detect.people import OnnxFinder
 from perfcap.errors import InputError
 from perfcap.io.actor import actor_files, load_actor, models_folder
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import body_model_files, load_body_model
+from perfcap.train.background_looks import background_doubts
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.card import write_detector_card
 from perfcap.train.cast import Cast
@@ -65,7 +68,7 @@ def run_train_detector(request: TrainDetector) -> int:
     library = read_library(request.motion, (*config.held_out, *config.validation))
     if request.start is not None:
         require_unseen(request.start, (*config.held_out, *config.validation), library.digest)
-    behind, photographs = Backgrounds(request.backgrounds), _photographs(request)
+    behind, photographs = _backgrounds(request.backgrounds), _photographs(request)
     drawn = describe_drawn(request, behind)
     seen = {} if photographs is None else {"photographs": photographs.digest}
     learned_from = {"motion": library.digest} | drawn | seen
@@ -107,6 +110,16 @@ def _check(config: TrainDetectorConfig) -> None:
             f"sizes: are {sides[1:]}, detector.size {sides[0]}; expected multiples of 32 from 64 "
             "on, the last one detector.size"
         )
+
+
+def _backgrounds(folder: Path | None) -> Backgrounds:
+    """Pictures to show people before; a shipped network looks for people in some of them."""
+    behind = Backgrounds(folder)
+    if folder is not None:
+        finder = OnnxFinder(models_folder() / DETECTORS / FINDER)
+        for doubt in background_doubts(folder, behind.files, finder):
+            _LOG.warning("%s", doubt)
+    return behind
 
 
 def _photographs(request: TrainDetector) -> Photographs | None:

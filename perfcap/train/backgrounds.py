@@ -33,15 +33,15 @@ class Backgrounds:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self._files: list[Path] = []
+        self.files: list[Path] = []  # of the folder, sorted
         if folder is not None:
             if not folder.is_dir():
                 raise InputError(
                     f"{folder}: no such folder; expected pictures without people as backgrounds"
                 )
             found = (p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES)
-            self._files = sorted(path for _, path in zip(range(_MOST), found, strict=False))
-            if not self._files:
+            self.files = sorted(path for _, path in zip(range(_MOST), found, strict=False))
+            if not self.files:
                 raise InputError(
                     f"{folder}: has no pictures; expected files that end in "
                     f"{', '.join(sorted(_SUFFIXES))}"
@@ -50,11 +50,11 @@ class Backgrounds:
     @property
     def digest(self) -> str | None:
         """SHA-256 of the names and sizes of the pictures; None of procedural ones alone."""
-        return digest_of(self._files) if self._files else None
+        return digest_of(self.files) if self.files else None
 
     def draw(self, size: int, rng: np.random.Generator) -> Picture:
         """A picture (size, size, 3), RGB."""
-        if self._files and rng.random() >= _KEPT:
+        if self.files and rng.random() >= _KEPT:
             return self.photograph(size, rng)
         coarse = procedural(round(size / _COARSER), rng)
         full = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
@@ -65,7 +65,7 @@ class Backgrounds:
 
     def photograph(self, size: int, rng: np.random.Generator) -> Picture:
         """A part of a picture of the folder, (size, size, 3); there must be one."""
-        return _part(self._files[int(rng.integers(len(self._files)))], size, rng)
+        return _part(self.files[int(rng.integers(len(self.files)))], size, rng)
 
 
 def digest_of(files: Iterable[Path]) -> str:
@@ -224,11 +224,21 @@ def add_shape(
         cv2.copyTo(cloth, mask, picture)
 
 
-def _part(path: Path, size: int, rng: np.random.Generator) -> Picture:
-    """A random square of a photograph."""
+def read_picture(path: Path) -> Picture:
+    """A picture of the user's, RGB, (H, W, 3).
+
+    Raises:
+        InputError: it cannot be read.
+    """
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise InputError(f"{path}: cannot be read as a picture; remove it from the backgrounds")
+    return np.asarray(image, np.uint8)
+
+
+def _part(path: Path, size: int, rng: np.random.Generator) -> Picture:
+    """A random square of a photograph."""
+    image = read_picture(path)
     height, width = image.shape[:2]
     side = int(min(height, width) * rng.uniform(0.4, 1.0))
     y, x = int(rng.integers(height - side + 1)), int(rng.integers(width - side + 1))
