@@ -21,7 +21,7 @@ from perfcap.commands.actor import (
     ActorTools,
 )
 from perfcap.commands.capture import Batch, Capture, Demo, Doctor
-from perfcap.commands.models import ListModels, Models, ModelsCommand, WriteManifest
+from perfcap.commands.models import ListModels, Models, ModelsCommand, TryNetwork, WriteManifest
 from perfcap.commands.results import Evaluate, Export, Render, Report, Retarget, View
 from perfcap.commands.train import Train, TrainCommand, TrainDetector, TrainHead, TrainLifter
 from perfcap.errors import InputError, one_line, sentence
@@ -180,10 +180,10 @@ def _carry_out_part(command: ActorCommand | ModelsCommand | TrainCommand) -> int
             from perfcap.app.models import run_list
 
             return run_list(command.folder)
-        case WriteManifest():
-            from perfcap.app.models import run_manifest
+        case WriteManifest() | TryNetwork():
+            from perfcap.app.models import run_network
 
-            return run_manifest(command)
+            return run_network(command)
         case TrainLifter():
             from perfcap.app.train import run_train_lifter
 

@@ -10,11 +10,15 @@ from typing import Any
 
 from perfcap.app.console import PlainConsole
 from perfcap.app.network_guess import guess_manifest
-from perfcap.commands.models import WriteManifest
+from perfcap.app.network_trial import try_network
+from perfcap.app.networks import DETECTORS, find_model
+from perfcap.commands.models import TryNetwork, WriteManifest
 from perfcap.detect.joint_set import JOINT_SETS
 from perfcap.detect.manifest import FILE as MANIFEST
-from perfcap.detect.manifest import ModelFile
+from perfcap.detect.manifest import PEOPLE, ModelFile, read_manifest
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.onnx_file import read_model
+from perfcap.detect.people import OnnxFinder
 from perfcap.detect.session import Session
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
@@ -81,6 +85,15 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
+def run_network(request: WriteManifest | TryNetwork) -> int:
+    """Write a manifest, or try the network of one; returns the exit code.
+
+    Raises:
+        InputError: the network cannot be used, or there is a manifest already.
+    """
+    return run_manifest(request) if isinstance(request, WriteManifest) else run_try(request)
+
+
 def run_manifest(request: WriteManifest) -> int:
     """Write a manifest beside an ONNX file; returns the exit code.
 
@@ -118,9 +131,33 @@ def run_manifest(request: WriteManifest) -> int:
     console.print(f"{target}: {guess.family}", soft_wrap=True)
     for line in guess.check:
         console.print(f"to check: {line}", soft_wrap=True)
+    try:
+        for line in _tried(request.file.parent):
+            console.print(line, soft_wrap=True)
+    except InputError as error:  # the manifest is there, to be completed by hand
+        console.print(f"to check: {error}", soft_wrap=True)
     networks = " ".join(filter(None, (str(request.file.parent), guess.closer)))
     console.print(f"try it: perfcap capture VIDEO --detector {networks}", soft_wrap=True)
     return 0
+
+
+def run_try(request: TryNetwork) -> int:
+    """Print how well a network sees the person of the shipped clip; returns the exit code.
+
+    Raises:
+        InputError: there is no such network, or it cannot be used.
+    """
+    console = PlainConsole()
+    lines = [*_tried(find_model(request.model, DETECTORS))]
+    for line in lines or ["has no 2D joints to try"]:
+        console.print(line, soft_wrap=True)
+    return 0
+
+
+def _tried(folder: Path) -> Iterator[str]:
+    """What there is to say of a network after a trial."""
+    finds = read_manifest(folder).output.kind == PEOPLE
+    yield from try_network(OnnxFinder(folder) if finds else OnnxDetector(folder))
 
 
 def _quoted(text: str) -> str:

@@ -34,15 +34,26 @@ class WriteManifest:
     """Replace the manifest that is there."""
 
 
+@dataclass(frozen=True)
+class TryNetwork:
+    """Look at the shipped clip with a network of joints: how many it finds as its manifest reads
+    it, and whether it would find them better with other colours, values or columns.
+    """
+
+    model: tyro.conf.Positional[str]
+    """Folder with manifest.toml and its ONNX file, or the name of a shipped network."""
+
+
 ModelsCommand = (
     Annotated[ListModels, tyro.conf.subcommand("list")]
     | Annotated[WriteManifest, tyro.conf.subcommand("manifest")]
+    | Annotated[TryNetwork, tyro.conf.subcommand("try")]
 )
 
 
 @dataclass(frozen=True)
 class Models:
-    """List models, or write the manifest of a network."""
+    """List models, write the manifest of a network, or try it."""
 
     command: tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[ModelsCommand]] = (
         ListModels()

@@ -1,0 +1,60 @@
+"""``perfcap models try``: networks whose manifests are right, and have one thing wrong."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from runs import Command
+
+from perfcap.detect.joint_set import COCO17
+from perfcap.io.actor import models_folder
+
+SLOW = pytest.mark.slow
+DETECTORS = models_folder() / "detectors"
+
+
+def spoilt(folder: Path, name: str, old: str, new: str) -> Path:
+    """A shipped network whose manifest has something else."""
+    shutil.copytree(DETECTORS / name, folder / name)
+    manifest = folder / name / "manifest.toml"
+    text = manifest.read_text()
+    assert old in text
+    manifest.write_text(text.replace(old, new))
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    "name", ["lightning", *(pytest.param(name, marks=SLOW) for name in ("blazepose", "rendered"))]
+)
+def test_right_manifests_are_not_doubted(perfcap: Command, name: str) -> None:
+    outcome = perfcap(["models", "try", name])
+    assert outcome.code == 0 and "of the person off (median), 9" in outcome.out
+    assert "to check" not in outcome.out
+
+
+SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.joints]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("lightning", '"rgb"', '"bgr"', 'with color = "rgb" they are 1.9 % off'),
+        ("lightning", "padding = 1.1", "padding = 1.1\nscale = 0.0039", "with values 0 to 255"),
+        ("blazepose", "scale = 0.00392156862745098", "", "with values 0 to 1 (scale = 0.00392157)"),
+        pytest.param(
+            "multipose", '"y", "x"', '"x", "y"', "columns = ['y', 'x', 'confidence']", marks=SLOW
+        ),
+        ("lightning", 'set = "COCO-17"', f"names = {SIDES}", "have left and right exchanged"),
+        ("lightning", '"y", "x", "confidence"', '"confidence", "y", "x"', "few joints are found"),
+    ],
+)
+def test_what_is_wrong_is_named(
+    perfcap: Command, tmp_path: Path, name: str, old: str, new: str, said: str
+) -> None:
+    outcome = perfcap(["models", "try", spoilt(tmp_path, name, old, new)])
+    assert outcome.code == 0
+    assert said in outcome.out.partition("to check: ")[2]
+
+
+def test_networks_that_are_not_there_are_refused(perfcap: Command) -> None:
+    assert "no such folder" in perfcap(["models", "try", "nothing"]).refused()
