@@ -12,6 +12,7 @@ import cv2
 import torch
 from torch import distributed
 
+from perfcap.actor.actor import Actor
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.networks import DETECTORS
 from perfcap.app.train import (
@@ -169,6 +170,7 @@ def _crops(
     config, folder = request.config, request.crops_folder or request.out / CROPS
     others = (*config.held_out, *config.validation)
     if first:
+        actors = tuple(dressed_actor(name) for name in request.actors)
         parts = {
             "validation": (
                 library.of(config.validation),
@@ -178,7 +180,7 @@ def _crops(
             "training": (library.without(others), config.crops, config.loop.seed),
         }
         for name, (people, count, seed) in parts.items():
-            scenes = _scenes(request, people, behind, seed)
+            scenes = _scenes(request, actors, people, behind, seed)
             described: dict[str, object] = {
                 **{"scene": asdict(config.scene), "seed": seed, "motion": people.digest},
                 **drawn,
@@ -189,10 +191,25 @@ def _crops(
     return CropStore(folder / "training"), CropStore(folder / "validation")
 
 
+def dressed_actor(name: str) -> Actor:
+    """An actor; a warning says where it has no clothes to learn from."""
+    actor = load_actor(name)
+    if actor.template.texture is None or actor.template.uv is None:
+        _LOG.warning(
+            "--actors %s: has no texture, and is learned from as a person who is grey all over; "
+            "expected one with clothes in its texture: give it one, or leave it out",
+            name,
+        )
+    return actor
+
+
 def _scenes(
-    request: TrainDetector, people: MotionLibrary, behind: Backgrounds, seed: int
+    request: TrainDetector,
+    actors: tuple[Actor, ...],
+    people: MotionLibrary,
+    behind: Backgrounds,
+    seed: int,
 ) -> Scenes:
-    actors = tuple(load_actor(name) for name in request.actors)
     data = request.config.scene
     cast = Cast(load_body_model(request.body_model), actors, people, data)
     return Scenes(cast, behind, data, seed)

@@ -11,7 +11,7 @@ import torch
 from motion_files import write_library
 from runs import Command
 
-from perfcap.app.train_detector import describe_drawn
+from perfcap.app.train_detector import describe_drawn, dressed_actor
 from perfcap.commands.train import TrainDetector
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.actor import models_folder
@@ -103,6 +103,17 @@ def test_people_are_known_by_what_their_files_hold(tmp_path: Path) -> None:
         assert [b != a for b, a in zip(before, described(), strict=True)] == [
             number == other for number in range(3)
         ]
+
+
+def test_actors_without_clothes_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    dressed_actor("sam")
+    assert not caplog.records
+    glb = (models_folder() / "actors" / "sam" / "actor.glb").read_bytes()
+    bare = glb.replace(b'"baseColorTexture"', b'"XbaseColorTextur"')  # of the same length
+    assert bare != glb
+    (tmp_path / "bare.glb").write_bytes(bare)
+    dressed_actor(str(tmp_path / "bare.glb"))
+    assert any("has no texture" in record.getMessage() for record in caplog.records)
 
 
 def test_a_network_grows(tmp_path: Path) -> None:
