@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor import actor_files, load_actor, models_folder
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import body_model_files, load_body_model
+from perfcap.train.augment import FOLLOWED
 from perfcap.train.background_looks import background_doubts
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.card import write_detector_card
@@ -53,6 +55,7 @@ _LOG = logging.getLogger(__name__)
 
 CROPS = "crops"
 WEIGHTS = "weights.safetensors"  # beside the exported model: what others start from
+_SHARP = 0.9  # of the pixels that a network is shown
 _LOOKING = "lightning"  # finds 64 % of the joints of lspet, in a third of the time of `thunder`
 _VALIDATION_SEED = 2**32  # none that a run would be given
 
@@ -74,6 +77,8 @@ def run_train_detector(request: TrainDetector) -> int:
     seen = {} if photographs is None else {"photographs": photographs.digest}
     learned_from = {"motion": library.digest} | drawn | seen
     make_folder(request.out, request.resume)
+    for doubt in _blurred(config):
+        _LOG.warning("%s", doubt)
     torch.set_num_threads(1)  # several processes are faster than several threads
     cv2.setNumThreads(1)
     with sole_training(request.out), processes() as first, progress_bars() as tell:
@@ -110,6 +115,19 @@ def _check(config: TrainDetectorConfig) -> None:
         raise InputError(
             f"sizes: are {sides[1:]}, detector.size {sides[0]}; expected multiples of 32 from 64 "
             "on, the last one detector.size"
+        )
+
+
+def _blurred(config: TrainDetectorConfig) -> Iterator[str]:
+    """What speaks against the size of stored crops: people in them are enlarged to be shown."""
+    scene, side = config.scene, config.detector.size
+    shown = scene.size * FOLLOWED / scene.margin
+    if shown < _SHARP * side:
+        yield (
+            f"--scene.size {scene.size}: what the network is shown has {shown:.0f} pixels in "
+            f"stored crops and is enlarged to --detector.size {side}, so that it learns from "
+            "blurred pictures and photographs; expected "
+            f"{math.ceil(side * scene.margin / FOLLOWED)} or more"
         )
 
 

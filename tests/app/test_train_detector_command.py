@@ -27,7 +27,7 @@ TINY = (
     *("--crops", 32, "--validation-crops", 32, "--sizes", 0.0, 64, "--actors"),
     *("--loop.steps", 2, "--loop.batch", 2, "--loop.evaluate-every", 2, "--loop.warmup", 1),
     *("--detector.size", 64, "--detector.widths", 8, 8, 8, 8, "--detector.blocks", 1, 1, 1),
-    *("--scene.size", 48, "--scene.group", 1, "--scene.texture", 32, "--scene.shadowed", 0.0),
+    *("--scene.size", 72, "--scene.group", 1, "--scene.texture", 32, "--scene.shadowed", 0.0),
 )
 
 
@@ -42,6 +42,7 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     call = ["train", "detector", "--motion", library, "--out", out, *PEOPLE, *TINY]
     outcome = perfcap(call)
     assert outcome.code == 0 and "PCK" in outcome.out
+    assert any("has learned nothing" in note for note in outcome.notes)  # in two steps
     assert {p.name for p in out.iterdir()} >= {
         "best.safetensors",
         "last.safetensors",
@@ -103,6 +104,18 @@ def test_people_are_known_by_what_their_files_hold(tmp_path: Path) -> None:
         assert [b != a for b, a in zip(before, described(), strict=True)] == [
             number == other for number in range(3)
         ]
+
+
+def test_crops_that_are_smaller_than_what_is_shown_are_named(
+    perfcap: Command, library: Path, tmp_path: Path
+) -> None:
+    call = ["train", "detector", "--motion", library, "--out", tmp_path, *PEOPLE, *TINY]
+    (tmp_path / "crops" / "validation").mkdir(parents=True)
+    (tmp_path / "crops" / "validation" / "crops_0000.npz").write_bytes(b"")  # ends it here
+    for side, names in ((48, True), (72, False)):
+        outcome = perfcap([*call, "--scene.size", side])
+        assert outcome.code == 2
+        assert any("expected 76 or more" in note for note in outcome.notes) == names
 
 
 def test_actors_without_clothes_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
