@@ -21,6 +21,7 @@ from perfcap.detect.look import look_at
 from perfcap.detect.manifest import InputSpec, Manifest
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.people import OnnxFinder
+from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 from perfcap.io.calibration import read_cameras
 from perfcap.io.video import VideoFile
@@ -34,6 +35,7 @@ _NEAR = 0.1  # of the larger extent of the person's joints
 # for values of another range and 0.05 for x and y exchanged; for colours in another order it is 0.8
 # of `lightning` and `blazepose`, 0.92 and more of others, which see nearly as well so.
 _BETTER = 0.88
+_EXCHANGED = 0.5
 _FEW = 0.7  # of the joints; of the shipped networks 0.94 and more are found
 _IMAGENET = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _ONES = (1.0, 1.0, 1.0)
@@ -58,6 +60,28 @@ class Reading:
     opposite: float
     sure: float
 
+    @property
+    def exchanged(self) -> bool:
+        """Whether left and right are each other's: else 0.2 to 0.3 are near the other side's."""
+        return self.opposite > max(self.found, _EXCHANGED)
+
+
+def require_sides(network: OnnxDetector | OnnxFinder) -> None:
+    """Refuse a network whose manifest gives joints of each side the names of the other.
+
+    A person who is captured so is seen from behind, and of one view no joint contradicts that.
+
+    Raises:
+        InputError: on the shipped clip, its left is the right.
+    """
+    if network.manifest.output.kind == "joints3d" or not _read(network, network.manifest).exchanged:
+        return
+    raise InputError(
+        f"{network.manifest.path}: left and right are exchanged: in the shipped clip most joints "
+        "are where those of the other side are; expected the person's own left and right in "
+        "joints.names or joints.set (perfcap models try MODEL looks again)"
+    )
+
 
 def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
     """How well a network sees the person of the shipped clip, and what in its manifest to check.
@@ -79,7 +103,7 @@ def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
         for what, other in others.items()
         if other.off < _BETTER * own.off and other.sure >= own.sure and other.found >= _FEW
     ]
-    if own.opposite > max(own.found, 0.5):
+    if own.exchanged:
         yield (
             f"to check: {own.opposite:.0%} are where the other side's are; joints.names or "
             "joints.set have left and right exchanged"

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from perfcap.app.network_trial import require_sides
 from perfcap.detect.crop import Frame
 from perfcap.detect.detections import Detections
 from perfcap.detect.look import Box
@@ -66,7 +67,8 @@ def open_networks(names: Sequence[str]) -> tuple[OnnxFinder | None, tuple[OnnxDe
     """What ``--detector`` names: a network that finds people, if the first does; the others.
 
     Raises:
-        InputError: there is no such model, or none that looks at people up close.
+        InputError: there is no such model, or none that looks at people up close; or one of the
+            user's own takes left for right.
     """
     folders = [find_model(name, DETECTORS) for name in names]
     finds = [read_manifest(folder).output.kind == PEOPLE for folder in folders]
@@ -82,7 +84,13 @@ def open_networks(names: Sequence[str]) -> tuple[OnnxFinder | None, tuple[OnnxDe
             f"networks that look up close after it: --detector {names[0]} thunder"
         )
     finder = OnnxFinder(folders[0]) if finds[0] else None
-    return finder, tuple(OnnxDetector(folder) for folder in folders[finds[0] :])
+    detectors = tuple(OnnxDetector(folder) for folder in folders[finds[0] :])
+    shipped = models_folder().resolve()
+    networks: list[OnnxFinder | OnnxDetector] = [*filter(None, (finder,)), *detectors]
+    for network in networks:
+        if shipped not in network.manifest.path.resolve().parents:
+            require_sides(network)
+    return finder, detectors
 
 
 def open_watcher(name: str | None) -> OnnxFinder | None:

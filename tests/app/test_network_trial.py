@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 from runs import Command
 
+from perfcap.app.networks import open_networks
 from perfcap.detect.joint_set import COCO17
+from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
 SLOW = pytest.mark.slow
@@ -54,6 +56,13 @@ def test_what_is_wrong_is_named(
     outcome = perfcap(["models", "try", spoilt(tmp_path, name, old, new)])
     assert outcome.code == 0
     assert said in outcome.out.partition("to check: ")[2]
+
+
+def test_captures_refuse_networks_that_take_left_for_right(tmp_path: Path) -> None:
+    assert open_networks([str(spoilt(tmp_path / "same", "lightning", "1.1", "1.15"))])[1]
+    folder = spoilt(tmp_path, "lightning", 'set = "COCO-17"', f"names = {SIDES}")
+    with pytest.raises(InputError, match="left and right are exchanged"):
+        open_networks([str(folder)])
 
 
 def test_networks_that_are_not_there_are_refused(perfcap: Command) -> None:
