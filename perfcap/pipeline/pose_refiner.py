@@ -22,6 +22,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.batch_doubts import batch_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
@@ -32,6 +33,7 @@ from perfcap.pipeline.estimate_doubts import (
     size_doubts,
 )
 from perfcap.pipeline.input_checks import require_flags, require_kinds
+from perfcap.pipeline.placed_doubts import placed_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
@@ -198,6 +200,8 @@ class PoseRefiner(nn.Module):
         ):
             return []
         self._examined, told = True, []
+        for line in batch_doubts(clips):
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
@@ -207,6 +211,7 @@ class PoseRefiner(nn.Module):
             lines += empty_poses(clip.empty)
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
+                lines += placed_doubts(clip)
             if not lines:
                 lines += bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
             for line in lines:

@@ -217,16 +217,25 @@ def _faint(name: str, confidence: Tensor) -> list[Finding]:
 
 
 def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
-    """Views with the joints of another one, to the last digit."""
+    """Views with the 2D or 3D joints of another one, to the last digit."""
     findings = []
-    seen = detections.confidence2d > 0
+    seen, trusted, poses = detections.confidence2d > 0, detections.trusted3d, detections.joints3d
     for first, second in combinations(range(len(names)), 2):
+        pair = f"{names[first]} and {names[second]}"
         both = seen[:, first] & seen[:, second]
         same = (detections.joints2d[:, first] == detections.joints2d[:, second]).all(-1)
         if int(both.sum()) >= _SOME and bool(same[both].all()):
             what = "have the same joints to the last digit"
             remedy = "give the detections of each view"
-            pair = f"{names[first]} and {names[second]}"
+            findings.append(Finding(Severity.ERROR, pair, what, remedy))
+        both = trusted[:, first] & trusted[:, second]
+        if poses is None or not bool(both.any()):
+            continue
+        if bool((poses[:, first] == poses[:, second])[both].all()):
+            what = "have the same 3D joints to the last digit"
+            remedy = (
+                "give them in the axes of each view's camera (cameras.to_camera takes them there)"
+            )
             findings.append(Finding(Severity.ERROR, pair, what, remedy))
     return findings
 
