@@ -180,6 +180,8 @@ class PoseRefiner(nn.Module):
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
+            if not self.training:
+                _warn_of_lost_gradients(estimates)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             told = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
@@ -255,6 +257,18 @@ class PoseRefiner(nn.Module):
         valid = frame < lengths[:, None]
         return RefinedPose(
             motion, self.actor.joints(motion), valid, torch.tensor(status, device=device)
+        )
+
+
+def _warn_of_lost_gradients(clips: Sequence[ClipEstimate]) -> None:
+    """``eval`` of a whole network stops no gradients elsewhere, as where its statistics stay."""
+    parts = ("joints2d", "confidence2d", "joints3d")
+    given = [getattr(clip.detections, part) for clip in clips for part in parts]
+    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in given):
+        warnings.warn(
+            "PoseRefiner is in eval mode, in which joints that require gradients get none; call "
+            "train() on it, or use torch.no_grad()",
+            stacklevel=5,
         )
 
 

@@ -66,7 +66,7 @@ def test_places_at_another_distance_than_lines_of_sight_have() -> None:
 def test_places_that_images_contradict(views: int) -> None:
     """As those of a network that has a lens of its own: one view followed them anywhere."""
     assert "are 1.25 to 1.2" in said(LOCAL - 0.2 * ROOT, PIXELS, views)[0]
-    waves = 0.16 * torch.sin(torch.arange(COUNT))[:, None, None, None]
+    waves = 0.25 * torch.sin(torch.arange(COUNT))[:, None, None, None]
     assert "times as large" in said(LOCAL + waves * ROOT, PIXELS, views)[0]
     beside = LOCAL + LOCAL.new_tensor([0.5, 0, 0])
     assert "of the person's size beside the 2D joints" in said(beside, PIXELS, views)[0]
