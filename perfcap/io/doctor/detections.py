@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
+from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
@@ -97,7 +98,9 @@ def examine_detections(
             if not repeated:
                 wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
-            findings += wrong or examine_turned_poses(name, view, *shown, *poses)
+            wrong = wrong or examine_turned_poses(name, view, *shown, *poses)
+            known = torch.where(poses[1][:, None, None], poses[0], torch.nan)
+            findings += wrong or examine_crossed_parts(name, known, (view,))
         elif len(rig.names) == 1:
             findings += examine_turned_view(name, *shown) + examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
