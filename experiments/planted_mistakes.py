@@ -1,12 +1,11 @@
 """Mistakes planted in joints that are given: how many are named, and what is named of right ones.
 
-In any: joints that follow each other in a limb exchanged throughout, frames in no order, a third of
-the clip backwards. In two
-calibrated views or more: one joint of both sides exchanged throughout, two views exchanged
-from the middle of the clip on, arms or legs exchanged in all views for a third of it, five frames
-put in. In one view with 3D poses: joints of both sides exchanged throughout; left and right
-exchanged, or depth negated, for a third of the clip. What is said of the right input as well does
-not count.
+In any: joints that follow each other in a limb exchanged throughout, one joint of both sides for a
+third of the clip, frames in no order, a third of the clip backwards. In two calibrated views or
+more: one joint of both sides exchanged throughout, two views exchanged from the middle of the clip
+on, arms or legs exchanged in all views for a third of it, five frames put in. In one view with 3D
+poses: joints of both sides exchanged throughout; left and right exchanged, or depth negated, for a
+third of the clip. What is said of the right input as well does not count.
 """
 
 from __future__ import annotations
@@ -101,6 +100,8 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     for upper, lower in _NEIGHBOURS:
         mistake = f"{upper}s and {lower}s exchanged"
         yield mistake, _ordered(seen, _exchange_neighbours(upper, lower), whole)
+    for name in _PAIRS:
+        yield f"{name}s exchanged, a third", _ordered(seen, _exchange(name), third)
     mixed = np.random.default_rng(0).permutation(count)
     yield "frames in no order", seen.frames(torch.from_numpy(mixed))
     turned = torch.arange(count)

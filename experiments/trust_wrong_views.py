@@ -83,9 +83,9 @@ def _judged(clip: Recording) -> Iterator[Tensor]:
     """Frames that are bad, that are named without the checks, and with them, (3, F) bool."""
     seen: list[Trust] = []
 
-    def kept(problem: ClipProblem, motion: Motion) -> Trust:
+    def kept(problem: ClipProblem, motion: Motion, joints: Motion | None = None) -> Trust:
         seen.append(judge_frames(frame_evidence(problem, motion)))
-        return judge_motion(problem, motion)
+        return judge_motion(problem, motion, joints)
 
     for detections in _spoiled(clip):
         with mock.patch.object(move, "judge_motion", kept), warnings.catch_warnings():

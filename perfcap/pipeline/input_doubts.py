@@ -110,20 +110,30 @@ def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) ->
     return _input_sentences(detections, _input_findings(cameras, detections, faint))
 
 
+def agreement_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
+    """What ``input_doubts`` says of how several views agree, (C,) or (F, C), alone."""
+    return _input_sentences(detections, examine_agreement(*_rig(cameras, detections)))
+
+
 def _input_findings(
     cameras: Camera, detections: Detections, faint: bool = True
 ) -> tuple[Finding, ...]:
-    known = cameras.map(lambda part: part.detach().double().cpu())
-    seen = detections.to(known.intrinsics).map(lambda part: part.detach())
-    middles = known.intrinsics[..., :2, 2].reshape(-1, known.views, 2)[0]
-    sizes = tuple((round(2 * y) + 1, round(2 * x) + 1) for x, y in middles.tolist())
-    names = tuple(f"view {view}" for view in range(known.views))
-    rig = CameraRig(names, replace(known, size=known.size or sizes))
+    rig, seen = _rig(cameras, detections)
     return (
         *examine_cameras(rig),
         *examine_detections(rig, seen, coverage=False, faint=faint),
         *examine_agreement(rig, seen),
     )
+
+
+def _rig(cameras: Camera, detections: Detections) -> tuple[CameraRig, Detections]:
+    """Views with numbers for names, and what they see, without gradients."""
+    known = cameras.map(lambda part: part.detach().double().cpu())
+    seen = detections.to(known.intrinsics).map(lambda part: part.detach())
+    middles = known.intrinsics[..., :2, 2].reshape(-1, known.views, 2)[0]
+    sizes = tuple((round(2 * y) + 1, round(2 * x) + 1) for x, y in middles.tolist())
+    names = tuple(f"view {view}" for view in range(known.views))
+    return CameraRig(names, replace(known, size=known.size or sizes)), seen
 
 
 def _input_sentences(detections: Detections, findings: Sequence[Finding]) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
+from perfcap.pipeline.batch_doubts import batch_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
@@ -32,6 +33,7 @@ from perfcap.pipeline.estimate_doubts import (
     size_doubts,
 )
 from perfcap.pipeline.input_checks import require_flags, require_kinds
+from perfcap.pipeline.placed_doubts import placed_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
@@ -178,6 +180,8 @@ class PoseRefiner(nn.Module):
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
+            if not self.training:
+                _warn_of_lost_gradients(estimates)
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             told = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
@@ -198,6 +202,8 @@ class PoseRefiner(nn.Module):
         ):
             return []
         self._examined, told = True, []
+        for line in batch_doubts(clips):
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
@@ -207,6 +213,7 @@ class PoseRefiner(nn.Module):
             lines += empty_poses(clip.empty)
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
+                lines += placed_doubts(clip)
             if not lines:
                 lines += bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
             for line in lines:
@@ -250,6 +257,18 @@ class PoseRefiner(nn.Module):
         valid = frame < lengths[:, None]
         return RefinedPose(
             motion, self.actor.joints(motion), valid, torch.tensor(status, device=device)
+        )
+
+
+def _warn_of_lost_gradients(clips: Sequence[ClipEstimate]) -> None:
+    """``eval`` of a whole network stops no gradients elsewhere, as where its statistics stay."""
+    parts = ("joints2d", "confidence2d", "joints3d")
+    given = [getattr(clip.detections, part) for clip in clips for part in parts]
+    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in given):
+        warnings.warn(
+            "PoseRefiner is in eval mode, in which joints that require gradients get none; call "
+            "train() on it, or use torch.no_grad()",
+            stacklevel=5,
         )
 
 

@@ -156,7 +156,7 @@ def test_3d_joints_alone_of_several_views() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         layer(two.cameras, joints3d=local)
-    with pytest.warns(UserWarning, match="from the 3D joints; check that .* views agree"):
+    with pytest.warns(UserWarning, match="view 0 and view 1: their 3D joints look exchanged"):
         PoseRefiner(two.actor).eval()(two.cameras.select([1, 0]), joints3d=local)
     with pytest.warns(UserWarning, match="relative to a root, and nothing says where") as said:
         PoseRefiner(two.actor).eval()(two.cameras, joints3d=local - mid_hip(local)[..., None, :])

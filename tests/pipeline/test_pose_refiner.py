@@ -197,7 +197,10 @@ def test_train_and_eval() -> None:
     trained = layer(VIEWS, leaf)
     assert trained.joints.requires_grad
     layer.eval()
-    assert not layer(VIEWS, leaf).joints.requires_grad
+    with pytest.warns(UserWarning, match="in eval mode, in which joints .* get none"):
+        assert not layer(VIEWS, leaf).joints.requires_grad
+    with torch.no_grad():
+        assert not layer(VIEWS, leaf).joints.requires_grad
     layer.train()
     with torch.no_grad():
         assert not layer(VIEWS, leaf).joints.requires_grad

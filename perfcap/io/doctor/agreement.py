@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
+from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.evidence import (
     BETTER,
     Scene,
@@ -77,13 +78,14 @@ def examine_agreement(
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
         findings += _scale(points)
-        findings += (
+        throughout = (
             examine_sides("detections", points)
             or examine_pairs("detections", points)
             or examine_neighbours("detections", points)
         )
+        findings += throughout
         views = [rig.names.index(name) for name in names]  # others are left out by now
-        parts = _stretches(scene.sure(), names, height, alone)
+        parts = _stretches(scene.sure(), names, height, alone, bool(throughout))
         findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
         return findings
     # what was undone on the way explains nothing, since the views still disagree
@@ -171,8 +173,10 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     return None
 
 
-def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> list[Finding]:
-    """What is wrong in a part of the clip alone."""
+def _stretches(
+    scene: Scene, names: list[str], height: float, alone: bool, throughout: bool
+) -> list[Finding]:
+    """What is wrong in a part of the clip alone; of single joints, where none is throughout."""
     findings = examine_stretches(scene, names, height, alone=alone)
     # views that are exchanged turn sides over as well
     seen = doubting(scene.detections, findings).undoubted()
@@ -182,7 +186,9 @@ def _stretches(scene: Scene, names: list[str], height: float, alone: bool) -> li
         seen = doubting(seen, limbs).undoubted()
         points, _ = Scene(scene.cameras, seen).triangulated(rounds=6)
     sides = examine_exchange("detections", seen.joints2d, seen.confidence2d > 0, points)
-    return [*findings, *limbs, *sides]
+    if limbs or sides or throughout:
+        return [*findings, *limbs, *sides]
+    return [*findings, *examine_crossed_parts("detections", points, range(len(names)))]
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:

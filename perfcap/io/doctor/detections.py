@@ -13,6 +13,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
+from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.jumps import examine_jumps
@@ -97,7 +98,9 @@ def examine_detections(
             if not repeated:
                 wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
-            findings += wrong or examine_turned_poses(name, view, *shown, *poses)
+            wrong = wrong or examine_turned_poses(name, view, *shown, *poses)
+            known = torch.where(poses[1][:, None, None], poses[0], torch.nan)
+            findings += wrong or examine_crossed_parts(name, known, (view,))
         elif len(rig.names) == 1:
             findings += examine_turned_view(name, *shown) + examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
@@ -217,16 +220,25 @@ def _faint(name: str, confidence: Tensor) -> list[Finding]:
 
 
 def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
-    """Views with the joints of another one, to the last digit."""
+    """Views with the 2D or 3D joints of another one, to the last digit."""
     findings = []
-    seen = detections.confidence2d > 0
+    seen, trusted, poses = detections.confidence2d > 0, detections.trusted3d, detections.joints3d
     for first, second in combinations(range(len(names)), 2):
+        pair = f"{names[first]} and {names[second]}"
         both = seen[:, first] & seen[:, second]
         same = (detections.joints2d[:, first] == detections.joints2d[:, second]).all(-1)
         if int(both.sum()) >= _SOME and bool(same[both].all()):
             what = "have the same joints to the last digit"
             remedy = "give the detections of each view"
-            pair = f"{names[first]} and {names[second]}"
+            findings.append(Finding(Severity.ERROR, pair, what, remedy))
+        both = trusted[:, first] & trusted[:, second]
+        if poses is None or not bool(both.any()):
+            continue
+        if bool((poses[:, first] == poses[:, second])[both].all()):
+            what = "have the same 3D joints to the last digit"
+            remedy = (
+                "give them in the axes of each view's camera (cameras.to_camera takes them there)"
+            )
             findings.append(Finding(Severity.ERROR, pair, what, remedy))
     return findings
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 
 # Bones that end at a joint. Exchanged hips or shoulders turn a whole part of the body round, see
 # ``examine_sides``.
-_BONES = {
+BONES = {
     "elbow": ("shoulder", "wrist"),
     "wrist": ("elbow",),
     "knee": ("hip", "ankle"),
@@ -37,9 +37,9 @@ def examine_pairs(subject: str, points: Tensor) -> list[Finding]:
             unknown.
     """
     found: list[str] = []
-    while wrong := [name for name in _BONES if name not in found and _exchanged(name, points)]:
+    while wrong := [name for name in BONES if name not in found and _exchanged(name, points)]:
         # elbows that are exchanged make wrists look so; without the right ones all bones are steady
-        undone = {name: _exchange(name, points) for name in wrong}
+        undone = {name: exchange(name, points) for name in wrong}
         best = min(undone, key=lambda name: _looseness(undone[name]))
         found.append(best)
         points = undone[best]
@@ -50,7 +50,8 @@ def examine_pairs(subject: str, points: Tensor) -> list[Finding]:
     return [Finding(Severity.ERROR, subject, what, _REMEDY)]
 
 
-def _exchange(name: str, points: Tensor) -> Tensor:
+def exchange(name: str, points: Tensor) -> Tensor:
+    """Points (F, 16, 3) with a joint of both sides in each other's place."""
     order = list(range(len(LANDMARKS)))
     left, right = (LANDMARKS.index(f"{side}_{name}") for side in "lr")
     order[left], order[right] = right, left
@@ -70,7 +71,7 @@ def _exchanged(name: str, points: Tensor) -> bool:
 
 def _looseness(points: Tensor) -> float:
     """Spread of all bones as they are named, m."""
-    spreads = [spread for name in _BONES for _, spread in _bones(name, points, ("l", "r"))]
+    spreads = [spread for name in BONES for _, spread in _bones(name, points, ("l", "r"))]
     return float(torch.tensor(spreads).nansum())
 
 
@@ -82,13 +83,21 @@ def _bones(name: str, points: Tensor, sides: tuple[str, ...]) -> Iterator[tuple[
         points: (F, 16, 3).
         sides: of the joint whose bones begin at left and right others.
     """
+    for lengths in bone_lengths(name, points, sides).unbind(-1):
+        known = lengths[lengths.isfinite()]
+        if len(known) < _FEWEST:
+            yield torch.nan, torch.nan
+            continue
+        low, middle, high = known.quantile(known.new_tensor([0.25, 0.5, 0.75])).tolist()
+        yield middle, 0.5 * (high - low)
+
+
+def bone_lengths(name: str, points: Tensor, sides: Sequence[str]) -> Tensor:
+    """Lengths of all bones that end at a joint of both sides, (F, N), metres, as ``_bones``."""
     at = dict(zip(LANDMARKS, points.unbind(-2), strict=True))
-    for other in _BONES[name]:
-        for begin, end in zip("lr", sides, strict=True):
-            lengths = (at[f"{begin}_{other}"] - at[f"{end}_{name}"]).norm(dim=-1)
-            known = lengths[lengths.isfinite()]
-            if len(known) < _FEWEST:
-                yield torch.nan, torch.nan
-                continue
-            low, middle, high = known.quantile(known.new_tensor([0.25, 0.5, 0.75])).tolist()
-            yield middle, 0.5 * (high - low)
+    lengths = [
+        (at[f"{begin}_{other}"] - at[f"{end}_{name}"]).norm(dim=-1)
+        for other in BONES[name]
+        for begin, end in zip("lr", sides, strict=True)
+    ]
+    return torch.stack(lengths, -1)

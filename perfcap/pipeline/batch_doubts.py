@@ -1,0 +1,56 @@
+"""Whether clips of a batch are the frames of a motion: axes of a batch that are exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from perfcap.pipeline.pose_estimate import ClipEstimate
+
+_FEWEST, _MOST = 6, 64  # clips
+_NEARER = 0.4  # of the way to other clips, and to the next frame of a clip, from clip to clip
+
+
+def batch_doubts(clips: Sequence[ClipEstimate]) -> Iterator[str]:
+    """Whether each clip goes on where the one before it is, as one frame of a motion after another.
+
+    Windows of a clip are farther apart than their frames, copies of one with errors of their own
+    are all equally far apart.
+    """
+    frames = clips[0].frames
+    if len(clips) < _FEWEST or any(
+        each.frames != frames or each.detections.views != clips[0].detections.views
+        for each in clips
+    ):
+        return
+    joints = torch.stack([_joints(each) for each in clips[:_MOST]])  # B F C 16 D
+    near, far = _apart(joints, 1), _apart(joints, len(joints) // 2)
+    along = _apart(joints.transpose(0, 1), 1) if frames > 1 else far
+    if not near < _NEARER * min(far, along):
+        return
+    remedy = (
+        "give such frames as one clip, (F, C, J, 2), or images in no order"
+        if frames == 1
+        else "expected (B, F, C, J, 2): clips first, then their frames"
+    )
+    yield (
+        f"the {len(clips)} clips of {frames} frame{'s' * (frames > 1)} follow one another as the "
+        f"frames of a motion do; {remedy}"
+    )
+
+
+def _joints(clip: ClipEstimate) -> Tensor:
+    """Joints (F, C, 16, D) in images, or else 3D ones, NaN where unknown."""
+    seen = clip.detections
+    if clip.has_pixels or seen.joints3d is None:
+        joints, known = seen.joints2d, seen.confidence2d > 0
+    else:
+        joints, known = seen.joints3d, clip.certain > 0
+    return torch.where(known[..., None], joints, torch.nan).detach()
+
+
+def _apart(joints: Tensor, steps: int) -> float:
+    """Median way of a joint to another so many places on along the first axis."""
+    return float((joints[steps:] - joints[:-steps]).norm(dim=-1).nanmedian())
