@@ -14,6 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.evidence import (
     BETTER,
+    MIN_JOINTS,
     Scene,
     disagreement,
     left_out_error,
@@ -41,7 +42,7 @@ _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s i
 
 
 def examine_agreement(
-    rig: CameraRig, detections: Detections, *, alone: bool = True
+    rig: CameraRig, detections: Detections, *, alone: bool = True, successive: bool = True
 ) -> list[Finding]:
     """Triangulate the person and explain what does not fit.
 
@@ -53,6 +54,7 @@ def examine_agreement(
         rig: C views; nothing can be said of one.
         detections: (F, C).
         alone: whether nobody else is followed, so that following everybody may help.
+        successive: whether frames follow one another, not picked from a clip.
     """
     if detections.views != len(rig.names) or detections.views < 2:
         return []
@@ -64,11 +66,13 @@ def examine_agreement(
     scene, names = given, list(rig.names)
     height, now = person_height(scene.sampled()), disagreement(scene.sampled())
     if not (math.isfinite(height) and math.isfinite(now)):
+        if not successive and detections.frame_count * len(LANDMARKS) < MIN_JOINTS:
+            return []  # of a frame that was picked
         what = "hardly any joint is seen by two views at once; agreement cannot be checked"
         return [Finding(Severity.WARNING, "cameras", what)]
     findings: list[Finding] = []
     for _ in rig.names:
-        found = _explain(scene, names, height, alone)
+        found = _explain(scene, names, height, alone, successive)
         if found is None:
             break
         finding, scene, names = found
@@ -82,6 +86,8 @@ def examine_agreement(
             or examine_pairs("detections", points)
             or examine_neighbours("detections", points)
         )
+        if not successive:
+            return findings
         views = [rig.names.index(name) for name in names]  # others are left out by now
         parts = _stretches(scene.sure(), names, height, alone)
         findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
@@ -99,14 +105,14 @@ def examine_agreement(
 
 
 def _explain(
-    scene: Scene, names: list[str], height: float, alone: bool
+    scene: Scene, names: list[str], height: float, alone: bool, successive: bool
 ) -> tuple[Finding, Scene, list[str]] | None:
     """The mistake that explains most, and the scene without it; None when all is well."""
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
     best, left = best_mistake(scene, names, BAD * height)
-    late = late_view(scene, names)
+    late = late_view(scene, names) if successive else None
     in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
     if late is not None and in_time < min(left, now):
         return (
