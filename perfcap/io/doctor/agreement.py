@@ -23,6 +23,7 @@ from perfcap.io.doctor.evidence import (
 from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.neighbours import examine_neighbours
+from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
@@ -37,6 +38,9 @@ HOPELESS = 0.08
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
+# Times what is left without a view: late ones leave 1.6 at most once they are in time, one whose
+# joints lie 30 or 60 px aside 1.7 or more, and often another view then seems late
+IN_TIME = 1.6
 LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -80,12 +84,15 @@ def examine_agreement(
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
         points, _ = sampled.triangulated(rounds=6)
-        findings += _scale(points)
-        findings += (
-            examine_sides("detections", points)
-            or examine_pairs("detections", points)
-            or examine_neighbours("detections", points)
-        )
+        # where joints of one view are exchanged, points are nowhere
+        findings += examine_one_view(sampled, names, height) or [
+            *_scale(points),
+            *(
+                examine_sides("detections", points)
+                or examine_pairs("detections", points)
+                or examine_neighbours("detections", points)
+            ),
+        ]
         if not successive:
             return findings
         views = [rig.names.index(name) for name in names]  # others are left out by now
@@ -114,14 +121,14 @@ def _explain(
     best, left = best_mistake(scene, names, BAD * height)
     late = late_view(scene, names) if successive else None
     in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
-    if late is not None and in_time < min(left, now):
+    outcast = _outcast(scene.sampled(), now, height)
+    without = math.inf if outcast is None else outcast.rest
+    if late is not None and in_time < min(left, now, IN_TIME * without):
         return (
             Finding(Severity.ERROR, late.subject, late.what, late.remedy),
             late.undo(scene),
             names,
         )
-    outcast = _outcast(scene.sampled(), now, height)
-    without = math.inf if outcast is None else outcast.rest
     if left < min(BETTER * now, PREFERRED * without):
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
         finding = Finding(Severity.ERROR, best.subject, what, best.remedy)
