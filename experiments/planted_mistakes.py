@@ -3,9 +3,10 @@
 In any: joints that follow each other in a limb exchanged throughout, one joint of both sides for a
 third of the clip, frames in no order, a third of the clip backwards. In two calibrated views or
 more: one joint of both sides exchanged throughout, two views exchanged from the middle of the clip
-on, arms or legs exchanged in all views for a third of it, five frames put in. In one view with 3D
-poses: joints of both sides exchanged throughout; left and right exchanged, or depth negated, for a
-third of the clip. What is said of the right input as well does not count.
+on, arms or legs exchanged in all views for a third of it, joints exchanged in one view throughout,
+five frames put in. In one view with 3D poses: joints of both sides exchanged throughout; left and
+right exchanged, or depth negated, for a third of the clip. What is said of the right input as well
+does not count.
 """
 
 from __future__ import annotations
@@ -114,6 +115,14 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
         return
     for names, limbs in ((_ARMS, "arms"), (_LEGS, "legs")):
         yield f"{limbs} exchanged, a third", _ordered(seen, _exchange(*names), third)
+    for joints, order in (
+        ("elbows and wrists", _exchange_neighbours("elbow", "wrist")),
+        ("knees and ankles", _exchange_neighbours("knee", "ankle")),
+        ("wrists", _exchange("wrist")),
+        ("arms", _exchange(*_ARMS)),
+        ("legs", _exchange(*_LEGS)),
+    ):
+        yield f"{joints} of one view exchanged", _in_one_view(seen, order)
     if seen.views > 2:
         views = torch.arange(seen.views)
         views[:2] = torch.tensor([1, 0])
@@ -125,6 +134,13 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     later = torch.arange(count)
     later[count // 3 :] = (later[count // 3 :] - _PUT_IN).clamp(min=0)
     yield f"{_PUT_IN} frames put in", seen.frames(later)
+
+
+def _in_one_view(seen: Detections, order: Sequence[int]) -> Detections:
+    """Joints of the first view in another order."""
+    joints, confidence = seen.joints2d.clone(), seen.confidence2d.clone()
+    joints[:, 0], confidence[:, 0] = joints[:, 0][:, order], confidence[:, 0][:, order]
+    return replace(seen, joints2d=joints, confidence2d=confidence)
 
 
 def _exchange(*names: str) -> list[int]:

@@ -14,16 +14,12 @@ from torch import Tensor
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app.fit_views import ChosenFrames
-from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging import BodyFit, PersonMasks
 from perfcap.rigging.fit_body import extents
+from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
 
-LEAST_INSIDE = 0.5  # share of the sure joints that lie in one's own silhouette
-_SURE = 0.3  # confidence from which a joint counts
-_FEWEST, _HARDLY = 4, 0.1  # frames, and share of them, in which a joint is held
-_LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in ("elbow", "knee", "ankle")]
 _LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
 _UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
 _HEIGHT = 300.0  # px, rows of the pictures that are compared
@@ -94,7 +90,7 @@ def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
     Raises:
         InputError: they are empty, inverted, or of somebody else.
     """
-    shares = joints_inside(chosen, masks)
+    shares = joints_inside(chosen.detections, masks)
     if not bool((shares >= LEAST_INSIDE).any()):
         told = ", ".join(f"{100 * share:.0f}" for share in shares.tolist())
         raise InputError(
@@ -121,45 +117,8 @@ def _overlap(model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: Person
             missing = float((drawn & ~mask).sum()) / area
             rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
     table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
-    inside = joints_inside(chosen, masks)
+    inside = joints_inside(chosen.detections, masks)
     return _Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
-
-
-def joints_inside(chosen: ChosenFrames, masks: PersonMasks) -> Tensor:
-    """Share of the sure joints of each view that lie in the mask, (C,); 1 without joints."""
-    held, counted = _held(chosen, masks)
-    share = held.sum((0, 2)) / counted.sum((0, 2)).clamp(min=1)
-    return torch.where(counted.any(-1).any(0), share.double(), 1.0)
-
-
-def limb_doubts(chosen: ChosenFrames, masks: PersonMasks) -> Iterator[str]:
-    """Sentences about views whose masks end before limbs that are seen there."""
-    shares = joints_inside(chosen, masks).tolist()
-    for name, share, limbs in zip(chosen.clip.names, shares, _left_out(chosen, masks), strict=True):
-        if share >= LEAST_INSIDE and limbs:
-            yield (
-                f"masks of {name}: leave out {', '.join(limbs)}; expected all of the person: is a "
-                "part cut off, or hidden by something?"
-            )
-
-
-def _left_out(chosen: ChosenFrames, masks: PersonMasks) -> list[list[str]]:
-    """Elbows, knees and ankles of each view that the masks of hardly any frame hold."""
-    held, counted = (part.sum(0) for part in _held(chosen, masks))  # C 16
-    never = (counted >= _FEWEST) & (held < _HARDLY * counted)
-    return [[LANDMARKS[k] for k in _LIMBS if row[k]] for row in never.tolist()]
-
-
-def _held(chosen: ChosenFrames, masks: PersonMasks) -> tuple[Tensor, Tensor]:
-    """Sure joints that lie in the mask, and those that lie in the image, (F, C, 16)."""
-    pixels = chosen.detections.joints2d.round().long()  # F C 16 2
-    height, width = masks.inside.shape[-2:]
-    sure = chosen.detections.confidence2d > _SURE
-    within = (pixels >= 0).all(-1) & (pixels[..., 0] < width) & (pixels[..., 1] < height)
-    index = pixels[..., 1].clamp(0, height - 1) * width + pixels[..., 0].clamp(0, width - 1)
-    held = masks.inside.flatten(-2).gather(-1, index) > 0
-    counted = sure & within
-    return held & counted, counted
 
 
 # --------------------------------------------------------------------------------------------------

@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from functools import partial
 
-from perfcap.app.body_doubts import (
-    LEAST_INSIDE,
-    joints_inside,
-    limb_doubts,
-    outline_doubts,
-    require_person,
-)
+from perfcap.app.body_doubts import outline_doubts, require_person
 from perfcap.app.fit_views import ChosenFrames, choose_frames, read_masks
 from perfcap.app.inputs import Inputs
 from perfcap.io.doctor.masks import examine_masks
 from perfcap.io.mask_files import MaskFolders
 from perfcap.rigging import PersonMasks
+from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside, limb_doubts
 
 _LOOKED_AT = 12  # frames
 _FROM_ONE = "; if their numbers begin with 1, each is a frame late: begin with 0"
@@ -75,8 +70,8 @@ def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
         return
     clip = inputs.clip
     chosen, found = masked_frames(inputs, _LOOKED_AT, masks)
-    shares = joints_inside(chosen, found).tolist()
-    yield from limb_doubts(chosen, found)
+    shares = joints_inside(chosen.detections, found).tolist()
+    yield from limb_doubts(clip.names, chosen.detections, found)
     for name, share in zip(clip.names, shares, strict=True):
         if share < LEAST_INSIDE:
             yield (

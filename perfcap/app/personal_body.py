@@ -16,7 +16,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import limb_doubts, mask_doubts, outline_doubts
+from perfcap.app.body_doubts import mask_doubts, outline_doubts
 from perfcap.app.body_map import body_map
 from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
@@ -32,6 +32,7 @@ from perfcap.pipeline.bone_doubts import leg_ratio
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
+from perfcap.rigging.mask_checks import limb_doubts
 
 # --- A fitted body drawn over the frames it was fitted to -----------------------------------------
 
@@ -242,7 +243,8 @@ class PersonalBody:
             )
         if self.masks is not None:
             yield from mask_doubts(self.model, fit, self.chosen, self.masks)
-            yield from limb_doubts(self.chosen, self.masks)
+            given = self.chosen.detections, self.masks
+            yield from limb_doubts(self.chosen.clip.names, *given)
             yield from outline_doubts(self.chosen, self.masks)
 
 

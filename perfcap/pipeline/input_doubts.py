@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -19,15 +18,10 @@ from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.calibration import CameraRig
-from perfcap.io.doctor import (
-    Finding,
-    Severity,
-    examine_agreement,
-    examine_cameras,
-    examine_detections,
-)
+from perfcap.io.doctor import Finding, Severity
+from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.footage import examine_blank, examine_footage
+from perfcap.io.doctor.given import examine_given, given_rig
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.bone_doubts import bone_doubts, triangulated
@@ -91,7 +85,7 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
     told += tuple(actor_doubts(person.actor, cameras, joints, person.solve_bones))
     found: tuple[Finding, ...] = ()
     if images is None or not images.examined:
-        found = _input_findings(cameras, joints)
+        found = examine_given(cameras, joints)
         told += _input_sentences(joints, found)
     if images is not None and looked_at and not images.examined:
         told += _image_doubts(images, scene, joints)
@@ -107,33 +101,12 @@ def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) ->
         detections: (F, C).
         faint: whether to tell that all confidences are next to nothing.
     """
-    return _input_sentences(detections, _input_findings(cameras, detections, faint))
+    return _input_sentences(detections, examine_given(cameras, detections, faint=faint))
 
 
 def agreement_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
     """What ``input_doubts`` says of how several views agree, (C,) or (F, C), alone."""
-    return _input_sentences(detections, examine_agreement(*_rig(cameras, detections)))
-
-
-def _input_findings(
-    cameras: Camera, detections: Detections, faint: bool = True
-) -> tuple[Finding, ...]:
-    rig, seen = _rig(cameras, detections)
-    return (
-        *examine_cameras(rig),
-        *examine_detections(rig, seen, coverage=False, faint=faint),
-        *examine_agreement(rig, seen),
-    )
-
-
-def _rig(cameras: Camera, detections: Detections) -> tuple[CameraRig, Detections]:
-    """Views with numbers for names, and what they see, without gradients."""
-    known = cameras.map(lambda part: part.detach().double().cpu())
-    seen = detections.to(known.intrinsics).map(lambda part: part.detach())
-    middles = known.intrinsics[..., :2, 2].reshape(-1, known.views, 2)[0]
-    sizes = tuple((round(2 * y) + 1, round(2 * x) + 1) for x, y in middles.tolist())
-    names = tuple(f"view {view}" for view in range(known.views))
-    return CameraRig(names, replace(known, size=known.size or sizes)), seen
+    return _input_sentences(detections, examine_agreement(*given_rig(cameras, detections)))
 
 
 def _input_sentences(detections: Detections, findings: Sequence[Finding]) -> tuple[str, ...]:

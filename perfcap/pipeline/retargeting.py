@@ -38,6 +38,7 @@ from perfcap.pipeline.joint_motion import (
     require_same_limbs,
     wanted_turns,
 )
+from perfcap.pipeline.motion_order import order_doubts
 from perfcap.pipeline.objective import angle_bounds, soft_edge
 from perfcap.pipeline.pose_paths import Pace, in_turn, paced
 from perfcap.pipeline.retarget_rows import Rows
@@ -95,9 +96,9 @@ def retarget(
         InputError: the rate, the scale or a setting is none, or joints are in another unit.
     """
     rate = frame_rate(rate)
-    for line in rate_doubts(rate):
-        warnings.warn(f"retarget: {line}", stacklevel=2)
     _require_arguments(source, joints, target)
+    for line in (*rate_doubts(rate), *order_doubts(joints.position)):
+        warnings.warn(f"retarget: {line}", stacklevel=2)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()

@@ -27,7 +27,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.build_body import LENGTHS, Scales
-from perfcap.rigging.fit_checks import require_fit, require_masks, warn_of_places
+from perfcap.rigging.fit_checks import require_fit, require_masks, warn_of_inputs
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -137,7 +137,7 @@ def fit_body(
     detections = detections.finite()
     if masks is not None:
         require_masks(masks, detections.frame_count, settings)
-    warn_of_places(cameras, detections)
+    warn_of_inputs(cameras, detections, masks)
     problem = _Problem(model, cameras, detections, height, settings, adjoint)
     if settings.consensus == "median":
         alone = [

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+
+import torch
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.calibration import CameraRig
-from perfcap.io.doctor import examine_places
-from perfcap.io.doctor.order import examine_order
+from perfcap.io.doctor import Severity
+from perfcap.io.doctor.given import examine_given
 from perfcap.rigging.build_body import Person
+from perfcap.rigging.mask_checks import limb_doubts, others_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.setting_checks import require_number
@@ -68,18 +71,33 @@ def require_fit(
         )
 
 
-def warn_of_places(cameras: Camera, detections: Detections) -> None:
-    """Warn of joints in other pixels than the cameras', and of frames that were sorted as text."""
-    names = tuple(f"view {view}" for view in range(cameras.views))
+def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks | None) -> None:
+    """Warn of what a capture would warn of, and of masks of somebody else, (F, C)."""
+    names = [f"view {view}" for view in range(cameras.views)]
     seen = detections.map(lambda part: part.detach().cpu())
-    found = []
-    if cameras.size:
-        rig = CameraRig(names, cameras.map(lambda part: part.detach().cpu()))
-        found += examine_places(rig, seen.map(lambda part: part[None]))
-    for view, name in enumerate(names):
-        found += examine_order(name, seen.joints2d[:, view], seen.confidence2d[:, view])
-    for each in found:
-        warnings.warn(f"body fit: {each.subject}: {each.what}; {each.remedy}", stacklevel=3)
+    # frames to fit to are picked from a clip
+    found = examine_given(cameras, seen, successive=False)
+    told = [
+        f"{each.subject}: {each.what}; {each.remedy}"
+        for each in found
+        if each.severity is not Severity.INFO
+    ]
+    if masks is not None:
+        there = _seen_in(masks, cameras, detections)
+        told += [*others_doubts(names, *there), *limb_doubts(names, *there)]
+    for line in told:
+        warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _seen_in(
+    masks: PersonMasks, cameras: Camera, detections: Detections
+) -> tuple[Detections, PersonMasks]:
+    """Detections (F, C) in pixels of the masks, and these."""
+    ideal = torch.nn.functional.pad(cameras.to_plane(detections.joints2d), (0, 1), value=1.0)
+    pixels = masks.cameras.to(ideal).project_camera(ideal)
+    there = replace(detections, joints2d=pixels).map(lambda part: part.detach().cpu())
+    inside = masks.inside.detach().cpu()
+    return there, PersonMasks(masks.cameras, inside)
 
 
 def require_masks(masks: object, frames: int, settings: ViewFitSettings) -> None:

@@ -99,7 +99,8 @@ def test_what_is_doubtful_is_said_once(
     parts[-1] = str(tmp_path / "moved.npz")
     with pytest.raises(SystemExit):
         main(parts)
-    assert "person 2: cam2: looks" in caplog.text and "view 1: looks" not in caplog.text
+    said = caplog.text
+    assert "person 2: cam2: sees the person" in said and "view 1: sees" not in said
 
 
 def test_everybody_moves_in_one_file(captured: Path) -> None:

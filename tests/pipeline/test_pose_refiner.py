@@ -199,11 +199,9 @@ def test_train_and_eval() -> None:
     layer.eval()
     with pytest.warns(UserWarning, match="in eval mode, in which joints .* get none"):
         assert not layer(VIEWS, leaf).joints.requires_grad
-    with torch.no_grad():
-        assert not layer(VIEWS, leaf).joints.requires_grad
-    layer.train()
-    with torch.no_grad():
-        assert not layer(VIEWS, leaf).joints.requires_grad
+    for training in (False, True):
+        with torch.no_grad():
+            assert not layer.train(training)(VIEWS, leaf).joints.requires_grad
     torch.testing.assert_close(layer(VIEWS, PIXELS).joints, trained.joints.detach())
 
 

@@ -1,5 +1,6 @@
 """Motion of one skeleton on another."""
 
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -220,3 +221,26 @@ def test_seconds_of_a_frame_are_no_rate() -> None:
     joints = joints_of(PERSON, walk(PERSON, 6))
     with pytest.warns(UserWarning, match=r"retarget: rate is 0\.03333 frames a second"):
         retarget(PERSON, joints, PERSON, 1 / 30, FREE)
+
+
+@pytest.mark.parametrize("mistake", ["none", "no order", "text", "backwards", "held"])
+def test_frames_that_do_not_follow_one_another(mistake: str) -> None:
+    """All of them gave a motion that shakes or leaps, with nothing said."""
+    count = 60
+    joints = joints_of(PERSON, walk(PERSON, count))
+    ahead = torch.linspace(0, 3, count, dtype=F64)[:, None, None] * torch.eye(3, dtype=F64)[2]
+    joints = replace(joints, position=joints.position + ahead)
+    index, part = torch.arange(count), slice(14, 31)
+    said = {
+        "no order": (torch.randperm(count, generator=torch.Generator().manual_seed(0)), "follow"),
+        "text": (torch.tensor(sorted(range(count), key=str)), "sorted as text"),
+        "backwards": (torch.cat((index[:14], index[part].flip(0), index[31:])), "frames 14-30"),
+        "held": (index.where((index < 14) | (index > 30), 14), "16 of 59 frames repeat the joints"),
+    }
+    order, words = said.get(mistake, (index, ""))
+    moved = JointMotion(joints.rotation[order], joints.position[order])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        retarget(PERSON, moved, PERSON, 30.0, FREE)
+    lines = [str(each.message) for each in told]
+    assert len(lines) == (mistake != "none") and all(words in line for line in lines), lines

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from dataclasses import astuple, replace
 from functools import partial
 
@@ -27,7 +26,7 @@ from perfcap.io.body_model import load_body_model
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, extents, fit_body
-from perfcap.rigging.fit_checks import warn_of_places
+from perfcap.rigging.fit_checks import warn_of_inputs
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import Implicit, LevenbergMarquardt, Step
@@ -310,8 +309,42 @@ def test_joints_of_smaller_videos_are_told(model: BodyModel) -> None:
     detections, _ = seen(model, motion, cameras)
     half = replace(detections, joints2d=detections.joints2d / 2)
     with pytest.warns(UserWarning, match="body fit: view 0: all joints .* top left quarter"):
-        warn_of_places(cameras.select([0]), half.select([0]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warn_of_places(cameras, detections)
-        warn_of_places(replace(cameras, size=()), half)  # unknown
+        warn_of_inputs(cameras.select([0]), half.select([0]), None)
+    warn_of_inputs(cameras, detections, None)
+
+
+def twice(rest: Motion) -> Motion:
+    """The same frames, and turned a little."""
+    bare = replace(rest, shared={})
+    both = Motion.cat([bare, replace(bare, rotation=bare.rotation + 0.3)])
+    return replace(both, shared=rest.shared)
+
+
+def test_views_in_each_others_place_are_told(model: BodyModel) -> None:
+    """They gave another body, where `actor fit` named them."""
+    cameras = synthetic.cameras(3, size=160, distance=3.0)
+    detections, _ = seen(model, twice(person(model)), cameras)
+    with pytest.warns(UserWarning, match="body fit: .* px disagreement"):
+        warn_of_inputs(cameras, detections.select([1, 0, 2]), None)
+    warn_of_inputs(cameras, detections, None)
+
+
+def test_masks_of_others_are_told(model: BodyModel) -> None:
+    """Inverted ones, of another place, and without legs gave another body."""
+    cameras = synthetic.cameras(2, size=160, distance=3.0)
+    detections, inside = seen(model, twice(person(model)), cameras)
+    inverted = inside.clone()
+    inverted[:, 1] = ~inside[:, 1]
+    aside = torch.cat((inside[:, :1].roll(80, -1), inside[:, 1:]), 1)
+    short = inside.clone()
+    short[:, 0, 100:] = False
+    small = PersonMasks(cameras, inside.double()).shrunk(2)
+    for masks, said in (
+        (inverted, "masks of view 1: hold . % of the detected joints"),
+        (aside, "masks of view 0: hold .* % of the detected joints"),
+        (short, "masks of view 0: leave out .*ankle"),
+    ):
+        with pytest.warns(UserWarning, match=said):
+            warn_of_inputs(cameras, detections, PersonMasks(cameras, masks))
+    warn_of_inputs(cameras, detections, PersonMasks(cameras, inside))
+    warn_of_inputs(cameras, detections, small)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from perfcap.detect.association.frame_doubts import frame_doubts
 from perfcap.detect.association.grouping import Groups, group_views
 from perfcap.detect.association.settle import Settled, own_limbs, settle
 from perfcap.detect.association.sightings import AssociationConfig, Sightings
@@ -94,7 +95,7 @@ def associate(
     sightings = Sightings.of(cameras.detach(), plain, config)
     groups = group_views(sightings)
     tracks, joins = rejoin(link(groups, rate, config), groups, rate, config)
-    wrong = view_doubts(sightings.cameras, plain, config, names)
+    wrong = (*view_doubts(sightings.cameras, plain, config, names), *frame_doubts(plain))
     chosen = _choose(tracks, candidates.frame_count, rate, people, config, wrong)
     first = torch.stack([places(track, groups, candidates.frame_count) for track in chosen])
     settled = settle(sightings, first, rate)

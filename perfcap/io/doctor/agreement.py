@@ -15,6 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.evidence import (
     BETTER,
+    MIN_JOINTS,
     Scene,
     disagreement,
     left_out_error,
@@ -23,6 +24,7 @@ from perfcap.io.doctor.evidence import (
 from perfcap.io.doctor.finding import Finding, Severity, doubting
 from perfcap.io.doctor.hypotheses import Hypothesis, hypotheses, late_view
 from perfcap.io.doctor.neighbours import examine_neighbours
+from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
@@ -37,12 +39,15 @@ HOPELESS = 0.08
 SLACK_OF_TWO = 2.0  # two views alone place a person this much worse
 OUTLIER = 1.8  # an error this many times the other views' is not noise
 PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this factor
+# Times what is left without a view: late ones leave 1.6 at most once they are in time, one whose
+# joints lie 30 or 60 px aside 1.7 or more, and often another view then seems late
+IN_TIME = 1.6
 LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
 def examine_agreement(
-    rig: CameraRig, detections: Detections, *, alone: bool = True
+    rig: CameraRig, detections: Detections, *, alone: bool = True, successive: bool = True
 ) -> list[Finding]:
     """Triangulate the person and explain what does not fit.
 
@@ -54,6 +59,7 @@ def examine_agreement(
         rig: C views; nothing can be said of one.
         detections: (F, C).
         alone: whether nobody else is followed, so that following everybody may help.
+        successive: whether frames follow one another, not picked from a clip.
     """
     if detections.views != len(rig.names) or detections.views < 2:
         return []
@@ -65,25 +71,27 @@ def examine_agreement(
     scene, names = given, list(rig.names)
     height, now = person_height(scene.sampled()), disagreement(scene.sampled())
     if not (math.isfinite(height) and math.isfinite(now)):
+        # of a frame that was picked there are never more
+        few = not successive and detections.frame_count * len(LANDMARKS) < MIN_JOINTS
         what = "hardly any joint is seen by two views at once; agreement cannot be checked"
-        return [Finding(Severity.WARNING, "cameras", what)]
+        return [] if few else [Finding(Severity.WARNING, "cameras", what)]
     findings: list[Finding] = []
     for _ in rig.names:
-        found = _explain(scene, names, height, alone)
+        found = _explain(scene, names, height, alone, successive)
         if found is None:
             break
         finding, scene, names = found
         findings.append(finding)
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
-        points, _ = sampled.triangulated(rounds=6)
-        findings += _scale(points)
-        throughout = (
-            examine_sides("detections", points)
-            or examine_pairs("detections", points)
-            or examine_neighbours("detections", points)
-        )
+        # where joints of one view are exchanged, points are nowhere
+        throughout = examine_one_view(sampled, names, height)
+        if not throughout:
+            scaled, throughout = _throughout(sampled)
+            findings += scaled
         findings += throughout
+        if not successive:
+            return findings
         views = [rig.names.index(name) for name in names]  # others are left out by now
         parts = _stretches(scene.sure(), names, height, alone, bool(throughout))
         findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
@@ -101,23 +109,23 @@ def examine_agreement(
 
 
 def _explain(
-    scene: Scene, names: list[str], height: float, alone: bool
+    scene: Scene, names: list[str], height: float, alone: bool, successive: bool
 ) -> tuple[Finding, Scene, list[str]] | None:
     """The mistake that explains most, and the scene without it; None when all is well."""
     now = disagreement(scene.sampled())
     if not FINE * height < now:
         return None
     best, left = best_mistake(scene, names, BAD * height)
-    late = late_view(scene, names)
+    late = late_view(scene, names) if successive else None
     in_time = math.inf if late is None else disagreement(late.undo(scene).sampled())
-    if late is not None and in_time < min(left, now):
+    outcast = _outcast(scene.sampled(), now, height)
+    without = math.inf if outcast is None else outcast.rest
+    if late is not None and in_time < min(left, now, IN_TIME * without):
         return (
             Finding(Severity.ERROR, late.subject, late.what, late.remedy),
             late.undo(scene),
             names,
         )
-    outcast = _outcast(scene.sampled(), now, height)
-    without = math.inf if outcast is None else outcast.rest
     if left < min(BETTER * now, PREFERRED * without):
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
         finding = Finding(Severity.ERROR, best.subject, what, best.remedy)
@@ -171,6 +179,17 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     if len(views) > 3 and errors[suspect] > max(enough, OUTLIER * others):
         return _Outcast(suspect, errors[suspect], rest[suspect])
     return None
+
+
+def _throughout(scene: Scene) -> tuple[list[Finding], list[Finding]]:
+    """The unit of the world, and joints that have the names of others in every view."""
+    points, _ = scene.triangulated(rounds=6)
+    exchanged = (
+        examine_sides("detections", points)
+        or examine_pairs("detections", points)
+        or examine_neighbours("detections", points)
+    )
+    return _scale(points), exchanged
 
 
 def _stretches(

@@ -46,6 +46,7 @@ def examine_detections(
     faint: bool = True,
     detected: bool = False,
     alone: bool = True,
+    successive: bool = True,
 ) -> list[Finding]:
     """Coverage, image size, and units, axes and frames of 3D poses.
 
@@ -56,6 +57,7 @@ def examine_detections(
         faint: whether to tell that all confidences are next to nothing.
         detected: whether they were found in the images of these cameras, so that sizes fit.
         alone: whether nobody else is followed.
+        successive: whether frames follow one another, not picked from a clip.
     """
     if detections.views != len(rig.names):
         what = f"{detections.views} views for {len(rig.names)} cameras"
@@ -69,8 +71,8 @@ def examine_detections(
         if coverage:
             findings += _coverage(name, detections.confidence2d[:, view])
         shown = detections.joints2d[:, view], detections.confidence2d[:, view]
-        order = _order(name, view, detections)
-        if not rig.cameras.moving:
+        order = _order(name, view, detections, successive)
+        if successive and not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
         repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated
@@ -98,19 +100,25 @@ def examine_detections(
             if not repeated:
                 wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
             poses = detections.joints3d[:, view], detections.trusted3d[:, view]
-            wrong = wrong or examine_turned_poses(name, view, *shown, *poses)
-            known = torch.where(poses[1][:, None, None], poses[0], torch.nan)
-            findings += wrong or examine_crossed_parts(name, known, (view,))
+            if successive:
+                known = torch.where(poses[1][:, None, None], poses[0], torch.nan)
+                wrong = wrong or examine_turned_poses(name, view, *shown, *poses)
+                wrong = wrong or examine_crossed_parts(name, known, (view,))
+            findings += wrong
         elif len(rig.names) == 1:
-            findings += examine_turned_view(name, *shown) + examine_crown(name, *shown)
+            findings += examine_turned_view(name, *shown) if successive else []
+            findings += examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
 
 
-def _order(name: str, view: int, detections: Detections) -> list[Finding]:
+def _order(name: str, view: int, detections: Detections, successive: bool) -> list[Finding]:
     """Frames of a view in a wrong order."""
     given = _given(view, detections)
-    order = examine_order(name, *given) or examine_shuffled(name, *given)
+    order = examine_order(name, *given)
+    if not successive:
+        return order
+    order = order or examine_shuffled(name, *given)
     return order or examine_backwards(name, view, *given)
 
 

@@ -81,7 +81,7 @@ def disagreement(scene: Scene) -> float:
     figure whatever the number of views. A point behind a view that sees it counts as one off the
     image, since cameras in one place, say, agree on every point at that place.
     """
-    residual = _residuals(scene)
+    residual = joint_residuals(scene)
     known = residual[~residual.isnan()]
     if len(known) < MIN_JOINTS:
         return math.inf
@@ -91,11 +91,11 @@ def disagreement(scene: Scene) -> float:
 
 def frame_residuals(scene: Scene) -> Tensor:
     """The median residual of each frame, (F,), on the plane; NaN of frames that nobody is in."""
-    return _residuals(scene).nanmedian(-1).values
+    return joint_residuals(scene).nanmedian(-1).values
 
 
-def _residuals(scene: Scene) -> Tensor:
-    """Of each joint, (F, 16), on the plane; NaN where unknown."""
+def joint_residuals(scene: Scene) -> Tensor:
+    """The residual of each joint, (F, 16), on the plane; NaN where unknown."""
     points, residual = scene.triangulated(rounds=0)
     depth = scene.cameras.to_camera(points)[..., 2]
     behind = ((depth < MIN_DEPTH) & (scene.detections.confidence2d > 0)).any(-2)
