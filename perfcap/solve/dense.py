@@ -15,6 +15,8 @@ from perfcap.solve.energy import Energy, Objective, Residual, State, Step
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.soundness import require_recording
 
+_CHANGES = 1e-3  # of residuals, a unit of the unknown: rounding changes them by far less
+
 Function = Callable[[Tensor], Tensor]
 Sides = tuple[Tensor | float | None, Tensor | float | None]
 
@@ -137,7 +139,45 @@ def pose(function: Function, initial: object, bounds: object) -> tuple[Objective
             "the residual function does not depend on its unknowns by torch operations: no "
             "derivative leads through detach(), item(), numpy() or torch.no_grad(); leave them out"
         )
+    _require_slopes(own, initial.detach())
     return Objective(function=own), Vector(initial), _box(bounds, initial)
+
+
+def _require_slopes(function: ResidualFunction, start: Tensor) -> None:
+    """Refuse a function that changes with unknowns (*b, n) whose derivative is zero all around.
+
+    They would stay where they start, as if they were the answer.
+
+    Raises:
+        InputError: it does.
+    """
+    here, values = _slopes(function, start)
+    still = (here == 0).reshape(-1, start.shape[-1]).all(0)
+    if not bool(still.any() and values.isfinite().all()):
+        return
+    size = torch.finfo(start.dtype).eps ** (1 / 3)
+    step = still * size * start.abs().clamp(min=1)
+    (left, below), (right, above) = (_slopes(function, start + sign * step) for sign in (-1, 1))
+    # what is even about the start, as a square at zero, has no slope there
+    change = float((above - below).abs().max()) / (2 * size)
+    flat = not bool((left[..., still] != 0).any() or (right[..., still] != 0).any())
+    if flat and change > _CHANGES * max(1.0, float(values.abs().max())):
+        raise InputError(
+            f"the residual function changes with unknowns {still.nonzero().flatten().tolist()}, "
+            "but no derivative leads to them by torch operations, so that they would stay where "
+            "they start: torch.tensor([...]) of unknowns, float(), item(), math and NumPy cut it; "
+            "use torch.stack and torch functions"
+        )
+
+
+def _slopes(function: ResidualFunction, unknowns: Tensor) -> tuple[Tensor, Tensor]:
+    """Derivative (*b, n) of a sum of residuals that no two of cancel in, and the residuals."""
+    with torch.enable_grad():
+        asked = unknowns.clone().requires_grad_()
+        values = function.residual(Vector(asked)).value
+        odd = (1.0 + torch.arange(values.numel()).to(values)).sin().reshape(values.shape)
+        (slope,) = torch.autograd.grad((values * odd).sum(), asked)
+    return slope, values.detach()
 
 
 def _box(bounds: object, initial: Tensor) -> Bounds | None:

@@ -1,5 +1,7 @@
 """``solve`` on bare functions and tensors, and what it says of input of another kind."""
 
+import math
+
 import pytest
 import torch
 
@@ -136,3 +138,46 @@ def test_transforms_of_a_solve_are_refused_by_name(transform):
 def test_settings_that_are_none_are_named(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def _turned(x, matrix):
+    points = torch.tensor([[1.0, 0.0], [0.0, 2.0], [1.0, 1.0]], dtype=x.dtype)
+    seen = points @ matrix(x.new_tensor([0.5])).mT + x.new_tensor([0.3, -0.2])
+    return (points @ matrix(x).mT + x[1:] - seen).flatten()
+
+
+def _stacked(x):
+    c, s = x[0].cos(), x[0].sin()
+    return torch.stack((c, -s, s, c)).reshape(2, 2)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        lambda x: torch.tensor([[x[0].cos(), -x[0].sin()], [x[0].sin(), x[0].cos()]]).to(x),
+        lambda x: _stacked(torch.tensor([math.atan(math.tan(float(x[0].detach())))]).to(x)),
+        lambda x: _stacked(x).detach(),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:Converting a tensor with requires_grad")
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_unknowns_that_no_derivative_leads_to(matrix, kind):
+    """The angle stayed at 0 for 0.5, and the solve had converged."""
+    start = torch.zeros(3, dtype=kind)
+    with pytest.raises(InputError, match=r"changes with unknowns \[0\], but no derivative"):
+        solve(lambda x: _turned(x, matrix), start)
+    right = solve(lambda x: _turned(x, _stacked), start)
+    assert float(right.state[0]) == pytest.approx(0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_derivatives_that_are_zero_where_a_solve_starts(kind):
+    """Squares, hinges, and unknowns that nothing asks for."""
+    start = torch.zeros(4, dtype=kind)
+
+    def residual(x):
+        return torch.stack((x[0] - 1, 9 * x[1] ** 2 + 1, x[2].relu(), (-x[2]).relu() * 3, x[0]))
+
+    assert float(solve(residual, start).state[0]) == pytest.approx(0.5, abs=1e-3)
+    batch = solve(lambda x: torch.cat((x[:, :1] - 1, x[:, 1:2].abs()), -1), start.expand(2, 4))
+    assert batch.state[:, 0].tolist() == pytest.approx([1.0, 1.0], abs=1e-3)
