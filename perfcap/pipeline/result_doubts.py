@@ -12,6 +12,7 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.view_words import view_words
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
@@ -31,6 +32,9 @@ _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
 _SEEN = 0.3  # confidence
 _BESIDE_JOINTS = 0.06  # of a person's box: 0.01 is usual, 0.1 and more in a wrong order
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
+# Cosines: of what is said to be up with bodies and images, and of these with each other
+_NOT_UP, _ALIKE = 0.5, 0.7
+_TRUNK = [LANDMARKS.index(name) for name in ("neck", "l_hip", "r_hip")]
 
 
 def joint_doubts(
@@ -85,6 +89,8 @@ def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> I
         yield from _stature(problem.actor)
     yield from _distance(problem.cameras, motion)
     yield from _jumps(motion, problem.rate)
+    if problem.up is not None:
+        yield from _upright(problem.actor.joints(motion), problem.cameras, problem.up)
 
 
 def hip_speed(motion: Motion, rate: float) -> Tensor:
@@ -111,6 +117,28 @@ def _distance(cameras: Camera, motion: Motion) -> Iterator[str]:
             f"the person is {distance:.3g} m from the cameras; check the focal length and the "
             "units of cameras and actor"
         )
+
+
+def _upright(joints: Tensor, cameras: Camera, up: Tensor) -> Iterator[str]:
+    """Whether people (F, 16, 3) and images both have another direction up than is given, (3,).
+
+    Who lies is upright in no image, and a camera on its side has people across it.
+    """
+    neck, *hips = joints.detach()[:, _TRUNK].unbind(1)
+    body, images = _mean(neck - sum(hips) / len(hips)), _mean(-cameras.rotation.detach()[..., 1, :])
+    given = up.detach()
+    if max(float(body @ given), float(images @ given)) < _NOT_UP and float(body @ images) > _ALIKE:
+        shown = ", ".join(f"{part:.2g}" for part in (body + images).div(2).tolist())
+        yield (
+            f"up is given as {[round(part, 2) for part in given.tolist()]}, but the person's trunk "
+            f"and the images both have ({shown}) up, in the world of the cameras; check axis and "
+            "sign, since feet are put on a floor there"
+        )
+
+
+def _mean(directions: Tensor) -> Tensor:
+    """Mean direction of vectors (..., 3), (3,); shorter than one where they differ."""
+    return torch.nn.functional.normalize(directions, dim=-1).reshape(-1, 3).mean(0)
 
 
 def _jumps(motion: Motion, rate: float) -> Iterator[str]:
