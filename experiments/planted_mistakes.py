@@ -4,9 +4,9 @@ In any: joints that follow each other in a limb exchanged throughout, one joint 
 third of the clip, frames in no order, a third of the clip backwards. In two calibrated views or
 more: one joint of both sides exchanged throughout, two views exchanged from the middle of the clip
 on, arms or legs exchanged in all views for a third of it, joints exchanged in one view throughout,
-five frames put in. In one view with 3D poses: joints of both sides exchanged throughout; left and
-right exchanged, or depth negated, for a third of the clip. What is said of the right input as well
-does not count.
+five frames put in. In one view with 3D poses: joints of both sides exchanged throughout; 3D poses
+mirrored, sides and all, and 2D joints not; left and right exchanged, or depth negated, for a third
+of the clip. What is said of the right input as well does not count.
 """
 
 from __future__ import annotations
@@ -112,6 +112,9 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
         order = list(LANDMARKS16.mirrored())
         yield "left and right, a third", _ordered(seen, order, third)
         yield "depth negated, a third", _ordered(seen, range(16), third, depth=-1.0)
+        assert seen.joints3d is not None
+        mirrored = seen.joints3d[..., order, :] * seen.joints3d.new_tensor([-1.0, 1.0, 1.0])
+        yield "3D poses mirrored", replace(seen, joints3d=mirrored)
         return
     for names, limbs in ((_ARMS, "arms"), (_LEGS, "legs")):
         yield f"{limbs} exchanged, a third", _ordered(seen, _exchange(*names), third)

@@ -1,15 +1,22 @@
-"""Whether clips of a batch are the frames of a motion: axes of a batch that are exchanged."""
+"""Whether clips of a batch are the frames of a motion, and what single images show together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
+from perfcap.detect.detections import Detections
+from perfcap.geometry.camera import Camera
+from perfcap.pipeline.clip_problem import alike_cameras
+from perfcap.pipeline.estimate_doubts import relative_poses
+from perfcap.pipeline.input_doubts import images_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate
 
 _FEWEST, _MOST = 6, 64  # clips
+_SHORT = 10  # frames: checks of poses want as many
 _NEARER = 0.4  # of the way to other clips, and to the next frame of a clip, from clip to clip
 
 
@@ -39,6 +46,27 @@ def batch_doubts(clips: Sequence[ClipEstimate]) -> Iterator[str]:
         f"the {len(clips)} clips of {frames} frame{'s' * (frames > 1)} follow one another as the "
         f"frames of a motion do; {remedy}"
     )
+
+
+def together_doubts(clips: Sequence[ClipEstimate], missing: Collection[str]) -> Iterator[str]:
+    """What clips that are too short to show it alone show together, as images of a shuffled batch.
+
+    Args:
+        clips: most of which say nothing each by itself.
+        missing: landmarks that the estimator does not have.
+    """
+    clips = clips[:_MOST]
+    kinds = {(each.detections.views, each.cameras.size) for each in clips}
+    if len(clips) < 2 or len(kinds) > 1 or max(each.frames for each in clips) >= _SHORT:
+        return
+    parts = [each.detections.map(lambda part: part.detach().cpu()) for each in clips]
+    seen = Detections.cat([replace(e, joints3d=relative_poses(e, missing)) for e in parts])
+    every = [each.cameras.every_frame(each.frames) for each in clips]
+    cameras = Camera.cat(
+        [each.map(lambda part: part.detach().cpu()) for each in alike_cameras(every)]
+    )
+    for line in images_doubts(cameras, seen):
+        yield f"the {len(clips)} clips together: {line}"
 
 
 def _joints(clip: ClipEstimate) -> Tensor:

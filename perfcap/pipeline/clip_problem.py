@@ -262,7 +262,9 @@ class WindowData(Record):
             cameras = first.cameras
         else:
             frames = first.numbers.shape[-1]
-            cameras = Camera.stack(_alike([each.cameras.every_frame(frames) for each in records]))
+            cameras = Camera.stack(
+                alike_cameras([each.cameras.every_frame(frames) for each in records])
+            )
         seen = [each.detections for each in records]
         if any(each.joints3d is None for each in seen):
             seen = [replace(each, joints3d=None) for each in seen]
@@ -316,7 +318,7 @@ def _resize(energy: Energy[Motion], windows: WindowData) -> None:
     energy.weight = energy.weight.to(width) * windows.gain3d * width
 
 
-def _alike(cameras: list[Camera]) -> list[Camera]:
+def alike_cameras(cameras: list[Camera]) -> list[Camera]:
     """Cameras that all have a lens distortion, if any has one."""
     if all(each.distortion is None for each in cameras):
         return cameras

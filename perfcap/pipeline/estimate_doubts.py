@@ -39,18 +39,26 @@ def estimate_doubts(
         missing: landmarks that the estimator does not have.
         learned: whether confidences are still being learned, and may be next to nothing.
     """
-    if detections.joints3d is None:
+    poses = relative_poses(detections, missing)
+    if poses is None:
         return input_doubts(cameras, detections, not learned)
-    poses = detections.joints3d.detach()
-    poses = poses - mid_hip(poses).unsqueeze(-2)
-    for name, beside in _BESIDE.items():
-        if name in missing:  # a foot without a length points nowhere
-            poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
     told = input_doubts(cameras, replace(detections, joints3d=poses), not learned)
     seen = [place for place, name in enumerate(LANDMARKS) if name not in missing]
     told = (*told, *_odd_sizes(detections, seen))
     alone = not bool((detections.confidence2d > 0).any())
     return (*told, *_headlong(cameras, poses[detections.trusted3d])) if alone else told
+
+
+def relative_poses(detections: Detections, missing: Collection[str]) -> Tensor | None:
+    """3D poses (F, C, 16, 3) about their hips, with feet of no length where toes are missing."""
+    if detections.joints3d is None:
+        return None
+    poses = detections.joints3d.detach()
+    poses = poses - mid_hip(poses).unsqueeze(-2)
+    for name, beside in _BESIDE.items():
+        if name in missing:  # a foot without a length points nowhere
+            poses[..., LANDMARKS.index(name), :] = poses[..., LANDMARKS.index(beside), :]
+    return poses
 
 
 def _odd_sizes(detections: Detections, seen: list[int]) -> Iterator[str]:

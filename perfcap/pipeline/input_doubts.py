@@ -21,7 +21,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.footage import examine_blank, examine_footage
-from perfcap.io.doctor.given import examine_given, given_rig
+from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.bone_doubts import bone_doubts, triangulated
@@ -102,6 +102,11 @@ def input_doubts(cameras: Camera, detections: Detections, faint: bool = True) ->
         faint: whether to tell that all confidences are next to nothing.
     """
     return _input_sentences(detections, examine_given(cameras, detections, faint=faint))
+
+
+def images_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:
+    """What joints of many images in any order, (F, C), show together; see ``examine_images``."""
+    return _input_sentences(detections, examine_images(cameras, detections))
 
 
 def agreement_doubts(cameras: Camera, detections: Detections) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_plain
 from perfcap.pipeline.adapt import adapted
-from perfcap.pipeline.batch_doubts import batch_doubts
+from perfcap.pipeline.batch_doubts import batch_doubts, together_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
 from perfcap.pipeline.config import PoseConfig
@@ -219,6 +219,8 @@ class PoseRefiner(nn.Module):
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
             told.append(bool(lines))
+        for line in together_doubts(clips, missing) if 2 * sum(told) < len(told) else ():
+            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         return told
 
     def _examine_fit(

@@ -39,3 +39,26 @@ def test_right_batches_are_not_named(length: int) -> None:
     shuffled = torch.randperm(24, generator=torch.Generator().manual_seed(0))
     clips = PIXELS[shuffled, None] if length == 1 else PIXELS.unfold(0, length, 2).movedim(-1, 1)
     assert said(clips) == []
+
+
+@pytest.mark.parametrize("length", [1, 4])
+def test_short_clips_show_together_what_each_does_not(length: int) -> None:
+    """Sides, depth and axes are judged by ten frames or more."""
+    poses = TAKE.detections.joints3d
+    assert poses is not None
+    shuffled = torch.randperm(24, generator=torch.Generator().manual_seed(0))
+    parts = [each[shuffled] for each in (PIXELS, TAKE.detections.confidence2d, poses)]
+    pixels, sure, poses = (each.unflatten(0, (-1, length)) for each in parts)
+    exchanged = poses[..., [1, 0, 2]]
+
+    def told(poses: Tensor, lead: int) -> list[str]:
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            given = (each[:lead] for each in (pixels, sure, poses))
+            PoseRefiner(TAKE.actor).eval()(TAKE.cameras, *given)
+        return [str(each.message) for each in found if "clips together" in str(each.message)]
+
+    (line, *_) = told(exchanged, 24)
+    assert f"the {24 // length} clips together: view 0: x and y look exchanged" in line
+    assert not told(poses, 24)
+    assert not told(exchanged, 1)  # says nothing alone

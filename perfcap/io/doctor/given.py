@@ -33,6 +33,23 @@ def examine_given(
     )
 
 
+def examine_images(cameras: Camera, detections: Detections) -> tuple[Finding, ...]:
+    """What joints of many images show together, where each alone shows too little.
+
+    Units, lenses and sizes of images show in each.
+
+    Args:
+        cameras: C views, (C,) of all images, or (F, C).
+        detections: (F, C), in any order.
+    """
+    rig, seen = given_rig(cameras, detections)
+    known = {"faint": False, "detected": True, "successive": False}
+    return (
+        *examine_detections(rig, seen, coverage=False, **known),
+        *examine_agreement(rig, seen, successive=False),
+    )
+
+
 def given_rig(cameras: Camera, detections: Detections) -> tuple[CameraRig, Detections]:
     """Views with numbers for names, and what they see, without gradients."""
     known = cameras.map(lambda part: part.detach().double().cpu())

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.geometry.triangulation import translation_from_plane
 from perfcap.io.doctor.finding import Finding, Severity
 
@@ -16,6 +17,7 @@ LOST = 0.15  # more is no pose of these joints
 FAR = 0.3  # errors beyond this count as this: a joint behind the camera has any
 NEARER = 0.8  # a shift explains a misfit if undoing it leaves at most this share
 EXCHANGED = 0.5
+MIRRORED = 0.7  # of 40 frames of six recordings and of lifters on six more it is 1.5 and more
 SHIFTS = 30  # frames looked at, both ways
 _COARSE = (2, 3, 5, 8, 12, 16, 20, 25, SHIFTS)
 _FRAMES = 240  # looked at, evenly spread
@@ -44,6 +46,12 @@ def examine_lifted(
     if exchanged < EXCHANGED * now:
         what = "x and y look exchanged between the 2D joints and the 3D poses"
         remedy = "expected x to the right and y down in both"
+        return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
+    # sides exchanged as well, as where images are mirrored to have more of them to train on
+    turned = (pose * pose.new_tensor([-1.0, 1.0, 1.0]))[:, list(LANDMARKS16.mirrored())]
+    if _View(turned, plane, view.confidence).misfit(0) < MIRRORED * now:
+        what = "3D poses look like mirror images of the 2D joints, left and right exchanged"
+        remedy = "mirror both or neither: x in the image, x in camera axes, and sides of joints"
         return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
     shift, least = _best_shift(view)
     if least < NEARER * now:
