@@ -166,14 +166,19 @@ class HeatmapHead(nn.Module):
         return logits
 
     def forward(self, features: Tensor, to_image: Tensor) -> Detections:
-        """Joints in image pixels with gradients back to the features.
+        """Joints in image pixels with gradients back to the features; float32 within autocast too.
 
         Args:
             features: (*b, F, C, channels, h, w).
             to_image: affine map from heat-map pixels to image pixels, (*b, F, C, 2, 3).
         """
-        points, spread = soft_argmax(self.logits(features))
-        pixels = points @ to_image[..., :2].mT + to_image[..., None, :, 2]
+        logits = self.logits(features)
+        # pixels of an image are whole eights in bfloat16, whatever a network computes in
+        kind = torch.promote_types(logits.dtype, torch.float32)
+        with torch.autocast(logits.device.type, enabled=False):
+            points, spread = soft_argmax(logits.to(kind))
+            to_image = to_image.to(kind)
+            pixels = points @ to_image[..., :2].mT + to_image[..., None, :, 2]
         confidence = torch.exp(-0.5 * (spread / self.spread).square())
         joints2d, trust = map_to_landmarks(pixels, confidence, self.joint_set)
         return Detections.from_joints(joints2d, trust)

@@ -116,3 +116,26 @@ def test_joints_by_the_name_of_their_set() -> None:
         strict=True,
     ):
         assert torch.equal(mapped, same)
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float16])
+@pytest.mark.parametrize("joints", ["landmarks16", "COCO-17"])
+@torch.no_grad()
+def test_a_head_in_half_precision_has_pixels_in_full(kind: torch.dtype, joints: str) -> None:
+    """Within bfloat16 joints of an image of 1700 px were 2.5 px off in the mean, and up to 6."""
+    head = HeatmapHead(channels=17, joints=joints).eval()
+    head.maps.weight.copy_(torch.eye(17)[: len(head.joint_set), :, None, None])
+    head.maps.bias.zero_()
+    grid = torch.stack(torch.meshgrid(torch.arange(72), torch.arange(72), indexing="xy"), -1)
+    places = 5 + 60 * torch.rand(4, 1, 17, 2, generator=torch.Generator().manual_seed(0))
+    maps = -(grid - places[..., None, None, :]).square().sum(-1) / 4
+    to_image = torch.tensor([[20.0, 0.0, 300.0], [0.0, 20.0, 200.0]]).expand(4, 1, 2, 3)
+    full = head(maps, to_image)
+    with torch.autocast("cpu", kind):
+        found = head(maps, to_image)
+    assert found.joints2d.dtype == torch.float32
+    seen = full.confidence2d > 0
+    assert float((found.joints2d - full.joints2d)[seen].abs().max()) < 1.0  # of maps of 20 px
+    half = head.to(kind)(maps.to(kind), to_image)
+    assert half.joints2d.dtype == torch.float32
+    assert float((half.joints2d - full.joints2d)[seen].abs().max()) < 1.0
