@@ -36,6 +36,8 @@ AUC_THRESHOLDS = tuple(range(0, 151, 5))  # mm
 TORSO_SHARE = 0.2  # of the torso's diagonal, Yang and Ramanan 2013
 HEAD_SHARE = 0.5  # of the head's length, Andriluka et al. 2014
 _LARGEST_SHARE = 2.0
+# Of what joints span, of a torso, a head or a box; and joints of a frame that show it
+_LARGEST_SIZE, _WHOLE = 2.0, 8
 _TORSO = (5, 8)  # left shoulder, right hip
 _HEAD = (0, 1)  # crown, neck
 
@@ -89,7 +91,8 @@ def image_correct_share(
         confidence: (*b, F, J); joints of confidence 0 or NaN are missing.
 
     Raises:
-        InputError: shapes that do not belong together, or a share that is none.
+        InputError: shapes that do not belong together, a share that is none, or sizes larger than
+            people.
     """
     if not 0 < share <= _LARGEST_SHARE:
         raise InputError(
@@ -105,8 +108,30 @@ def image_correct_share(
             "a frame, (*b, F)"
         )
     known = size.isfinite() & (size > 0)
+    _require_size_of(truth, valid, size.where(known, torch.nan))
     relative = (pixels - truth).norm(dim=-1) / torch.where(known, size, 1).unsqueeze(-1)
     return correct_share(relative, valid & known.unsqueeze(-1), share)
+
+
+def _require_size_of(truth: Tensor, valid: Tensor, size: Tensor) -> None:
+    """Refuse sizes (*b, F) in other pixels than joints (*b, F, J, 2): all would be near enough.
+
+    Raises:
+        InputError: torsos or heads are most often larger than what all joints span.
+    """
+    seen = valid.unsqueeze(-1)
+    high, low = (
+        part(truth.where(seen, sign * torch.inf), -2)
+        for part, sign in ((torch.amax, -1), (torch.amin, 1))
+    )
+    span = (high - low).norm(dim=-1)
+    whole = (valid.sum(-1) >= _WHOLE) & (span > 0)
+    times = (size / span).where(whole, torch.nan).nanmedian()
+    if float(times) > _LARGEST_SIZE:
+        raise InputError(
+            f"size is {float(times):.3g} times what the true joints span from end to end, so that "
+            "any joint would be near enough; expected a torso or a head in pixels of the joints"
+        )
 
 
 def torso_size(truth: Tensor, ends: tuple[int, int] = _TORSO) -> Tensor:

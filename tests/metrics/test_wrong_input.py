@@ -113,6 +113,12 @@ def test_directions_shares_and_bones_that_are_none() -> None:
     for share in (20, 0, float("nan")):
         with pytest.raises(InputError, match="share is"):
             image_correct_share(pixels, pixels, torso_size(pixels), share)
+    seen = torch.rand(9, 16, 2, generator=torch.Generator().manual_seed(0))
+    with pytest.raises(InputError, match="times what the true joints span"):  # 100 % of any joints
+        image_correct_share(seen, seen, 640 * torso_size(seen), 0.2)
+    assert image_correct_share(seen, seen, 1.2 * seen.new_ones(9) * 2**0.5, 0.2) == 100  # of a box
+    few = seen.where((torch.arange(16) < 3)[:, None], torch.nan)
+    assert image_correct_share(few, few, seen.new_full((9,), 9.0), 0.2) == 100
     for bones in ([], (0, 1)):
         with pytest.raises(InputError, match="expected pairs of joints"):
             bone_length_variation(TRUTH, bones)  # type: ignore[arg-type]
