@@ -38,6 +38,7 @@ from perfcap.temporal.window import (
 
 WIDTH = 5  # frames, Xu 2018
 CHUNK = 8  # frames at once, so that memory does not grow with them
+_HALF, _STEP = 2.6, 0.2  # rad, of vectors on both sides of half a turn, and of a frame's motion
 _LEAST = 1e-6  # of a confidence: where nothing was measured all frames count alike
 
 Taps = tuple[float, ...]  # c_0 ... c_n
@@ -74,7 +75,8 @@ def smooth_vectors(
             its value from those around it, and may hold NaN.
 
     Raises:
-        InputError: taps or confidence that are none, whole numbers, or NaN in other frames.
+        InputError: taps or confidence that are none, whole numbers, NaN in other frames, or
+            rotation vectors that pass half a turn.
     """
     return _smooth(values, mean_vectors, taps, confidence)
 
@@ -240,12 +242,35 @@ def _filled(values: Tensor, confidence: Tensor, before: _Believed | None = None)
 
 def _filter(values: Tensor, confidence: Tensor, frames: range, taps: Taps, mean: Mean) -> Tensor:
     """Filtered values of some frames, (f, ...), in chunks; all others are there to look at."""
+    if mean is mean_vectors:
+        _require_no_turns(values)
     parts = [values[:0]]
     for start in range(frames.start, frames.stop, CHUNK):
         chunk = torch.arange(start, min(start + CHUNK, frames.stop), device=values.device)
         index, weights = _window(chunk, confidence, taps)
         parts.append(mean(values[index], weights.to(values.dtype)))
     return torch.cat(parts)
+
+
+def _require_no_turns(values: Tensor) -> None:
+    """Refuse vectors (F, ..., 3) that go on a full turn farther, as rotation vectors alone do.
+
+    Raises:
+        InputError: some do.
+    """
+    if values.dim() < 2 or values.shape[-1] != 3 or len(values) < 2:
+        return
+    before, after = values.detach()[:-1], values.detach()[1:]
+    size = before.norm(dim=-1, keepdim=True)
+    turned = before - math.tau * before / size.clamp(min=_HALF)
+    wraps = (size[..., 0] > _HALF) & (after.norm(dim=-1) > _HALF)
+    wraps &= (after - turned).norm(dim=-1) < _STEP
+    if bool(wraps.any()):
+        raise InputError(
+            "values are rotation vectors that go on a full turn farther, and whose means turn "
+            "nowhere near; expected what may be averaged: use smooth_rotations, or a Smoother of "
+            "mean_rotations"
+        )
 
 
 def _window(frames: Tensor, confidence: Tensor, taps: Taps) -> tuple[Tensor, Tensor]:

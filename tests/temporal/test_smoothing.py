@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from perfcap.errors import InputError
-from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.temporal.smoothing import (
     Smoother,
     binomial,
@@ -241,3 +241,24 @@ def test_gradients_reach_confidences(smooth):
 def test_a_whole_kernel_is_no_half_of_one():
     with pytest.raises(InputError, match="weigh other frames more than the frame itself"):
         smooth_vectors(torch.zeros(9, 3), (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16))
+
+
+def test_rotation_vectors_are_no_vectors_where_they_pass_half_a_turn():
+    """Means of them were 113 degrees off."""
+    time = torch.arange(60, dtype=F64) / 30
+    turning = torch.stack((0 * time, 2.8 + 0.6 * torch.sin(4 * time), 0.1 * time), -1)
+    wrapped = matrix_to_rotvec(rotvec_to_matrix(turning))
+    smooth_rotations(wrapped)
+    pieces = wrapped.split(7)
+    for values in (wrapped, wrapped[:, None]):
+        with pytest.raises(InputError, match="use smooth_rotations"):
+            smooth_vectors(values)
+    with pytest.raises(InputError, match="Smoother of mean_rotations"):
+        smoother = Smoother(mean_vectors)
+        [smoother.push(piece) for piece in pieces]
+        smoother.finish()
+    # as they go on, and people who walk or jump about
+    smooth_vectors(turning)
+    smooth_vectors(wrapped[:4])
+    smooth_vectors(torch.cat((turning, -1.2 * turning)))
+    smooth_vectors(3 * torch.randn(60, 16, 3, dtype=F64))
