@@ -52,6 +52,24 @@ def test_frames_that_are_late(joints: Tensor) -> None:
     assert "5 frames later" in line
 
 
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize("late", [-1, 1])
+def test_one_frame_is_most_of_the_error_of_a_good_capture(
+    joints: Tensor, late: int, elsewhere: bool
+) -> None:
+    """Several views place joints to a centimetre: errors of 2 and 3 cm were taken as theirs."""
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    found = joints + 0.003 * noise
+    if elsewhere:  # half a metre off, as one view's depth is
+        found = found + torch.tensor([0.0, 0.0, 0.5]).to(joints)
+    assert told(found, joints) == ()
+    first, last = slice(0, -1), slice(1, None)
+    here, there = (first, last) if late < 0 else (last, first)
+    (line,) = told(found[here], joints[there])
+    assert f"of 1 frame {'later' if late > 0 else 'earlier'}" in line
+    assert ("aligned frame by frame" in line) == elsewhere
+
+
 @pytest.mark.parametrize("rate", [2.0, 0.5, 1.2])
 def test_another_frame_rate(joints: Tensor, rate: float) -> None:
     """Without its rate and numbers of frames, a truth of 60 frames a second was taken as of 30."""
