@@ -10,6 +10,7 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
+from perfcap.io.doctor.finding import counted
 from perfcap.pipeline.clip_problem import alike_cameras
 from perfcap.pipeline.estimate_doubts import relative_poses
 from perfcap.pipeline.input_doubts import images_doubts
@@ -43,7 +44,7 @@ def batch_doubts(clips: Sequence[ClipEstimate]) -> Iterator[str]:
         else "expected (B, F, C, J, 2): clips first, then their frames"
     )
     yield (
-        f"the {len(clips)} clips of {frames} frame{'s' * (frames > 1)} follow one another as the "
+        f"the {len(clips)} clips of {counted(frames)} follow one another as the "
         f"frames of a motion do; {remedy}"
     )
 

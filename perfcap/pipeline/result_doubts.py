@@ -15,7 +15,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.view_words import view_words
 from perfcap.geometry.camera import Camera
-from perfcap.io.doctor.finding import ranges
+from perfcap.io.doctor.finding import counted, ranges
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import AGREES, Evidence
 from perfcap.pipeline.look import Looked
@@ -165,7 +165,7 @@ def doubts(looked: Looked) -> Iterator[str]:
     refinement = looked.refinement
     if looked.contours is not None and looked.contours.doubtful.any():
         yield (
-            f"in {int(looked.contours.doubtful.sum())} frames hardly any edge of the images lies "
+            f"in {counted(int(looked.contours.doubtful.sum()))} hardly any edge of the images lies "
             "along the body's outline: little light, blur, clothes like the background, or an "
             "actor of another size; there the motion is about that of the joints alone"
         )
@@ -180,7 +180,7 @@ def doubts(looked: Looked) -> Iterator[str]:
     for limb in dict.fromkeys(each.words for each in refinement.pose.limbs):
         frames = sum(e.stop - e.start for e in refinement.pose.limbs if e.words == limb)
         yield (
-            f"in {frames} frames the {limb} is where silhouettes show it, not where its joints "
+            f"in {counted(frames)} the {limb} is where silhouettes show it, not where its joints "
             "were detected; how far in front or behind is a guess (lost_limbs in run.json)"
         )
     # a good mask in twenty is named, too: no reason to warn
@@ -190,7 +190,7 @@ def doubts(looked: Looked) -> Iterator[str]:
     yield from mask_doubts(refinement.evidence, doubtful if contradicted else 0)
     if len(beside):
         yield (
-            f"in {len(beside)} frames given masks lie beside the captured person, and are not "
+            f"in {counted(len(beside))} given masks lie beside the captured person, and are not "
             "used: are they of these frames and this person, true inside? run.json names them "
             "(doubtful_masks)"
         )
@@ -199,7 +199,7 @@ def doubts(looked: Looked) -> Iterator[str]:
     for name, part in parts:
         if part is not None and not part.kept.all():
             yield (
-                f"in {int((~part.kept).sum())} frames silhouettes did not improve the {name}; it "
+                f"in {counted(int((~part.kept).sum()))} silhouettes did not improve the {name}; it "
                 "is kept, or filled in from frames around them"
             )
 
@@ -233,23 +233,23 @@ def _of_frames(evidence: Evidence) -> Iterator[str]:
         yield f"the scene changes at frames {report['scene_cuts']}; nothing is carried across"
     if report["nobody_in_view"]:
         yield (
-            f"in {len(report['nobody_in_view'])} frames the person is outside every image; "
+            f"in {counted(len(report['nobody_in_view']))} the person is outside every image; "
             "nothing refines them"
         )
     if report["cropped"]:
         yield (
-            f"in {len(report['cropped'])} frames the border of an image cuts the person off; what "
-            "lies outside follows as it can"
+            f"in {counted(len(report['cropped']))} the border of an image cuts the person off; "
+            "what lies outside follows as it can"
         )
     if report["no_contour"]:
         yield (
-            f"in {len(report['no_contour'])} frames the masks are empty or fill the image; nothing "
-            "refines them"
+            f"in {counted(len(report['no_contour']))} the masks are empty or fill the image; "
+            "nothing refines them"
         )
     if report["blank_images"]:
         yield (
-            f"in {len(report['blank_images'])} frames an image is of one color around the person; "
-            "it shows nothing, and its mask is empty (blank_images in run.json)"
+            f"in {counted(len(report['blank_images']))} an image is of one color around the "
+            "person; it shows nothing, and its mask is empty (blank_images in run.json)"
         )
 
 
@@ -269,7 +269,7 @@ def mask_doubts(evidence: Evidence, doubtful: int) -> Iterator[str]:
         )
     if doubtful:
         yield (
-            f"in {doubtful} frames masks may be wrong: a network contradicts them, or they are "
+            f"in {counted(doubtful)} masks may be wrong: a network contradicts them, or they are "
             "less sure and less like the posed body than is usual here; run.json names them "
             "(doubtful_masks)"
         )

@@ -66,7 +66,7 @@ def test_masks_of_something_else_in_some_frames_are_named_and_not_used(
     call = ("--until", "refine_pose", "--no-overlay", "--masks", str(folder))
     done = perfcap(small.command(tmp_path / "out", *call))
     assert done.code in (0, 3), done
-    assert any("in 1 frames given masks lie beside" in note for note in done.notes)
+    assert any("in 1 frame given masks lie beside" in note for note in done.notes)
     found = report(tmp_path / "out")["refinement"]
     assert found["doubtful_masks"] == [7]
     assert found["mask_confidence"][7] == 0 and min(found["mask_confidence"][:7]) == 1

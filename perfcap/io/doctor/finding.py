@@ -65,6 +65,11 @@ def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
     return replace(detections, doubted=doubted)
 
 
+def counted(frames: int) -> str:
+    """A number of frames in words: ``1 frame``, ``2 frames``."""
+    return f"{frames} frame" if frames == 1 else f"{frames} frames"
+
+
 def ranges(frames: Sequence[int], limit: int = 6) -> str:
     """Frame numbers as ``3-7, 12``, at most ``limit`` ranges."""
     spans: list[list[int]] = []
