@@ -15,9 +15,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from perfcap.detect.crop import Crop, Frame, body_box
-from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, map_to_landmarks
-from perfcap.detect.look import look_at
+from perfcap.detect.crop import Frame
+from perfcap.detect.joint_set import LANDMARKS, map_to_landmarks
+from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
 from perfcap.detect.manifest import InputSpec, Manifest
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.people import OnnxFinder
@@ -29,7 +29,6 @@ from perfcap.io.video import VideoFile
 Floats = NDArray[np.float64]
 
 _EVERY = 6  # frames of the clip
-_NEAR = 0.1  # of the larger extent of the person's joints
 # Distances of another reading, in those of the manifest's, where that is no surer. Of the shipped
 # networks read rightly it is 0.95 and more. Read wrongly, that of the right reading is 0.6 and less
 # for values of another range and 0.05 for x and y exchanged; for colours in another order it is 0.8
@@ -40,8 +39,6 @@ _FEW = 0.7  # of the joints; of the shipped networks 0.94 and more are found
 _IMAGENET = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _ONES = (1.0, 1.0, 1.0)
 _NONE = (0.0, 0.0, 0.0), _ONES
-_JUDGED = [n for n, name in enumerate(LANDMARKS) if "toe" not in name and name[1] == "_"]
-_OPPOSITE = list(LANDMARKS16.mirrored())
 
 
 @dataclass(frozen=True)
@@ -183,15 +180,15 @@ def _read(network: OnnxDetector | OnnxFinder, manifest: Manifest) -> Reading:
         seen = [(*_look(network, frame, truth), truth) for frame, truth in _clip()]
     finally:
         network.manifest = before
-    judged = [n for n in _JUDGED if LANDMARKS[n] not in network.joint_set.missing()]
+    judged = [n for n in JUDGED if LANDMARKS[n] not in network.joint_set.missing()]
     off, opposite = (
         np.stack([_apart(points, truth[order])[judged] for points, _, truth in seen])
-        for order in (list(range(len(LANDMARKS))), _OPPOSITE)
+        for order in (list(range(len(LANDMARKS))), OPPOSITE)
     )
     return Reading(
         float(np.median(off)),
-        float((off < _NEAR).mean()),
-        float((opposite < _NEAR).mean()),
+        float((off < NEAR).mean()),
+        float((opposite < NEAR).mean()),
         float(np.mean([sure[judged] for _, sure, _ in seen])),
     )
 
@@ -205,13 +202,11 @@ def _apart(points: Floats, truth: Floats) -> Floats:
 
 def _look(network: OnnxDetector | OnnxFinder, frame: Frame, truth: Floats) -> tuple[Floats, Floats]:
     """Landmarks (16, 2) that a network sees, pixels, and its confidence; 0 where it sees none."""
-    if isinstance(network, OnnxFinder):
-        looks = network(frame)[:1]
-    else:
-        box = body_box(torch.from_numpy(truth), torch.ones(len(truth)), 0.5)
-        assert box is not None
-        spec = network.manifest.input
-        looks = look_at(network, frame, [Crop.around(box, spec.size, spec.padding)])
+    if isinstance(network, OnnxDetector):
+        seen = look_at_known(network, frame, truth)
+        assert seen is not None
+        return seen
+    looks = network(frame)
     if not looks:
         return np.zeros((len(LANDMARKS), 2)), np.zeros(len(LANDMARKS))
     points, sure = map_to_landmarks(looks[0].joints2d, looks[0].confidence, network.joint_set)

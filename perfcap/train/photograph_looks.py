@@ -11,20 +11,17 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from perfcap.detect.crop import Crop, body_box
-from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, map_to_landmarks
-from perfcap.detect.look import CropNetwork, look_at
+from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, Floats, look_at_known
+from perfcap.detect.look import CropNetwork
 from perfcap.errors import InputError
-from perfcap.train.photograph_checks import PEOPLE, Floats, stretches, where
+from perfcap.train.photograph_checks import PEOPLE, stretches, where
 from perfcap.train.photographs import Annotation, read_photograph
 
 Shares = NDArray[np.float64]
 
 _MOST = 400  # people who are looked at
-_NEAR = 0.1  # of the larger extent of a person's joints
 # Of lspet, `lightning` sees 0.64 of the joints where they are marked and 0.22 on the other side; in
 # stretches of 20 people 0.46 and more, and never less than 0.2 more than on the other side. Where
 # joints are of the next photograph it is 0.02, of mirror images 0.12, 20 pixels aside 0.07, and
@@ -32,8 +29,6 @@ _NEAR = 0.1  # of the larger extent of a person's joints
 _FEW = 0.35
 _OTHER_SIDE = 0.15  # more of them
 _MIRRORED = 0.45  # found in mirror images of those of whom few are found
-_JUDGED = [n for n, name in enumerate(LANDMARKS) if "toe" not in name and name[1] == "_"]
-_OPPOSITE = list(LANDMARKS16.mirrored())
 
 
 def photograph_doubts(
@@ -90,21 +85,18 @@ def _found(network: CropNetwork, person: Annotation, mirrored: bool = False) -> 
         person: whom to look at.
         mirrored: look at the mirror image of the photograph, at the same place.
     """
-    image, joints = read_photograph(person.path), person.joints2d
-    known = np.isfinite(joints).all(-1)
-    box = body_box(torch.from_numpy(np.nan_to_num(joints)), torch.from_numpy(known).float(), 0.5)
-    if box is None:
+    image, joints = read_photograph(person.path), person.joints2d.astype(np.float64)
+    seen = look_at_known(
+        network, np.ascontiguousarray(image[:, ::-1]) if mirrored else image, joints
+    )
+    if seen is None:
         return np.zeros(2)
-    spec = network.manifest.input
-    frame = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
-    look = look_at(network, frame, [Crop.around(box, spec.size, spec.padding)])[0]
-    seen = map_to_landmarks(look.joints2d, look.confidence, network.joint_set)[0].numpy()
-    limit = _NEAR * float((np.nanmax(joints, 0) - np.nanmin(joints, 0)).max())
-    return np.array([_share(seen, marked, limit) for marked in (joints, joints[_OPPOSITE])])
+    limit = NEAR * float((np.nanmax(joints, 0) - np.nanmin(joints, 0)).max())
+    return np.array([_share(seen[0], marked, limit) for marked in (joints, joints[OPPOSITE])])
 
 
 def _share(seen: Floats, marked: Floats, limit: float) -> float:
     """How many of the marked joints (16, 2) are seen within a limit, pixels."""
-    apart = np.linalg.norm(seen - marked, axis=-1)[_JUDGED]
+    apart = np.linalg.norm(seen - marked, axis=-1)[JUDGED]
     apart = apart[np.isfinite(apart)]
     return float((apart <= limit).mean()) if len(apart) else 0.0

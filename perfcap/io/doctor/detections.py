@@ -81,35 +81,48 @@ def examine_detections(
         findings += _placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
         findings += [] if detected else _image_size(name, pixels, rig.cameras.size[view])
-        trusted = detections.trusted3d[:, view]
-        if detections.joints3d is not None and trusted.any():
-            pose = detections.joints3d[:, view][trusted]
-            findings += _pose3d(name, pose)
-            image = detections.joints2d[:, view][trusted]
-            wrong = _axes3d(name, pose, image, confident[trusted])
-            wrong = wrong or examine_lifted(
-                name,
-                detections.joints3d[:, view],
-                plane[:, view],
-                detections.confidence2d[:, view],
-                trusted,
-            )
-            wrong = wrong or examine_sides(name, pose) or examine_pairs(name, pose)
-            wrong = wrong or examine_neighbours(name, pose) or examine_crown(name, *shown)
-            wrong = wrong or examine_depth(name, pose)
-            if not repeated:
-                wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
-            poses = detections.joints3d[:, view], detections.trusted3d[:, view]
-            if successive:
-                known = torch.where(poses[1][:, None, None], poses[0], torch.nan)
-                wrong = wrong or examine_turned_poses(name, view, *shown, *poses)
-                wrong = wrong or examine_crossed_parts(name, known, (view,))
-            findings += wrong
+        if detections.joints3d is not None and detections.trusted3d[:, view].any():
+            findings += _poses3d(name, view, plane[:, view], detections, bool(repeated), successive)
         elif len(rig.names) == 1:
             findings += examine_turned_view(name, *shown) if successive else []
             findings += examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)
+
+
+def _poses3d(
+    name: str, view: int, plane: Tensor, detections: Detections, repeated: bool, successive: bool
+) -> list[Finding]:
+    """Units, axes, sides and frames of the 3D poses of a view; of what is wrong, the first.
+
+    Args:
+        name: of the view.
+        view: its number.
+        plane: its joints on the plane at distance 1, (F, 16, 2).
+        detections: (F, C), with 3D poses.
+        repeated: whether frames are known to repeat others.
+        successive: whether frames follow one another.
+    """
+    assert detections.joints3d is not None
+    every, trusted = detections.joints3d[:, view], detections.trusted3d[:, view]
+    joints, confidence = shown = detections.joints2d[:, view], detections.confidence2d[:, view]
+    pose = every[trusted]
+    wrong = (
+        _axes3d(name, pose, joints[trusted], (confidence > CONFIDENT)[trusted])
+        or examine_lifted(name, every, plane, confidence, trusted)
+        or examine_sides(name, pose)
+        or examine_pairs(name, pose)
+        or examine_neighbours(name, pose)
+        or examine_crown(name, *shown)
+        or examine_depth(name, pose)
+    )
+    if not repeated:
+        wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
+    if successive:
+        known = torch.where(trusted[:, None, None], every, torch.nan)
+        wrong = wrong or examine_turned_poses(name, view, *shown, every, trusted)
+        wrong = wrong or examine_crossed_parts(name, known, (view,))
+    return [*_pose3d(name, pose), *wrong]
 
 
 def _order(name: str, view: int, detections: Detections, successive: bool) -> list[Finding]:
