@@ -48,7 +48,7 @@ GROUPS = {
     "The solver": ("solver_classics", "solver_speed", "bundle_adjustment"),
     "How fast, and how much memory?": (
         "long_clip", "long_surface", "image_memory", "surface_speed", "deformation_speed",
-        "silhouette_speed", "report_speed", "batch",
+        "silhouette_speed", "report_speed", "batch", "first_capture",
     ),
     "Into other programs": ("export_check", "retarget", "robot_playback"),
     "All of them": ("all",),

@@ -19,6 +19,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
     "clocks": ("--views", "3", "--clips", "1", "--frames", "60"),
     "feet": (),
+    "first_capture": (),
     "fast_motion": ("--clips", "2", "--views", "1", "4", "--frames", "50"),
     "angle_limits": ("--clips", "1", "--views", "4", "--sequences", "dev_dance", "--unseen", "2"),
     "hands": ("--step", "60"),

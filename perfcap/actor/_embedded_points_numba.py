@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
@@ -16,6 +15,7 @@ from perfcap.actor._embedded_points_torch import Embedding
 from perfcap.actor.deformation import Deformation
 from perfcap.actor.deformation_graph import DeformationGraph
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
@@ -92,7 +92,7 @@ def _rows(tensor: Tensor, *shape: int) -> NDArray[Any]:
     return np.ascontiguousarray(rows.numpy())
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _merge(
     node_vertex: Indices,
     influences: Indices,
@@ -128,7 +128,7 @@ def _merge(
     return most
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _slot_of(node: int, used: int, blocks: Indices, share: Floats, arm: Floats) -> tuple[int, int]:
     """Slot of a node among the used ones, which are sorted, and how many are used with it."""
     slot = 0
@@ -146,7 +146,7 @@ def _slot_of(node: int, used: int, blocks: Indices, share: Floats, arm: Floats) 
     return slot, used + 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _place(
     base: Floats,
     blocks: Indices,
@@ -176,7 +176,7 @@ def _place(
                     points[p, n, c] += image - arm[p, n, a, c] + shift
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _turn_seen(blocks: Indices, rotation: Floats, turn: Floats) -> None:
     """Write the rotation matrices of the nodes that any point sees."""
     todo = np.ones(len(rotation), np.bool_)
@@ -188,7 +188,7 @@ def _turn_seen(blocks: Indices, rotation: Floats, turn: Floats) -> None:
                 todo[i] = False
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _derive(turned: Floats, share: Floats, directions: Floats, derivative: Floats) -> None:
     """Write ``turned x direction`` and ``share direction`` side by side, (P, N, k, Q, 6)."""
     problems, points, slots, along, _ = derivative.shape

@@ -2,15 +2,16 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import kernel
 
 Floats = NDArray[np.float64]
 _DEEPEST = 64  # crossings of a column; more are ignored, which no person's mesh has
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def crossings(
     vertices: Floats, faces: NDArray[np.int64], low: Floats, spacing: float, shape: tuple[int, int]
 ) -> tuple[Floats, NDArray[np.int8], NDArray[np.int64]]:

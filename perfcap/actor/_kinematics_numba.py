@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
@@ -16,6 +15,7 @@ from torch import Tensor
 from perfcap.actor.kinematic_tree import KinematicTree, Pose
 from perfcap.actor.motion import BONES, Motion
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
@@ -122,7 +122,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _place(
     tree: _Tree,
     clavicles: _Clavicles,
@@ -142,7 +142,7 @@ def _place(
         _place_points(tree, n, tree.bones[n // frames], translation, poses)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _turn_joint(
     tree: _Tree, joint: int, n: int, sine: Floats, cosine: Floats, poses: _Poses
 ) -> None:
@@ -172,7 +172,7 @@ def _turn_joint(
         poses.rotation[n, joint, 2, k] = _dot(bottom, column)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _turn_clavicles(tree: _Tree, clavicles: _Clavicles, n: int, poses: _Poses) -> None:
     """Rotations of clavicles, given their parents'; no joint inherits them."""
     for k in range(len(clavicles.joint)):
@@ -185,17 +185,17 @@ def _turn_clavicles(tree: _Tree, clavicles: _Clavicles, n: int, poses: _Poses) -
                 poses.rotation[n, joint, i, j] = turned[j]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _row(matrices: Floats, n: int, joint: int, i: int) -> _Row:
     return matrices[n, joint, i, 0], matrices[n, joint, i, 1], matrices[n, joint, i, 2]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _dot(a: _Row, b: _Row) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _turn(row: _Row, axis: _Row, sine: float, cosine: float) -> tuple[_Row, float]:
     """``row @ R(axis, angle)`` by Rodrigues' formula, and ``row . axis``."""
     (x, y, z), (a, b, c) = row, axis
@@ -209,7 +209,7 @@ def _turn(row: _Row, axis: _Row, sine: float, cosine: float) -> tuple[_Row, floa
     return turned, along
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _place_points(tree: _Tree, n: int, vectors: Floats, translation: Floats, poses: _Poses) -> None:
     """Bones in the world and the joints and landmarks they lead to; the root's bone is zero."""
     for end in tree.order:
@@ -222,7 +222,7 @@ def _place_points(tree: _Tree, n: int, vectors: Floats, translation: Floats, pos
             poses.points[n, end, i] = bone + origin
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _frame_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
     """Derivative (N, L, 3, 6 + A) in translation, rotation and angles: axis x (point - joint)."""
     joints = len(tree.parents)
@@ -246,7 +246,7 @@ def _frame_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
                     rows[2, 6 + angle] = a * y - b * x
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_drifts(tree: _Tree, clavicles: _Clavicles, poses: _Poses, jacobian: Floats) -> None:
     """Add how angles shift landmarks through clavicles: slope * (axis x clavicle)."""
     for n in range(len(jacobian)):
@@ -268,7 +268,7 @@ def _add_drifts(tree: _Tree, clavicles: _Clavicles, poses: _Poses, jacobian: Flo
                             jacobian[n, mark, i, 6 + angle] += slope * velocity
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _shape_jacobian(tree: _Tree, poses: _Poses, jacobian: Floats) -> None:
     """Derivative (N, L, 3, S) in the log bone lengths: the bones on the way, by group."""
     jacobian[:] = 0

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor._skinned_points_torch import Chosen, Skin, Unknowns
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
@@ -78,7 +78,7 @@ def _rows(tensor: Tensor, keep: int) -> Any:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _place(surface: _Surface, points: Floats) -> None:
     """Points (N, P, 3)."""
     signed = np.empty(surface.joints.shape[1])
@@ -94,7 +94,7 @@ def _place(surface: _Surface, points: Floats) -> None:
                         points[n, i, k] += weight * at[k]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _linearize(
     surface: _Surface,
     twists: Floats,
@@ -129,7 +129,7 @@ def _linearize(
             scratch.moves[:] = False
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _blend(surface: _Surface, n: int, vertex: int, signed: Floats) -> _Rigid:
     """Sum of a vertex's joint motions, with the signed weights of each."""
     table, pivot = surface.table, surface.pivots[vertex]
@@ -149,7 +149,7 @@ def _blend(surface: _Surface, n: int, vertex: int, signed: Floats) -> _Rigid:
     return (w, x, y, z), (a, b, c, d)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _back(surface: _Surface, vertex: int, real: _Quaternion) -> tuple[_Quaternion, _Quaternion]:
     """``r* / |r|^2`` and ``x r* / |r|^2``."""
     w, x, y, z = real
@@ -160,14 +160,14 @@ def _back(surface: _Surface, vertex: int, real: _Quaternion) -> tuple[_Quaternio
     return back, _multiply((0.0, *at), back)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _move(blend: _Rigid, back: _Quaternion, turned: _Quaternion) -> tuple[float, float, float]:
     """The posed vertex."""
     turned, shift = _multiply(blend[0], turned), _multiply(blend[1], back)
     return turned[1] + 2 * shift[1], turned[2] + 2 * shift[2], turned[3] + 2 * shift[3]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _add_corner(
     surface: _Surface, n: int, i: int, s: int, scratch: _Scratch, points: Floats
 ) -> None:
@@ -193,7 +193,7 @@ def _add_corner(
             scratch.moves[joint] = True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _scaled(table: Floats, n: int, joint: int, part: int, share: float) -> _Quaternion:
     """A share of the real (0) or dual (4) part of a joint's motion."""
     return (
@@ -204,7 +204,7 @@ def _scaled(table: Floats, n: int, joint: int, part: int, share: float) -> _Quat
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _add_share(
     shares: Floats,
     joint: int,
@@ -237,7 +237,7 @@ def _add_share(
     shares[joint, 12] += u
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _climb(parents: Indices, scratch: _Scratch) -> None:
     """Add to every joint's share those of the joints below it, which come later."""
     for joint in range(len(parents) - 1, 0, -1):
@@ -248,7 +248,7 @@ def _climb(parents: Indices, scratch: _Scratch) -> None:
                 scratch.shares[parent, k] += scratch.shares[joint, k]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _pull(scratch: _Scratch, x: float, y: float, z: float) -> None:
     """How twists of every joint that moves the point move it along a direction."""
     shares = scratch.shares
@@ -264,7 +264,7 @@ def _pull(scratch: _Scratch, x: float, y: float, z: float) -> None:
             scratch.pulls[joint, 5] = a * z + b * y - c * x
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _along(pulls: Floats, joint: int, twists: Floats, n: int, d: int) -> float:
     """Velocity along the direction that unknown d gives the point."""
     turned: float = (
@@ -280,14 +280,14 @@ def _along(pulls: Floats, joint: int, twists: Floats, n: int, d: int) -> float:
     return turned + shifted
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _length(quaternion: _Quaternion) -> float:
     """Squared length."""
     w, x, y, z = quaternion
     return w * w + x * x + y * y + z * z
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _multiply(left: _Quaternion, right: _Quaternion) -> _Quaternion:
     """Hamilton product."""
     a, b, c, d = left

@@ -11,11 +11,11 @@ Most loops are a single line over whole blocks of pixels: compilers do eight at 
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.energy._fading_numba import fading
+from perfcap.kernels import inner, kernel
 from perfcap.render._density_numba import reach, steps
 
 Floats = NDArray[np.float64]
@@ -31,7 +31,7 @@ _IMAGES, _SUMS = 9, 14
 _FIRST, _LAST, _LEFT, _RIGHT, _AT, _START, _STOP = range(7)  # where a Gaussian lies
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def look(
     splats: Splats,
     least: float,
@@ -82,7 +82,7 @@ def look(
     return total
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@inner(fastmath=False)
 def _boxes(splats: Splats, reaches: Floats, height: int, width: int, boxes: Places) -> int:
     """Rows and columns that each Gaussian touches, and its first place in a ``Room``; its size."""
     centre, form, _ = splats
@@ -105,7 +105,7 @@ def _boxes(splats: Splats, reaches: Floats, height: int, width: int, boxes: Plac
     return size
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _alive(
     row: int, boxes: Places, order: Places, live: Places, here: int, behind: int
 ) -> tuple[int, int]:
@@ -130,7 +130,7 @@ def _alive(
     return kept, behind
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _begin(
     centre: Floats, form: Floats, row: int, box: Places, values: Floats, lean: Floats
 ) -> None:
@@ -153,7 +153,7 @@ def _begin(
         k *= more
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@inner(fastmath=True)
 def _draw(
     splats: Splats,
     least: float,
@@ -205,13 +205,13 @@ def _draw(
     return low, high
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _whole(count: int) -> int:
     """Whole blocks of so many pixels."""
     return (count + _BLOCK - 1) // _BLOCK * _BLOCK
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@inner(fastmath=True)
 def _price(images: Floats, low: int, c: Singles, s: Singles, flat: Singles) -> float:
     """Energy of a row, from column ``low`` on.
 
@@ -240,7 +240,7 @@ def _price(images: Floats, low: int, c: Singles, s: Singles, flat: Singles) -> f
     return total
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@inner(fastmath=True)
 def _derive(images: Floats, low: int, c: Singles, s: Singles, flat: Singles) -> None:
     """Make a row's first three images the energy's derivatives in them, for ``_bend`` one more."""
     high = low + len(flat)
@@ -261,7 +261,7 @@ def _derive(images: Floats, low: int, c: Singles, s: Singles, flat: Singles) -> 
         thick[i] = size[i] * (alike[i] - flat[i])
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@inner(fastmath=True)
 def _bend(images: Floats, low: int, c: Singles, s: Singles, flat: Singles, bend: float) -> None:
     """Make images 3 to 5 the entries xx, xy, yy of curvature for a shift, over optical depth."""
     high = low + len(flat)
@@ -278,7 +278,7 @@ def _bend(images: Floats, low: int, c: Singles, s: Singles, flat: Singles, bend:
         yy[i] = stiff[i] * y[i] * y[i]
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@inner(fastmath=True)
 def _collect(
     splats: Splats,
     least: float,
@@ -329,7 +329,7 @@ def _collect(
         sums[q, 13] += cyy
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _finish(splats: Splats, sums: Floats, of_splats: Splats, curved: Floats) -> None:
     """Derivatives in the splats from their moments."""
     _, form, thickness = splats

@@ -2,9 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import kernel
 
 Floats = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ _C8, _C9, _C10, _C11, _C12 = (1 / math.factorial(k) for k in range(8, 13))
 
 
 # not fast, whoever calls it: that would take what rounds a number for nothing
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@kernel(fastmath=False)
 def fading(depth: Floats, left: Floats) -> None:
     """``exp(-depth)`` of numbers that are not negative, to the last digit or two.
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve._robust_numba import Robust, robust
 
 Floats = NDArray[np.floating[Any]]
@@ -103,7 +103,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _bone(known: Known, joints: Floats, bone: int) -> tuple[float, float, float, float]:
     """Vector of a bone and its length."""
     x, y, z = 0.0, 0.0, 0.0
@@ -116,7 +116,7 @@ def _bone(known: Known, joints: Floats, bone: int) -> tuple[float, float, float,
     return x, y, z, np.sqrt(x * x + y * y + z * z)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _residual(known: Known, joints: Floats, error: Floats) -> None:
     """Joints (N, J, 3) minus predictions, centred, in their units: (N, C, J, 3, 1)."""
     length = np.empty((joints.shape[1], 1), joints.dtype)
@@ -130,7 +130,7 @@ def _residual(known: Known, joints: Floats, error: Floats) -> None:
             _subtract_predictions(known, known.direction[n, view], length, error[n, view])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _derivative(known: Known, joints: Floats, jacobian: Floats, moved: Floats) -> None:
     """The same, (N, C, J, 3, D), of the derivative of joints (N, J, 3, D)."""
     longer = np.empty((jacobian.shape[1], jacobian.shape[3]), jacobian.dtype)
@@ -144,7 +144,7 @@ def _derivative(known: Known, joints: Floats, jacobian: Floats, moved: Floats) -
             _subtract_predictions(known, known.direction[n, view], longer, moved[n, view])
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def _subtract_predictions(known: Known, direction: Floats, length: Floats, moved: Floats) -> None:
     """Subtract bones of lengths (J, D) along directions (J, 3) from joints (J, 3, D), and centre.
 
@@ -168,7 +168,7 @@ def _subtract_predictions(known: Known, direction: Floats, length: Floats, moved
                 moved[j, i, k] = known.scale[j] * (moved[j, i, k] - mean[k])
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def _lengthen(known: Known, joints: Floats, jacobian: Floats, longer: Floats) -> None:
     """Derivative (J, D) of the lengths of bones; a bone of no length has none."""
     for bone in range(len(longer)):
@@ -184,7 +184,7 @@ def _lengthen(known: Known, joints: Floats, jacobian: Floats, longer: Floats) ->
                     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_to_blocks(
     known: Known,
     joints: Floats,
@@ -221,7 +221,7 @@ def _add_to_blocks(
         value[n // frames] += share * cost
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def _move(known: Known, direction: Floats, longer: Floats, jacobian: Floats, moved: Floats) -> None:
     """Derivative of u, (J, 3, D); bones whose length changes by rounding alone are rigid."""
     count, _, dim = jacobian.shape
@@ -238,13 +238,13 @@ def _move(known: Known, direction: Floats, longer: Floats, jacobian: Floats, mov
                         moved[j, i, k] -= along * longer[bone, k]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _stretches(longer: Floats) -> bool:
     """Whether a bone's length changes by more than rounding."""
     return bool(np.max(np.abs(longer[3:])) > 64 * np.finfo(longer.dtype).eps)
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def _add_view(
     known: Known,
     moved: Floats,

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
+from perfcap.kernels import inner, kernel
 from perfcap.solve._robust_numba import Robust, robust
 
 Floats = NDArray[np.floating[Any]]
@@ -64,7 +64,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_to_blocks(
     pixels: Floats,
     detected: Floats,
@@ -104,7 +104,7 @@ def _add_to_blocks(
         value[n // frames] += share * cost
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def add_point(
     moved: Floats, stiff: Floats, pull: Floats, curvature: Floats, gradient: Floats
 ) -> None:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.deformation import Deformation
 from perfcap.geometry._rotation_numba import rotvec_to_matrix
+from perfcap.kernels import inner, kernel
 from perfcap.solve._coarse_numba import add_outer
 from perfcap.solve.coarse_space import CoarseSpace
 
@@ -103,7 +103,7 @@ def _rows(tensor: Tensor) -> Floats:
     return np.ascontiguousarray(tensor.detach().flatten(0, -3).numpy())
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _stretch(
     start: Indices,
     end: Indices,
@@ -134,7 +134,7 @@ def _stretch(
                 gap[p, g, c] = scale * shift + (rest[p, g, c] - image)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _pull(
     out: Floats,
     i: int,
@@ -156,7 +156,7 @@ def _pull(
     out[j, 5] -= scale * c
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_product(
     start: Indices,
     end: Indices,
@@ -183,7 +183,7 @@ def _add_product(
             _pull(out, i, j, scale, (x, y, z), pull)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_equations(
     start: Indices,
     end: Indices,
@@ -213,7 +213,7 @@ def _add_equations(
                 diagonal[p, j, 3 + a, 3 + a] += w * scale * scale
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_coarse(
     start: Indices,
     end: Indices,
@@ -244,7 +244,7 @@ def _add_coarse(
             add_outer(matrix[p], own, used, rows, weight[p, g], counts)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _move_start(
     modes: Floats, edge: Floats, scale: float, moved: Floats, counts: tuple[int, ...]
 ) -> None:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
 from perfcap.geometry._rotation_numba import quaternion_of
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 
@@ -41,7 +41,7 @@ def _rows(tensor: Tensor, frames: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, frames, tensor.shape[-1])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _linearize(
     scales: Floats,
     translation: Floats,
@@ -68,7 +68,7 @@ def _linearize(
             _place_quaternion(scales[n, 3], w, x, y, z, features[n, f], jacobian[n, f])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _place_quaternion(
     scale: float, w: float, x: float, y: float, z: float, features: Floats, jacobian: Floats
 ) -> None:

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import heapq
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def nearest(
     start: Integers,
     neighbor: Integers,
@@ -56,7 +57,7 @@ def nearest(
                 heapq.heappush(heap, (beyond, q, s))
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _among(source, p, count, s):  # type: ignore[no-untyped-def]
     """Whether source s is one of the first ``count`` of place p."""
     for k in range(count):  # noqa: SIM110 - compiled, a loop is what a generator is not
@@ -65,7 +66,7 @@ def _among(source, p, count, s):  # type: ignore[no-untyped-def]
     return False
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def farthest(
     start: Integers,
     neighbor: Integers,
@@ -93,7 +94,7 @@ def farthest(
     return len(picked)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _spread(start, neighbor, length, origin, distance):  # type: ignore[no-untyped-def]
     """Lower ``distance`` to that from ``origin`` wherever it is nearer than what was before."""
     distance[origin] = 0.0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
+
+from perfcap.kernels import kernel
 
 Floats = NDArray[np.floating[Any]]
 
@@ -24,7 +25,7 @@ def multiply_views(left: Tensor, right: Tensor) -> Tensor:
     return product
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _multiply(left: Floats, right: Floats, product: Floats) -> None:
     """The innermost loop runs along rows of contiguous memory, which vectorises."""
     frames, views, count, rows, columns = product.shape

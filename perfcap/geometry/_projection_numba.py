@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 
@@ -68,7 +69,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(-1, *shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _linearize(views: Views, points: Floats, near: float, pixels: Floats, jacobian: Floats) -> None:
     """All points of all frames in all views."""
     for frame in range(len(points)):
@@ -77,7 +78,7 @@ def _linearize(views: Views, points: Floats, near: float, pixels: Floats, jacobi
                 _project(views, frame, view, points, n, near, pixels, jacobian)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _project(
     views: Views,
     frame: int,
@@ -112,7 +113,7 @@ def _project(
             )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _local(views: Views, m: int, view: int, points: Floats, frame: int, n: int, axis: int) -> float:
     """A camera coordinate of a point."""
     r = views.rotation
@@ -125,7 +126,7 @@ def _local(views: Views, m: int, view: int, points: Floats, frame: int, n: int, 
     return coordinate
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _distort(
     x: float, y: float, coefficients: tuple[float, ...], limit: float
 ) -> tuple[tuple[float, float], tuple[float, float, float, float]]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
+
 Floats = NDArray[np.floating[Any]]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def quaternion_of(rotvecs: Floats, n: int) -> tuple[float, float, float, float]:
     """Unit quaternion of rotation vector n of (N, 3)."""
     x, y, z = float(rotvecs[n, 0]), float(rotvecs[n, 1]), float(rotvecs[n, 2])
@@ -31,7 +32,7 @@ def quaternion_of(rotvecs: Floats, n: int) -> tuple[float, float, float, float]:
     return math.cos(0.5 * angle), factor * x, factor * y, factor * z
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def rotvec_to_matrix(rotvecs: Floats, n: int, matrix: Floats) -> None:
     """Write the rotation matrix (3, 3) of rotation vector n of (N, 3)."""
     w, x, y, z = quaternion_of(rotvecs, n)
@@ -52,7 +53,7 @@ def compose(left: Tensor, right: Tensor) -> Tensor:
     return product
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _compose(left: Floats, right: Floats, product: Floats) -> None:
     """Write the rotation vectors (N, 3) of rotating by ``right`` (N, 3), then ``left`` (N, 3)."""
     for n in range(len(product)):

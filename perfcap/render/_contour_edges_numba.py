@@ -11,9 +11,10 @@ Coordinates are pixels, y down; a row is what lies between two integer ordinates
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -53,7 +54,7 @@ def contour_edges(
     return ContourEdges(ends, layers, lines, *_bucket_rows(lines, lines[:, 4].argsort(), window))
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel()
 def _find(points, faces, face_edges, edge_ends, window):  # type: ignore[no-untyped-def]
     """Ends, layers and lines of contour edges."""
     surplus = _add_borders(points, faces, face_edges, len(edge_ends))
@@ -80,7 +81,7 @@ def _find(points, faces, face_edges, edge_ends, window):  # type: ignore[no-unty
     return ends[:count], layers[:count], lines[:count]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _add_borders(points, faces, face_edges, edges):  # type: ignore[no-untyped-def]
     """Layers on the right-hand side of each edge, from its lower to its higher vertex."""
     surplus = np.zeros(edges, dtype=np.int32)
@@ -100,7 +101,7 @@ def _add_borders(points, faces, face_edges, edges):  # type: ignore[no-untyped-d
     return surplus
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _set_line(ax, ay, bx, by, line):  # type: ignore[no-untyped-def]
     # from the top, so that edges that lie on one another agree to the last bit
     if ay > by:
@@ -110,7 +111,7 @@ def _set_line(ax, ay, bx, by, line):  # type: ignore[no-untyped-def]
     line[4], line[5] = min(ax, bx), max(ax, bx)
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel()
 def _bucket_rows(lines, by_left, window):  # type: ignore[no-untyped-def]
     first = math.floor(window[1])
     rows = math.floor(window[3]) - first + 1
@@ -127,7 +128,7 @@ def _bucket_rows(lines, by_left, window):  # type: ignore[no-untyped-def]
     return start, order
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel()
 def accumulate(start):  # type: ignore[no-untyped-def]
     """Sum up counts in place; returns a copy, to be moved on as entries are placed."""
     place = np.zeros(len(start), dtype=np.int64)
@@ -137,12 +138,12 @@ def accumulate(start):  # type: ignore[no-untyped-def]
     return place
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def first_row(lines, edge, first):  # type: ignore[no-untyped-def]
     """First row of the window that an edge is in, where ``first`` is the window's own."""
     return max(math.floor(lines[edge, 0]) - first, 0)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _last_row(lines, edge, first, rows):  # type: ignore[no-untyped-def]
     return min(math.floor(lines[edge, 1]) - first, rows - 1)

@@ -11,20 +11,21 @@ so whatever is made of these images is continuous as bodies move.
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.float64]
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@kernel(fastmath=False)
 def reach(thickness: float, least: float) -> float:
     """Squared Mahalanobis distance at which a Gaussian has thinned out to ``least``, or zero."""
     return 2 * math.log(thickness / least) if thickness > least else 0.0
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@inner(fastmath=False)
 def touched_rows(centre: Floats, form: Floats, far: float, height: int) -> tuple[int, int]:
     """First row that a Gaussian touches, and the one behind the last."""
     determinant = form[0] * form[2] - form[1] * form[1]
@@ -35,7 +36,7 @@ def touched_rows(centre: Floats, form: Floats, far: float, height: int) -> tuple
     return rows
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@kernel(fastmath=False)
 def steps(low: float, high: float, side: int) -> tuple[int, int]:
     """Whole numbers of a range within a side: the first, and the one behind the last.
 
@@ -48,7 +49,7 @@ def steps(low: float, high: float, side: int) -> tuple[int, int]:
     return first, max(first, math.floor(high) + 1 if high < side - 1 else side)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)  # type: ignore[untyped-decorator]
+@kernel(fastmath=False)
 def fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> tuple[int, int]:
     """Values of a Gaussian in a row; its first column, and the one behind the last."""
     dy = row - centre[1]
@@ -66,7 +67,7 @@ def fill(centre: Floats, form: Floats, far: float, row: int, values: Floats) -> 
     return start, stop
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(fastmath=True, error_model="numpy")
 def draw(
     centre: Floats, form: Floats, thickness: Floats, least: float, depth: Floats, slope: Floats
 ) -> None:
@@ -102,7 +103,7 @@ def draw(
                 down[i] += t * v
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(fastmath=True, error_model="numpy")
 def pull_back(
     centre: Floats,
     form: Floats,

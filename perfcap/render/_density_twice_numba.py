@@ -5,16 +5,16 @@ d to the optical depth, with ``dd = (t - h) dl``, and ``(t - h) (u, v)`` to its 
 and v are polynomials of its six numbers, but for the logarithm of its thickness.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import kernel
 from perfcap.render._density_numba import fill, reach, touched_rows
 
 Floats = NDArray[np.float64]
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(fastmath=True, error_model="numpy")
 def tangents(
     centre: Floats, form: Floats, thickness: Floats, least: float, moves: Floats, found: Floats
 ) -> None:
@@ -55,7 +55,7 @@ def tangents(
                     found[2, row, column, k] += t * log * v + kept * down
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(fastmath=True, error_model="numpy")
 def bend(
     centre: Floats, form: Floats, thickness: Floats, least: float, pull: Floats, bent: Floats
 ) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Flags = NDArray[np.bool_]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def facing(
     pixels: NDArray[np.float64],
     depth: NDArray[np.float64],
@@ -41,14 +42,14 @@ def facing(
         )
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _usable(pixels, depth, i, limits):  # type: ignore[no-untyped-def]
     """Comparisons with what is no number are false."""
     x, y, z = abs(pixels[i, 0]), abs(pixels[i, 1]), depth[i]
     return x <= limits[0] and y <= limits[0] and limits[1] <= z < np.inf
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def folded(
     front: Flags, drawn: Flags, sides: NDArray[np.int64], turned: Flags, kept: Flags
 ) -> None:

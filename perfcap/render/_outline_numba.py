@@ -9,10 +9,10 @@ so that no error is carried along.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner, kernel
 from perfcap.render._contour_edges_numba import ContourEdges, accumulate, first_row
 from perfcap.render._outline_reference import SHORT, TOUCH
 
@@ -35,7 +35,7 @@ class Outline(NamedTuple):
     lines: Floats
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def outline(points: Floats, edges: ContourEdges, window: Floats) -> Outline:
     """Outline of the silhouette inside a window.
 
@@ -76,7 +76,7 @@ def outline(points: Floats, edges: ContourEdges, window: Floats) -> Outline:
     return Outline(vertices[:found], kept[:found], _lines(points, vertices[:found], kept))
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _lines(points, vertices, shares):  # type: ignore[no-untyped-def]
     lines = np.empty((len(vertices), 5))
     for piece in range(len(vertices)):
@@ -90,7 +90,7 @@ def _lines(points, vertices, shares):  # type: ignore[no-untyped-def]
     return lines
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _set_cut(side, cut, edges, pairs, shares, vertices, kept):  # type: ignore[no-untyped-def]
     """Note which edge cuts a piece off at its beginning (0) or end (1)."""
     vertices[2 + 2 * side], vertices[3 + 2 * side], kept[2 + side] = -1, -1, 0.0
@@ -101,7 +101,7 @@ def _set_cut(side, cut, edges, pairs, shares, vertices, kept):  # type: ignore[n
         kept[2 + side] = shares[cut >> 1, other]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _crossings(points, edges, window):  # type: ignore[no-untyped-def]
     """Pairs of contour edges that cross (K, 2), and the share of each edge there (K, 2)."""
     first = math.floor(window[1])
@@ -133,7 +133,7 @@ def _crossings(points, edges, window):  # type: ignore[no-untyped-def]
     return pairs[:found], shares[:found]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _enlarged(pairs, shares):  # type: ignore[no-untyped-def]
     more_pairs = np.empty((2 * len(pairs), 2), dtype=np.int64)
     more_shares = np.empty((2 * len(pairs), 2))
@@ -143,7 +143,7 @@ def _enlarged(pairs, shares):  # type: ignore[no-untyped-def]
     return more_pairs, more_shares
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _crossing(points, one, two):  # type: ignore[no-untyped-def]
     """Shares of two edges where they cross, -1 where they do not.
 
@@ -167,7 +167,7 @@ def _crossing(points, one, two):  # type: ignore[no-untyped-def]
     return at_a / (at_a - at_b), at_c / (at_c - at_d)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _cuts_of_edges(pairs, shares, edges):  # type: ignore[no-untyped-def]
     """Cuts of each edge by ascending share, ``order[start[e]:start[e + 1]]``.
 
@@ -190,7 +190,7 @@ def _cuts_of_edges(pairs, shares, edges):  # type: ignore[no-untyped-def]
     return start, order
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _clip(line, window):  # type: ignore[no-untyped-def]
     """Shares between which a segment is in the window; the first is larger where it is not."""
     begin, finish = 0.0, 1.0
@@ -206,7 +206,7 @@ def _clip(line, window):  # type: ignore[no-untyped-def]
     return begin, finish
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _is_border(edge, line, share, edges, window):  # type: ignore[no-untyped-def]
     """Whether an edge has layers on one side only at a share of its length, 0 to 1."""
     top, bottom, top_x, slope = edges.lines[edge, :4]

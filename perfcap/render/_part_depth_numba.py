@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import kernel
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+
+@kernel()
 def look_inward(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],

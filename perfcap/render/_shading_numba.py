@@ -6,16 +6,17 @@ two equal.
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.float32]
 Mesh = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], Floats, Floats]
 Skin = tuple[Floats, NDArray[np.int64], Floats, Floats, NDArray[np.int64]]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def gather(
     triangle: NDArray[np.int32],
     step: int,
@@ -65,7 +66,7 @@ def gather(
             coverage[here, line] += share
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _blend(values, rows, column, weights):  # type: ignore[no-untyped-def]
     return (
         weights[0] * values[rows[0], column]
@@ -74,7 +75,7 @@ def _blend(values, rows, column, weights):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _facing(normals, lights, corners, weights, side):  # type: ignore[no-untyped-def]
     """How much a point of a face looks at the sun, in [0, 1], and how much of the sky it sees."""
     x = _blend(normals, corners, 0, weights)
@@ -86,7 +87,7 @@ def _facing(normals, lights, corners, weights, side):  # type: ignore[no-untyped
     return max(to_sun, 0.0), 0.5 + 0.5 * to_sky
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _barycentric(pixels, depth, corners, x, y):  # type: ignore[no-untyped-def]
     """Perspective-correct weights of a triangle's corners at a point."""
     a, b, c = corners
@@ -104,7 +105,7 @@ def _barycentric(pixels, depth, corners, x, y):  # type: ignore[no-untyped-def]
     return norm * of_a, norm * of_b, norm * of_c
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _sample(texels, shapes, u, v, level):  # type: ignore[no-untyped-def]
     """Trilinear look-up of linear RGB."""
     level = min(max(level, 0.0), len(shapes) - 1.0)
@@ -119,7 +120,7 @@ def _sample(texels, shapes, u, v, level):  # type: ignore[no-untyped-def]
     return red, green, blue
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _bilinear(texels, shape, u, v):  # type: ignore[no-untyped-def]
     """Bilinear look-up in a level that repeats; texels end at integers."""
     first, height, width = shape

@@ -10,10 +10,10 @@ of p changes by gx * vx + gy * vy.
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner, kernel
 from perfcap.render._contour_edges_numba import contour_edges
 from perfcap.render._outline_numba import outline
 from perfcap.render._soft_silhouette_reference import NEAREST, PARALLEL
@@ -53,7 +53,7 @@ def draw(
     return names, values
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel()
 def _shade(points, edges, border, window, coverage):  # type: ignore[no-untyped-def]
     """Write coverage, and return the records."""
     height, width = coverage.shape
@@ -71,7 +71,7 @@ def _shade(points, edges, border, window, coverage):  # type: ignore[no-untyped-
     return _fill(points, border, edges, band, first, box, nearest, touched, coverage)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _box(points, band, height, width):  # type: ignore[no-untyped-def]
     """Pixels that the silhouette and its band can reach: columns and rows, from and to."""
     left, right, top, bottom = width * 1.0, -1.0, height * 1.0, -1.0
@@ -84,7 +84,7 @@ def _box(points, band, height, width):  # type: ignore[no-untyped-def]
     return columns[0], max(columns), rows[0], max(rows)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _draw_band(line, piece, band, nearest, distance):  # type: ignore[no-untyped-def]
     """Enter a piece where it is nearer than those before; returns how many pixels were empty."""
     x0, y0, dx, dy, squared = line
@@ -110,7 +110,7 @@ def _draw_band(line, piece, band, nearest, distance):  # type: ignore[no-untyped
     return touched
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _reach(line, row, band):  # type: ignore[no-untyped-def]
     """Abscissae between which a row can be nearer than ``band`` to a piece."""
     x0, y0, dx, dy, _ = line
@@ -122,7 +122,7 @@ def _reach(line, row, band):  # type: ignore[no-untyped-def]
     return min(one, two) - band, max(one, two) + band
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _fill(points, border, edges, band, first, box, nearest, touched, coverage):  # type: ignore[no-untyped-def]
     """Write coverage within the box, and the records of the band."""
     names = np.empty((2 * touched, 3), dtype=np.int64)
@@ -146,7 +146,7 @@ def _fill(points, border, edges, band, first, box, nearest, touched, coverage): 
     return names[:found], values[:found]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _add_layers(edges, row, bucket, left, added):  # type: ignore[no-untyped-def]
     """Layers added at each pixel of a row, from ``left`` on; the last entry is beyond."""
     added[:] = 0
@@ -158,7 +158,7 @@ def _add_layers(edges, row, bucket, left, added):  # type: ignore[no-untyped-def
             added[min(max(math.ceil(x) - left, 0), len(added) - 1)] += edges.layers[edge]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _look(line, column, row, side, band):  # type: ignore[no-untyped-def]
     """Coverage of a pixel, share of the piece it sees, and derivative in the point seen."""
     x0, y0, dx, dy, squared = line
@@ -175,7 +175,7 @@ def _look(line, column, row, side, band):  # type: ignore[no-untyped-def]
     return level * level * (3.0 - 2.0 * level), along, scale * dy, -scale * dx
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _record(points, border, piece, seen, pixel, found, names, values):  # type: ignore[no-untyped-def]
     """Write the record of a pixel, or two where it sees a crossing; returns how many there are."""
     vertices, shares = border.vertices[piece], border.shares[piece]
@@ -199,20 +199,20 @@ def _record(points, border, piece, seen, pixel, found, names, values):  # type: 
     return found + 2
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _write(name, value, pixel, a, b, share, gx, gy):  # type: ignore[no-untyped-def]
     name[0], name[1], name[2] = pixel, a, b
     value[0], value[1], value[2] = share, gx, gy
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _normal(points, a, b):  # type: ignore[no-untyped-def]
     dx, dy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     length = math.hypot(dx, dy)
     return -dy / length, dx / length
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def pull_back(names: Integers, values: Floats, gradient: Real, points: Floats) -> None:
     """Add the gradient of pixels (H * W,) to that of points (U, 2), in place."""
     for record in range(len(names)):

@@ -4,13 +4,14 @@ The plain-torch twin in ``_zbuffer_reference.py`` states the same thing without 
 the two equal. Arithmetic on the pixel grid is in integers, so coverage is exact.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner, kernel
+
 
 # NumPy's division: asking whether a divisor is zero takes time, and areas never are
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(error_model="numpy")
 def fill(
     grid: NDArray[np.int64],
     inverse_depth: NDArray[np.float64],
@@ -66,7 +67,7 @@ def fill(
             start = (start[0] + down[0], start[1] + down[1], start[2] + down[2])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def cover(
     grid: NDArray[np.int64],
     usable: NDArray[np.bool_],
@@ -103,7 +104,7 @@ def cover(
             start = (start[0] + down[0], start[1] + down[1], start[2] + down[2])
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _box(corners, bits, shape):  # type: ignore[no-untyped-def]
     """First and last column, first and last row of an image that a triangle may cover."""
     ax, ay, bx, by, cx, cy = corners
@@ -115,19 +116,19 @@ def _box(corners, bits, shape):  # type: ignore[no-untyped-def]
     return left, right, top, bottom
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _cross(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
     """Twice the signed area of a, b, (x, y): positive on the inner side of the edge a, b."""
     return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _least(ax, ay, bx, by):  # type: ignore[no-untyped-def]
     """Smallest value of the edge a, b that counts as inside: 0 on top and left edges, else 1."""
     return 0 if by < ay or (by == ay and bx > ax) else 1
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _edges(corners, x, y, bits):  # type: ignore[no-untyped-def]
     """The edges opposite to each corner of a triangle of positive area.
 
@@ -142,7 +143,7 @@ def _edges(corners, x, y, bits):  # type: ignore[no-untyped-def]
     return least, at, across, down
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(error_model="numpy")
 def snap(
     pixels: NDArray[np.float64],
     depth: NDArray[np.float64],
@@ -173,7 +174,7 @@ def snap(
         inverse_depth[i] = 1.0 / z if known else 1.0
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def extent(
     pixels: NDArray[np.float64], depth: NDArray[np.float64], limits: tuple[float, float]
 ) -> tuple[float, float, float, float]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -13,7 +14,7 @@ _NEAR = 1e-6  # metres from the start within which nothing is in the way
 _EDGE = 1e-9  # widens triangles, so that no ray slips through between two
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def cells_of(corners: Floats, low: Floats, cell: float, shape: Integers) -> tuple:  # type: ignore[type-arg]
     """Triangles whose boxes touch each cell: start (cells + 1,), triangles (N,)."""
     boxes = np.empty((len(corners), 2, 3), np.int64)
@@ -40,7 +41,7 @@ def cells_of(corners: Floats, low: Floats, cell: float, shape: Integers) -> tupl
     return start, triangles
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def blocked(
     starts: Floats,
     ends: Floats,
@@ -86,7 +87,7 @@ def blocked(
     return result
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _crosses(starts: Floats, ends: Floats, n: int, corners: Floats, t: int) -> bool:
     """Whether a segment meets a triangle (Moeller and Trumbore 1997)."""
     origin, ray = starts[n], ends[n] - starts[n]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 _NEGLIGIBLE = -40.0  # nats below the other case: nothing in the last bit
 _CHUNK = 1024  # pixels sorted side by side: their images stay in the cache
@@ -31,7 +32,7 @@ def masked_median(
     _masked_median(*flat, network, color.reshape(-1, 3), spread.reshape(-1), seen.reshape(-1))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def squared_slope(color: NDArray[np.uint8], slope: NDArray[np.float32]) -> None:
     """Squared slope of an image, grey levels a pixel, the mean over channels (Sobel's filters).
 
@@ -75,7 +76,7 @@ def _comparators(count: int) -> list[tuple[int, int]]:
     return pairs
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _masked_median(
     images: NDArray[np.uint8],
     hidden: NDArray[np.bool_],
@@ -114,7 +115,7 @@ def _masked_median(
                 spread[start + i] = _quantiles(part, count, color[start + i])
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _quantiles(values, count, color):  # type: ignore[no-untyped-def]
     """Write the median of the first ``count`` sorted rows (n, 3); return the mean spread."""
     total = 0.0
@@ -125,7 +126,7 @@ def _quantiles(values, count, color):  # type: ignore[no-untyped-def]
     return total / 3
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(error_model="numpy")
 def relight(
     cross: NDArray[np.float32],
     power: NDArray[np.float32],
@@ -154,7 +155,7 @@ def relight(
                 light[row, column, channel] = min(max(own, low), high)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(error_model="numpy")
 def depart(
     image: NDArray[np.float32],
     behind: NDArray[np.float32],
@@ -172,7 +173,7 @@ def depart(
 
 
 # NumPy's division: pixels whose divisors are asked for zero cannot go together
-@numba.njit(nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel(error_model="numpy")
 def best_shade(
     image: NDArray[np.float32],
     behind: NDArray[np.float32],
@@ -239,7 +240,7 @@ def best_shade(
                 best[row, column, channel] = light[r, c, channel]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _split(colors, planes):  # type: ignore[no-untyped-def]
     """A row of colours (W, 3), channels apart (3, W): so the processor takes many at once."""
     for column in range(len(colors)):
@@ -247,7 +248,7 @@ def _split(colors, planes):  # type: ignore[no-untyped-def]
             planes[channel, column] = colors[column, channel]
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _side(side, radius):  # type: ignore[no-untyped-def]
     """How far down and to the right a neighbourhood of five is."""
     down = radius if side == 1 else -radius if side == 2 else 0
@@ -255,7 +256,7 @@ def _side(side, radius):  # type: ignore[no-untyped-def]
     return down, right
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def log_density(
     chosen: NDArray[np.int64],
     image: NDArray[np.float32],
@@ -301,7 +302,7 @@ def log_density(
             out[i] = constant + high + np.log1p(np.exp(low - high))
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _squared(image, behind, light, row, column, r, c):  # type: ignore[no-untyped-def]
     x = image[row, column, 0] - light[r, c, 0] * behind[row, column, 0]
     y = image[row, column, 1] - light[r, c, 1] * behind[row, column, 1]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 _CHUNK = 128  # pixels whose terms stay in the cache
 _NEGLIGIBLE = 16.0  # nats below the largest component: less than float32 resolves
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def log_density(
     pixels: NDArray[np.float32],
     means: NDArray[np.float32],
@@ -65,7 +66,7 @@ def log_density(
             out[start + i] = best[i] + np.log(total) if several else best[i]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def gather(
     pixels: NDArray[np.float32],
     means: NDArray[np.float32],
@@ -98,7 +99,7 @@ def gather(
         row[9] += np.float64(blue) * blue
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _component(pixel, mean, whitening, offset):  # type: ignore[no-untyped-def]
     a, b, c = pixel[0] - mean[0], pixel[1] - mean[1], pixel[2] - mean[2]
     x = whitening[0, 0] * a
@@ -107,7 +108,7 @@ def _component(pixel, mean, whitening, offset):  # type: ignore[no-untyped-def]
     return offset - np.float32(0.5) * (x * x + y * y + z * z)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def weigh(
     person: NDArray[np.float32],
     scene: NDArray[np.float32],
@@ -145,7 +146,7 @@ def weigh(
         out[i] = min(max(own - other, -limit[0]), limit[0])
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _either(one, other):  # type: ignore[no-untyped-def]
     """Logarithm of a sum, of logarithms of its parts; in float32, as ``np.logaddexp``."""
     if one == other:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 # forward half of the eight directions; direction 4 + k, its reverse is 3 - k
 _ROWS = (0, 1, 1, 1)
@@ -12,7 +13,7 @@ _COLUMNS = (1, -1, 0, 1)
 _NEARNESS = (1.0, 0.7071067811865476, 1.0, 0.7071067811865476)  # over the distance
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def mean_contrast(open_: NDArray[np.bool_], image: NDArray[np.float32]) -> float:
     """Mean squared colour difference of neighbours of which one at least is open."""
     height, width = open_.shape
@@ -29,7 +30,7 @@ def mean_contrast(open_: NDArray[np.bool_], image: NDArray[np.float32]) -> float
     return total / max(count, 1)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def link(
     open_: NDArray[np.bool_],
     image: NDArray[np.float32],
@@ -59,7 +60,7 @@ def link(
                 links[row, column, k] = np.int32(round((value + weights[1]) * unit * _NEARNESS[k]))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def expand(
     labels: NDArray[np.uint8],
     price: NDArray[np.int32],
@@ -111,7 +112,7 @@ def expand(
                     excess[j] += _relief(other, one, label, flow)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def energy(labels: NDArray[np.uint8], price: NDArray[np.int32], links: NDArray[np.int32]) -> int:
     """What labels (H, W) cost."""
     height, width = labels.shape
@@ -126,13 +127,13 @@ def energy(labels: NDArray[np.uint8], price: NDArray[np.int32], links: NDArray[n
     return total
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _relief(own, fixed, label, flow):  # type: ignore[no-untyped-def]
     """What a pixel that changes saves beside one that keeps its label."""
     return np.int32((own != fixed) - (label != fixed)) * flow
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _squared(image, row, column, r, c):  # type: ignore[no-untyped-def]
     x = image[row, column, 0] - image[r, c, 0]
     y = image[row, column, 1] - image[r, c, 1]

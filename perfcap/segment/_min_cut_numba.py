@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 FREE, SOURCE, SINK = 0, 1, 2
 ROOT, ORPHAN = 8, 9  # parents that are no direction
@@ -35,7 +36,7 @@ class Forest(NamedTuple):
     ends: NDArray[np.int64]  # (4,) first of ``active``, its count; first of ``orphans``, its count
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def is_network(neighbor: NDArray[np.int32], capacity: NDArray[np.int32]) -> bool:
     """Whether neighbours lead back to each other, and capacities are those of neighbours."""
     for node in range(len(neighbor)):
@@ -52,7 +53,7 @@ def is_network(neighbor: NDArray[np.int32], capacity: NDArray[np.int32]) -> bool
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def settle_lines(
     neighbor: NDArray[np.int32],
     capacity: NDArray[np.int32],
@@ -93,7 +94,7 @@ def settle_lines(
     return settled
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def run(forest: Forest) -> int:
     """Push the greatest flow; afterwards ``tree`` is SOURCE on the source's side of the cut."""
     ends = forest.ends
@@ -123,7 +124,7 @@ def run(forest: Forest) -> int:
     return flow
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _on_edge(forest: Forest, node: int) -> bool:
     """Whether any neighbour is not in the same tree."""
     tree = forest.tree[node]
@@ -134,13 +135,13 @@ def _on_edge(forest: Forest, node: int) -> bool:
     return False
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _drop_first(ends: NDArray[np.int64], ring: int, size: int) -> None:
     ends[ring] = ends[ring] + 1 if ends[ring] + 1 < size else 0
     ends[ring + 1] -= 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _activate(forest: Forest, node: int) -> None:
     if not forest.queued[node]:
         forest.queued[node] = True
@@ -151,7 +152,7 @@ def _activate(forest: Forest, node: int) -> None:
         forest.ends[1] += 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _release(forest: Forest, node: int) -> None:
     forest.parent[node] = ORPHAN
     place = forest.ends[2] + forest.ends[3]
@@ -161,7 +162,7 @@ def _release(forest: Forest, node: int) -> None:
     forest.ends[3] += 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _grow(forest: Forest, node: int) -> int:
     """Reach for free neighbours; the direction of a neighbour in the other tree, or -1."""
     tree = forest.tree[node]
@@ -188,7 +189,7 @@ def _grow(forest: Forest, node: int) -> int:
     return -1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _augment(forest: Forest, node: int, direction: int) -> int:
     """Fill the path through the edge where the trees meet; returns the flow it took."""
     other = forest.neighbor[node, direction]
@@ -222,7 +223,7 @@ def _augment(forest: Forest, node: int, direction: int) -> int:
     return int(flow)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _bottleneck(forest: Forest, node: int, other: int, direction: int) -> int:
     """What can flow from the source over ``node`` and ``other`` to the sink."""
     least = forest.capacity[node, direction]
@@ -238,7 +239,7 @@ def _bottleneck(forest: Forest, node: int, other: int, direction: int) -> int:
     return int(min(least, -forest.excess[other]))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _adopt(forest: Forest, orphan: int, time: int) -> None:
     """Find the orphan a parent that leads to the root, the nearest, or set it free."""
     tree = forest.tree[orphan]
@@ -268,7 +269,7 @@ def _adopt(forest: Forest, orphan: int, time: int) -> None:
     forest.tree[orphan] = FREE
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _carries(forest: Forest, node: int, direction: int, other: int, tree: int) -> bool:
     """Whether the tree could reach ``node`` from ``other``."""
     if tree == SOURCE:
@@ -276,7 +277,7 @@ def _carries(forest: Forest, node: int, direction: int, other: int, tree: int) -
     return bool(forest.capacity[node, direction] > 0)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _distance_to_root(forest: Forest, node: int, time: int) -> int:
     """Edges to the root, _FAR if there is none; remembers the answer along the way."""
     distance, at = 0, node

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner, kernel
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+
+@kernel()
 def settle(
     pixels: NDArray[np.int64],
     image: NDArray[np.uint8],
@@ -53,7 +54,7 @@ def settle(
             mask[row, column] = along > 0.5 * square
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _gather(image, plate, gain, known, side, row, column, reach, sums):  # type: ignore[no-untyped-def]
     """Sums of pure colours around a pixel, nearer ones weighing more."""
     height, width = side.shape

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 _LISTED = 2048  # squared differences of colours, whose exponentials are computed once
 
@@ -14,7 +15,7 @@ _COLUMNS = (1, -1, 0, 1)
 _NEARNESS = (1.0, 0.7071067811865476, 1.0, 0.7071067811865476)  # over the distance
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def mean_contrast(labels: NDArray[np.uint8], image: NDArray[np.float32]) -> float:
     """Mean squared colour difference of neighbours of which one at least is uncertain."""
     height, width = labels.shape
@@ -31,7 +32,7 @@ def mean_contrast(labels: NDArray[np.uint8], image: NDArray[np.float32]) -> floa
     return total / max(count, 1)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def connect(
     labels: NDArray[np.uint8],
     image: NDArray[np.float32],
@@ -91,7 +92,7 @@ def connect(
                     excess[node[r, c]] += flow if one == 1 else -flow
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _squared(image, row, column, r, c):  # type: ignore[no-untyped-def]
     x = image[row, column, 0] - image[r, c, 0]
     y = image[row, column, 1] - image[r, c, 1]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import kernel
 from perfcap.render._zbuffer_numba import fill
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def show(
     grid: NDArray[np.int64],
     inverse_depth: NDArray[np.float64],

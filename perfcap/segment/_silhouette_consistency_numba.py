@@ -8,14 +8,15 @@ open has triangles of both sides (``CoarseMesh.of``).
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 ANY, SEEN = 1, 2  # bits of a covered pixel: by the person, by a part that was seen before
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def cover(
     x: NDArray[np.floating],
     y: NDArray[np.floating],
@@ -69,13 +70,13 @@ def cover(
                     sums[2] += 1.0
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _steps(low, high, side):  # type: ignore[no-untyped-def]
     """First and last whole number of a range, of those of a side; it may be infinite."""
     return int(min(max(np.ceil(low), 0.0), side)), int(max(min(np.floor(high), side - 1.0), -1.0))
 
 
-@numba.njit(nogil=True, cache=True)
+@inner()
 def _within(ax, ay, bx, by, cx, cy, x, y):  # type: ignore[no-untyped-def]
     """Whether (x, y) is in a triangle of positive area, or on its edges."""
     return (
@@ -85,7 +86,7 @@ def _within(ax, ay, bx, by, cx, cy, x, y):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def cover_each(
     x: NDArray[np.floating],
     y: NDArray[np.floating],

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve._coarse_numba import add_outer, find_slot
 from perfcap.solve.coarse_space import CoarseSpace
 
@@ -87,7 +87,7 @@ class BlockCurvature:
         )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_equations(
     blocks: Indices,
     jacobian: Floats,
@@ -110,7 +110,7 @@ def _add_equations(
                             diagonal[p, i, c, e] += scaled * jacobian[p, g, a, r, e]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_product(
     blocks: Indices,
     jacobian: Floats,
@@ -137,7 +137,7 @@ def _add_product(
                         product[p, i, c] += jacobian[p, g, a, r, c] * change
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _add_coarse(
     blocks: Indices,
     jacobian: Floats,
@@ -164,7 +164,7 @@ def _add_coarse(
             add_outer(matrix[p], own, used, moved, weight[p, g], counts)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _move(jacobian: Floats, modes: Floats, moved: Floats, counts: tuple[int, ...]) -> None:
     """Add the derivative in modes (d, r) of one block."""
     for r in range(len(jacobian)):

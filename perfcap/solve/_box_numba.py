@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve._model_numba import Model, from_basis, plain, solve_transposed
 from perfcap.solve._nonnegative_numba import solve_nonnegative
 from perfcap.solve._products_numba import dot, solve_lower, solve_lower_vector, solve_upper_vector
@@ -63,7 +63,7 @@ def box_steps(
     return step, multipliers, exact
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def solve_all(
     model: Model,
     newton: Floats,
@@ -109,7 +109,7 @@ def solve_all(
         exact[b] = solved and not joining
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _begin(held: Floats) -> tuple[NDArray[np.bool_], Indices]:
     """Which bounds are held at first, as flags and as indices."""
     joins, fresh, count = np.zeros(len(held), np.bool_), np.empty(len(held), np.int64), 0
@@ -121,7 +121,7 @@ def _begin(held: Floats) -> tuple[NDArray[np.bool_], Indices]:
     return joins, fresh[:count]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _no_columns(model: Model) -> _Columns:
     dtype = model.root.dtype
     dim, rows = model.cholesky.shape[2], model.root.shape[1]
@@ -133,7 +133,7 @@ def _no_columns(model: Model) -> _Columns:
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _with_columns(model: Model, b: int, columns: _Columns, fresh: Indices) -> _Columns:
     """The columns, and those at ``fresh`` unknowns after them."""
     if len(fresh) == 0:
@@ -162,14 +162,14 @@ def _with_columns(model: Model, b: int, columns: _Columns, fresh: Indices) -> _C
     return _Columns(index, own, common, block)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _copy(source: Floats, target: Floats) -> None:
     """Into the beginning of a row; assigning slices would take seconds to compile."""
     for i in range(len(source)):
         target[i] = source[i]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _halve_frames(cholesky: Floats, fresh: Indices, own: Floats) -> None:
     """``L_f^-1 e`` of unit vectors, by rows that come as zeros: nothing precedes their entry."""
     dim = cholesky.shape[1]
@@ -182,7 +182,7 @@ def _halve_frames(cholesky: Floats, fresh: Indices, own: Floats) -> None:
             x[i] /= root[i, i]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _halve_windows(model: Model, b: int, fresh: Indices, common: Floats) -> None:
     """``(R')^-1 U' M^-1 e`` of unit vectors, by rows."""
     dim, rows = model.cholesky.shape[2], model.root.shape[1]
@@ -193,18 +193,16 @@ def _halve_windows(model: Model, b: int, fresh: Indices, common: Floats) -> None
             for i in range(model.size[t]):
                 seen = model.solved[b, frame, inner, model.feature[t] + i]
                 right[model.start[t] + i, m] = model.bases[t, frame] * seen
-    if len(fresh) < _FEW:
-        for m in range(len(fresh)):
-            common[m] = right[:, m]
-            solve_lower_vector(model.root[b], common[m])
-        return
-    solve_lower(model.root[b], right)
+    if len(fresh) >= _FEW:
+        solve_lower(model.root[b], right)
     for m in range(len(fresh)):
         for r in range(rows):
             common[m, r] = right[r, m]
+        if len(fresh) < _FEW:
+            solve_lower_vector(model.root[b], common[m])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _hold(
     columns: _Columns,
     newton: Floats,
@@ -237,7 +235,7 @@ def _hold(
     return exact
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _pull_back(model: Model, b: int, columns: _Columns, multipliers: Floats, step: Floats) -> None:
     """``step -= H^-1 multipliers``, from the halves of its columns."""
     frames, dim = model.cholesky.shape[1], model.cholesky.shape[2]
@@ -262,7 +260,7 @@ def _pull_back(model: Model, b: int, columns: _Columns, multipliers: Floats, ste
             step[frame * dim + i] -= pull[frame, i] + own
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _join(
     step: Floats,
     lowest: Floats,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+from perfcap.kernels import kernel
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
@@ -37,7 +38,7 @@ def factorize_capacitance(
     return root, info == 0
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def place_pairs(
     summed: Floats,
     left: Indices,

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.int64]
@@ -26,7 +27,7 @@ def correct(
     _correct(*arrays, *((0,) * count for count in modes.shape[-2:]))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _correct(
     group: Indices,
     modes: Floats,
@@ -56,7 +57,7 @@ def _correct(
         _prolong(group, modes[p], moved, image[p], unknowns, counts)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _prolong(
     group: Indices,
     modes: Floats,
@@ -74,7 +75,7 @@ def _prolong(
                     image[i, c] += modes[i, c, m] * moved[first + m]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def find_slot(groups: Indices, used: int, group: int) -> int:
     """Where a group is among the first ``used``, or ``used`` if it is not."""
     for slot in range(used):
@@ -83,7 +84,7 @@ def find_slot(groups: Indices, used: int, group: int) -> int:
     return used
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def add_outer(
     matrix: Floats,
     groups: Indices,

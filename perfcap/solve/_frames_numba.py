@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve._orthogonal_frames_numba import (
     factorize_orthogonal,
     find_columns,
@@ -65,7 +65,7 @@ def _rows(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(shape)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def factorize_each(
     curvature: Floats,
     damping: Floats,
@@ -92,7 +92,7 @@ def factorize_each(
             fill_diagonal(defect[n], 1)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _factorize_any(
     damped: Floats,
     jacobian: Floats,
@@ -120,7 +120,7 @@ def _factorize_any(
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _lay_out(curvature: Floats, damping: Floats, damped: Floats) -> None:
     """The damped curvature."""
     for i in range(len(damped)):
@@ -129,7 +129,7 @@ def _lay_out(curvature: Floats, damping: Floats, damped: Floats) -> None:
         damped[i, i] = curvature[i, i] + damping[i]
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+@kernel(fastmath={"contract", "reassoc"})
 def _solve_frames(cholesky: Floats, solved: Floats) -> None:
     """In place, along the rows of the factors."""
     dim = solved.shape[1]

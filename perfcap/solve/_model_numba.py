@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve._products_numba import add_multiple, dot, solve_lower_vector, solve_upper_vector
 from perfcap.solve.normal_equations import NormalEquations
 
@@ -80,7 +80,7 @@ def newton_step(model: Model, equations: NormalEquations) -> Tensor:
     return step
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def newton_steps(
     model: Model, gradient: Floats, features: Floats, complement: Floats, step: Floats
 ) -> None:
@@ -93,7 +93,8 @@ def newton_steps(
         from_basis(model, -right, pull)
         for f in range(frames):
             own = step[b, f * dim : (f + 1) * dim]
-            own[:] = -gradient[b, f]
+            for i in range(dim):  # assigning slices would take seconds to compile
+                own[i] = -gradient[b, f, i]
             solve_frame(model.cholesky[b, f], own)
             seen[f] = 0
             _add_product(model.jacobian[b, f], own, seen[f])
@@ -104,13 +105,14 @@ def newton_steps(
         to_basis(model, seen, right)
         _solve_root(model.root[b], right)
         for f in range(frames):
-            pull[f] = -pull[f]  # M^-1 of the prior's gradient is Y times its pull
+            for e in range(pull.shape[1]):
+                pull[f, e] = -pull[f, e]  # M^-1 of the prior's gradient is Y times its pull
         from_basis(model, right, pull)
         for f in range(frames):
             _add_product(model.solved[b, f], pull[f], step[b, f * dim : (f + 1) * dim])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def to_basis(model: Model, features: Floats, rows: Floats) -> None:
     """Add the components of features (F, E) in the bases to rows (R,)."""
     for t in range(len(model.bases)):
@@ -120,7 +122,7 @@ def to_basis(model: Model, features: Floats, rows: Floats) -> None:
             add_multiple(model.bases[t, f], features[f, first : first + size], components)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def from_basis(model: Model, rows: Floats, features: Floats) -> None:
     """Add components in the bases, rows (R,), to features (F, E)."""
     for t in range(len(model.bases)):
@@ -130,7 +132,7 @@ def from_basis(model: Model, rows: Floats, features: Floats) -> None:
             add_multiple(model.bases[t, f], components, features[f, first : first + size])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_frame(lower: Floats, right: Floats) -> None:
     """``(L L')^-1`` times a vector, in place, along the rows of L."""
     for i in range(len(right)):
@@ -138,7 +140,7 @@ def solve_frame(lower: Floats, right: Floats) -> None:
     solve_transposed(lower, right)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_transposed(lower: Floats, right: Floats) -> None:
     """``(L')^-1`` times a vector, in place, along the rows of L."""
     for i in range(len(right) - 1, -1, -1):
@@ -146,14 +148,14 @@ def solve_transposed(lower: Floats, right: Floats) -> None:
         add_multiple(-right[i], lower[i, :i], right[:i])
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _solve_root(upper: Floats, right: Floats) -> None:
     """``(R'R)^-1`` times a vector, in place, along the rows of R."""
     solve_lower_vector(upper, right)
     solve_upper_vector(upper, right)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _add_product(matrix: Floats, vector: Floats, total: Floats) -> None:
     """``total += matrix @ vector``."""
     for i in range(len(total)):

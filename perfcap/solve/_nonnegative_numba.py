@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner
 from perfcap.solve._products_numba import dot, factorize_square, solve_lower, solve_upper_vector
 
 Floats = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_nonnegative(
     matrix: Floats,
     target: Floats,
@@ -38,7 +38,7 @@ def solve_nonnegative(
     return False
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _minimize_on(matrix: Floats, target: Floats, support: Flags, best: Floats) -> bool:
     """Minimum over the entries of the support, zero elsewhere; False if there is none."""
     index, count = np.empty(len(support), np.int64), 0
@@ -62,7 +62,7 @@ def _minimize_on(matrix: Floats, target: Floats, support: Flags, best: Floats) -
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _drop_unwanted(support: Flags, best: Floats, value: Floats) -> bool:
     """Take entries out that are zero and want to be less; whether there were any."""
     dropped = False
@@ -73,7 +73,7 @@ def _drop_unwanted(support: Flags, best: Floats, value: Floats) -> bool:
     return dropped
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _step_towards(best: Floats, value: Floats, support: Flags) -> bool:
     """Move to ``best`` or until an entry reaches zero; whether the whole step was taken."""
     length, whole = best.dtype.type(1), True
@@ -88,7 +88,7 @@ def _step_towards(best: Floats, value: Floats, support: Flags) -> bool:
     return whole
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _enter(matrix: Floats, target: Floats, tolerance: float, support: Flags, value: Floats) -> bool:
     """Take entries in whose slope asks for it; whether there were any."""
     entered = False

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.kernels import inner
 from perfcap.solve._products_numba import (
     factorize_square,
     fill_diagonal,
@@ -39,7 +39,7 @@ class Columns(NamedTuple):
     length: Floats  # d, (D,)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def room_for_columns(jacobian: Floats) -> Columns:
     """Columns to be found in Jacobians (E, D) of this size."""
     features, dim = jacobian.shape
@@ -51,7 +51,7 @@ def room_for_columns(jacobian: Floats) -> Columns:
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def find_columns(jacobian: Floats, columns: Columns) -> bool:
     """Write the columns of J; False unless they are orthogonal and none is zero."""
     unit, entries, filled, length = columns
@@ -76,7 +76,7 @@ def find_columns(jacobian: Floats, columns: Columns) -> bool:
     return bool(_orthogonal(gram, length))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _orthogonal(gram: Floats, length: Floats) -> bool:
     """Whether ``J'J``, of which the lower half is given, is a diagonal of positive numbers."""
     rounding = 8 * np.finfo(gram.dtype).eps
@@ -89,7 +89,7 @@ def _orthogonal(gram: Floats, length: Floats) -> bool:
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def factorize_orthogonal(
     damped: Floats, columns: Columns, cholesky: Floats, solved: Floats, defect: Floats
 ) -> bool:
@@ -116,7 +116,7 @@ def factorize_orthogonal(
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _scale(damped: Floats, shorter: Floats) -> Floats:
     """Turn A into B and return I + B."""
     upper = np.empty_like(damped)
@@ -128,7 +128,7 @@ def _scale(damped: Floats, shorter: Floats) -> Floats:
     return upper
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _pull_back(
     shrunk: Floats, columns: Columns, shorter: Floats, solved: Floats, defect: Floats
 ) -> None:
@@ -148,7 +148,7 @@ def _pull_back(
             solved[i, e] = shorter[i] * (turned[i, e] - solved[i, e])
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def _add_product(columns: Columns, right: Floats, total: Floats) -> None:
     """``total += Q @ right``."""
     for e in range(len(total)):
@@ -159,7 +159,7 @@ def _add_product(columns: Columns, right: Floats, total: Floats) -> None:
                 total[e, j] += factor * right[i, j]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _square(matrix: Floats, squared: Floats) -> None:
     """The square of a symmetric matrix that is mostly zero."""
     size = len(matrix)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from perfcap.kernels import inner, kernel
 
 Floats = NDArray[np.floating[Any]]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def add_gram(total: Floats, left: Floats, right: Floats) -> None:
     """``total += left' @ right``."""
     whole = len(right) - len(right) % 8
@@ -21,7 +22,7 @@ def add_gram(total: Floats, left: Floats, right: Floats) -> None:
         add_one(total, left, right, k, 0, len(total), False)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def transpose(matrix: Floats, transposed: Floats) -> None:
     """``transposed = matrix'``."""
     for i in range(len(matrix)):
@@ -29,7 +30,7 @@ def transpose(matrix: Floats, transposed: Floats) -> None:
             transposed[j, i] = matrix[i, j]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def fill_diagonal(matrix: Floats, diagonal: int) -> None:
     """A number on the diagonal and zero elsewhere."""
     for i in range(len(matrix)):
@@ -37,7 +38,7 @@ def fill_diagonal(matrix: Floats, diagonal: int) -> None:
             matrix[i, j] = diagonal if i == j else 0
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def add_eight(
     total: Floats, left: Floats, right: Floats, k: int, first: int, last: int, minus: bool
 ) -> None:
@@ -60,7 +61,7 @@ def add_eight(
                 total[i, j] += upper + lower
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def add_one(
     total: Floats, left: Floats, right: Floats, k: int, first: int, last: int, minus: bool
 ) -> None:
@@ -72,7 +73,7 @@ def add_one(
                 total[i, j] += factor * right[k, j]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def factorize_square(upper: Floats) -> bool:
     """Cholesky factor U of ``U'U``, in place; False if the matrix is not positive definite."""
     size, one = len(upper), upper.dtype.type(1)  # a plain 1 would make float32 float64
@@ -90,7 +91,7 @@ def factorize_square(upper: Floats) -> bool:
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_lower(upper: Floats, right: Floats) -> None:
     """``(U')^-1`` times a matrix, in place."""
     size, one = len(right), right.dtype.type(1)
@@ -104,7 +105,7 @@ def solve_lower(upper: Floats, right: Floats) -> None:
             add_eight(right, upper, right, end - 8, end, size, True)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_upper(upper: Floats, lower: Floats, right: Floats) -> None:
     """``U^-1`` times a matrix, in place, with L = U'."""
     size, one = len(right), right.dtype.type(1)
@@ -121,7 +122,7 @@ def solve_upper(upper: Floats, lower: Floats, right: Floats) -> None:
                 add_one(right, lower, right, k, 0, start, True)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def solve_lower_vector(upper: Floats, right: Floats) -> None:
     """``(U')^-1`` times a vector, in place, along the rows of U."""
     for i in range(len(right)):
@@ -129,7 +130,7 @@ def solve_lower_vector(upper: Floats, right: Floats) -> None:
         add_multiple(-right[i], upper[i, i + 1 :], right[i + 1 :])
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract", "reassoc"})
 def solve_upper_vector(upper: Floats, right: Floats) -> None:
     """``U^-1`` times a vector, in place, along the rows of U."""
     for i in range(len(right) - 1, -1, -1):
@@ -139,7 +140,7 @@ def solve_upper_vector(upper: Floats, right: Floats) -> None:
         right[i] = rest / upper[i, i]
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract", "reassoc"})
 def dot(left: Floats, right: Floats) -> Any:
     """Of vectors."""
     total = left.dtype.type(0)  # a plain zero would make float32 float64
@@ -148,7 +149,7 @@ def dot(left: Floats, right: Floats) -> Any:
     return total
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@inner(fastmath={"contract"})
 def add_multiple(factor: float, vector: Floats, total: Floats) -> None:
     """``total += factor * vector``.
 

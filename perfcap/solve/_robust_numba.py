@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numba
-
+from perfcap.kernels import kernel
 from perfcap.solve.kernels import GemanMcClure, Huber, Kernel, Quadratic
 
 _QUADRATIC, _HUBER, _GEMAN_MCCLURE = 0, 1, 2
@@ -25,7 +24,7 @@ def as_numbers(kernel: Kernel) -> Robust | None:
     return None
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def robust(kernel: Robust, squared: float) -> tuple[float, float]:
     """Cost and slope of a squared residual."""
     kind, scale = kernel

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import kernel
 from perfcap.solve._products_numba import add_gram
 
 Floats = NDArray[np.floating[Any]]
@@ -39,7 +39,7 @@ def _contiguous(tensor: Tensor, *shape: int) -> Floats:
     return np.ascontiguousarray(tensor.detach().numpy()).reshape(shape)
 
 
-@numba.njit(nogil=True, cache=True, fastmath={"contract"})  # type: ignore[untyped-decorator]
+@kernel(fastmath={"contract"})
 def _add_rows(
     jacobian: Floats, residual: Floats, weight: Floats, curvature: Floats, gradient: Floats
 ) -> None:

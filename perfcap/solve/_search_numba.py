@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.kernels import inner, kernel
 from perfcap.solve.search import Search
 
 Floats = NDArray[np.floating[Any]]
@@ -64,7 +64,7 @@ class Rounds:
         _turn(self.residual, self.direction, self.product, self.slope, self.enough, self.running)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _invert(
     diagonal: Floats, damping: Floats, running: Flags, inverse: Floats, unknowns: tuple[int, ...]
 ) -> None:
@@ -80,7 +80,7 @@ def _invert(
                 inverse[p, i, c, c] = 1 / curve if running[p] and curve > 0 else 1
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _factorize(block: Floats, damping: Floats, factor: Floats, unknowns: tuple[int, ...]) -> bool:
     """Cholesky factor with the reciprocal of its diagonal on the diagonal; False if indefinite."""
     for i in range(len(unknowns)):
@@ -98,7 +98,7 @@ def _factorize(block: Floats, damping: Floats, factor: Floats, unknowns: tuple[i
     return True
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _from_factor(factor: Floats, inverse: Floats, unknowns: tuple[int, ...]) -> None:
     """``(L L')^-1`` of a factor whose diagonal holds reciprocals; the factor is overwritten."""
     count = len(unknowns)
@@ -117,7 +117,7 @@ def _from_factor(factor: Floats, inverse: Floats, unknowns: tuple[int, ...]) -> 
             inverse[j, i] = dot
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _go(
     damping: Floats,
     step: Floats,
@@ -152,7 +152,7 @@ def _go(
         running[p] = length * slope[p] > worth[p]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _precondition(
     preconditioner: Floats,
     residual: Floats,
@@ -169,7 +169,7 @@ def _precondition(
                     image[p, i, c] += preconditioner[p, i, e, c] * residual[p, i, e]
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _turn(
     residual: Floats,
     direction: Floats,

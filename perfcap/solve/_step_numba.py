@@ -2,19 +2,20 @@
 
 Says the same as ``damped_step.py`` in torch, which tests hold it equal to. Only the factor of the
 capacitance matrix and the product before it are torch's: it keeps to its own number of threads.
-There are no shared unknowns here.
+There are no shared unknowns here. Python calls the kernels one after the other, since each is
+compiled again with every kernel that calls it.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.kernels import inner, kernel
 from perfcap.solve._box_numba import solve_all
 from perfcap.solve._frames_numba import factorize_each
 from perfcap.solve._model_numba import Model, from_basis, newton_steps, plain, to_basis
@@ -40,6 +41,16 @@ class _Problem(NamedTuple):
     at: Floats  # (B, N)
     lower: Floats  # (B, N), or none where nothing is bounded
     upper: Floats
+
+
+class _Bounds(NamedTuple):
+    """Of steps; see ``box_step``."""
+
+    lowest: Floats  # (B, N)
+    highest: Floats
+    held: Floats  # (B, N), sides to begin with
+    unit: Floats  # (B, N)
+    tolerance: Floats  # (B, 1)
 
 
 class _Answer(NamedTuple):
@@ -76,23 +87,39 @@ def damped_step(model: DampedModel, room: Room) -> DampedStep:
     )
     found = _no_step(model)
     answer = _Answer(*(getattr(found, name).numpy() for name in _Answer._fields))
-    value = np.array(model.value, problem.scale.dtype)
-    defect = room.defect.numpy()
-    frames = room.cholesky, room.solved, defect
-    _factorize(problem, jacobian, value, np.array(model.undamped), *frames, answer)
+    _factorize(model, problem, jacobian, room, answer)
     root, positive = room.factorize_capacitance()
     found.valid.logical_and_(positive)
     if not all(model.running):
         found.valid.logical_and_(torch.tensor(model.running))
     parts = room.model(jacobian, identity_where(~positive, root))
     tiny = negligible_share(model.at.dtype)
-    exact = np.ones(len(value), np.bool_)
-    _solve(parts, room.filter, problem, ROUNDS, PIVOTS, tiny, answer, exact)
-    if box is not None and not exact.all():
-        descent = feasible_descent(equations, found.damping, box, found.step)
-        found.step[:] = torch.where(torch.from_numpy(exact).unsqueeze(-1), found.step, descent)
-        _judge(parts, room.filter, problem, tiny, answer)
+    newton = np.empty_like(answer.step)
+    newton_steps(parts, problem.gradient, problem.features, room.filter.complement, newton)
+    _take(newton, answer)
+    if box is not None:
+        bounds = _bounds(problem, newton, answer)
+        exact = np.ones(len(newton), np.bool_)
+        solve_all(parts, newton, *bounds, ROUNDS, PIVOTS, answer.step, answer.multipliers, exact)
+        _keep_within(problem, bounds.lowest, bounds.highest, answer)
+        if not exact.all():
+            descent = feasible_descent(equations, found.damping, box, found.step)
+            found.step[:] = torch.where(torch.from_numpy(exact).unsqueeze(-1), found.step, descent)
+    _judge(parts, room.filter, problem, tiny, answer)
     return found
+
+
+def _factorize(
+    model: DampedModel, problem: _Problem, jacobian: Floats, room: Room, answer: _Answer
+) -> None:
+    """Damping, and the factors of all frames; whether they are positive definite."""
+    value = np.array(model.value, problem.scale.dtype)
+    valid = np.ones(problem.gradient.shape[:2], np.bool_)
+    _damp(problem, value, np.array(model.undamped), answer, valid)
+    damping = answer.damping.reshape(problem.gradient.shape)
+    frames = problem.curvature, damping, jacobian, room.cholesky, room.solved, room.defect.numpy()
+    factorize_each(*(x.reshape(valid.size, *x.shape[2:]) for x in frames), valid.reshape(-1))
+    answer.valid[:] = valid.all(-1)
 
 
 def _stacked(equations: NormalEquations) -> tuple[Floats, Floats]:
@@ -121,77 +148,45 @@ def _no_step(model: DampedModel) -> DampedStep:
     )
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _factorize(
-    problem: _Problem,
-    jacobian: Floats,
-    value: Floats,
-    undamped: Flags,
-    cholesky: Floats,
-    solved: Floats,
-    defect: Floats,
-    answer: _Answer,
-) -> None:
-    """Damping, and the factors of all frames; whether they are positive definite."""
-    frames, dim = problem.gradient.shape[1:]
+@kernel()
+def _damp(problem: _Problem, value: Floats, undamped: Flags, answer: _Answer, valid: Flags) -> None:
+    """Damping of all unknowns, and in which frames (B, F) it is finite."""
+    dim = problem.gradient.shape[2]
     for b in range(len(value)):
         damping, here, scale = answer.damping[b], problem.here[b], problem.scale[b]
         share = value.dtype.type(0)
-        valid = np.ones(frames, np.bool_)
         for n in range(len(damping)):
             unit = here[n] if undamped[b] and here[n] > 0 else scale[n]
             damping[n] = value[b] * unit if unit > 0 else value[b]
             if here[n] > 0:
                 share = max(share, damping[n] / here[n])
             if not np.isfinite(damping[n]):
-                valid[n // dim] = False
+                valid[b, n // dim] = False
         answer.share[b] = share
-        own = damping.reshape(frames, dim)
-        parts = cholesky[b], solved[b], defect[b], valid
-        factorize_each(problem.curvature[b], own, jacobian[b], *parts)
-        answer.valid[b] = valid.all()
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _solve(
-    model: Model,
-    filters: Filter,
-    problem: _Problem,
-    rounds: int,
-    pivots: int,
-    tiny: float,
-    answer: _Answer,
-    exact: Flags,
-) -> None:
-    """Steps within the bounds, whether they are exact, and what they promise."""
-    newton = np.empty_like(answer.step)
-    newton_steps(model, problem.gradient, problem.features, filters.complement, newton)
+@kernel()
+def _take(newton: Floats, answer: _Answer) -> None:
+    """Newton's steps where they are finite; no step elsewhere."""
     for b in range(len(newton)):
-        answer.valid[b] = answer.valid[b] and np.isfinite(newton[b]).all()
+        _drop_invalid(answer.valid, newton, b)
         for n in range(newton.shape[1]):
-            if not answer.valid[b]:
-                newton[b, n] = 0
             answer.step[b, n] = newton[b, n]
-    if problem.lower.shape[1] > 0:
-        _hold_bounds(model, problem, rounds, pivots, newton, answer, exact)
-    for b in range(len(newton)):
-        answer.valid[b] = answer.valid[b] and np.isfinite(answer.step[b]).all()
-        if not answer.valid[b]:
-            answer.step[b] = 0
-    _judge(model, filters, problem, tiny, answer)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _hold_bounds(
-    model: Model,
-    problem: _Problem,
-    rounds: int,
-    pivots: int,
-    newton: Floats,
-    answer: _Answer,
-    exact: Flags,
-) -> None:
-    """See ``box_step``; steps come as ``newton``, multipliers as a guess."""
+@inner()
+def _drop_invalid(valid: Flags, step: Floats, b: int) -> None:
+    """No step where it is not finite, or known to be wrong."""
+    for n in range(step.shape[1]):
+        valid[b] = valid[b] and np.isfinite(step[b, n])
+    if not valid[b]:
+        for n in range(step.shape[1]):
+            step[b, n] = 0
+
+
+@kernel()
+def _bounds(problem: _Problem, newton: Floats, answer: _Answer) -> _Bounds:
+    """What ``box_step`` is given; multipliers come as a guess and go as zeros."""
     lowest, highest = problem.lower - problem.at, problem.upper - problem.at
     held, unit = np.zeros_like(newton), np.empty_like(newton)
     tolerance = np.empty_like(newton[:, :1])
@@ -206,23 +201,28 @@ def _hold_bounds(
             answer.multipliers[b, n] = 0
         sides = lowest[b], highest[b], problem.at[b], unit[b]
         tolerance[b, 0] = _tolerance(newton[b], *sides)
-    bounds = lowest, highest, held, unit, tolerance
-    solve_all(model, newton, *bounds, rounds, pivots, answer.step, answer.multipliers, exact)
-    for b in range(len(newton)):
-        for n in range(newton.shape[1]):
+    return _Bounds(lowest, highest, held, unit, tolerance)
+
+
+@kernel()
+def _keep_within(problem: _Problem, lowest: Floats, highest: Floats, answer: _Answer) -> None:
+    """Steps end on the bounds that hold them, and none beyond any."""
+    step = answer.step
+    for b in range(len(step)):
+        for n in range(step.shape[1]):
             # what a multiplier holds is on its bound but for rounding; put it there
-            step, pull = answer.step[b, n], answer.multipliers[b, n]
+            one, pull = step[b, n], answer.multipliers[b, n]
             if pull != 0:
-                step = highest[b, n] if pull > 0 else lowest[b, n]
-            step = min(max(step, lowest[b, n]), highest[b, n])
+                one = highest[b, n] if pull > 0 else lowest[b, n]
+            one = min(max(one, lowest[b, n]), highest[b, n])
             for _ in range(2):
-                moved = problem.at[b, n] + step
+                moved = problem.at[b, n] + one
                 if moved > problem.upper[b, n] or moved < problem.lower[b, n]:
-                    step = np.nextafter(step, newton.dtype.type(0))
-            answer.step[b, n] = step
+                    one = np.nextafter(one, step.dtype.type(0))
+            step[b, n] = one
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _tolerance(newton: Floats, lowest: Floats, highest: Floats, at: Floats, unit: Floats) -> float:
     """Violations that are rounding, in the units of the unknowns; see ``box_step``."""
     eps = np.finfo(newton.dtype).eps
@@ -234,11 +234,12 @@ def _tolerance(newton: Floats, lowest: Floats, highest: Floats, at: Floats, unit
     return float(eps ** (2 / 3) * worst + 8 * eps * size)
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _judge(model: Model, filters: Filter, problem: _Problem, tiny: float, answer: _Answer) -> None:
     """What the model promises of the steps, and whether they are rounding of the unknowns."""
     frames, dim = problem.gradient.shape[1:]
     for b in range(len(answer.step)):
+        _drop_invalid(answer.valid, answer.step, b)
         step = answer.step[b].reshape(frames, dim)
         moved, residual = np.zeros_like(problem.features[b]), problem.features[b].copy()
         change = step.dtype.type(0)
@@ -261,7 +262,7 @@ def _judge(model: Model, filters: Filter, problem: _Problem, tiny: float, answer
         answer.negligible[b] = size <= tiny * reach
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@inner()
 def _apply_filter(model: Model, filters: Filter, features: Floats) -> None:
     """``(I - C' diag(keep) C) y`` in place, (F, E)."""
     kept = np.zeros(model.root.shape[1], features.dtype)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.array_checks import require_indices, require_shape
+from perfcap.kernels import kernel
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def aggregate(edges: Indices, nodes: int, groups: int | None = None) -> tuple[In
     return group, int(_grow(first, np.ascontiguousarray(ordered[:, 1]), wanted, group))
 
 
-@numba.njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _grow(first: Indices, neighbours: Indices, wanted: int, group: Indices) -> int:
     """Write the group of each node; each new centre floods what is nearer to it than to others."""
     nodes = len(group)
