@@ -82,6 +82,16 @@ def test_numbers_are_those_of_the_capture_where_a_view_is_left_out() -> None:
     assert views == {"cam1": (0,), "cam2": (1,)}
 
 
+def test_a_late_view_of_who_hardly_moves_is_not_doubted() -> None:
+    take = make_take(60, views=4, lifted=False, rate=60)
+    four = CameraRig(NAMES, take.cameras)
+    late = take.detections.joints2d.clone()
+    late[:, 1] = late[:, 1].roll(4, 0)
+    late[:4, 1] = take.detections.joints2d[0, 1]
+    found = one(examine_agreement(four, replace(take.detections, joints2d=late)))
+    assert found.subject == "cam2" and "frames late" in found.what and found.views == ()
+
+
 @pytest.mark.parametrize(
     "joints", [MIRRORED, order(("l_elbow", "l_wrist"), ("r_elbow", "r_wrist"))]
 )

@@ -119,7 +119,11 @@ def _explain(
     outcast = _outcast(scene.sampled(), now, height)
     without = math.inf if outcast is None else outcast.rest
     if late is not None and in_time < min(left, now, IN_TIME * without):
-        finding = Finding(Severity.ERROR, late.subject, late.what, late.remedy, views=late.views)
+        # where the person hardly moves, joints are right at another time as well
+        off = [
+            view for view in late.views if left_out_error(scene.sampled(), view) > CULPRIT * height
+        ]
+        finding = Finding(Severity.ERROR, late.subject, late.what, late.remedy, views=tuple(off))
         return finding, late.undo(scene), names
     if left < min(BETTER * now, PREFERRED * without):
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
