@@ -1,9 +1,9 @@
-"""Views that are wrong in a part of a clip: are the frames named that come out bad, and no others?
+"""Views that are wrong in a clip: are the frames named that come out bad, and no others?
 
-For a third of the frames and one view, joints lie aside, are of half a second later, stand still,
-have left and right exchanged, or are pixels of an image of half the size; or left and right are
-exchanged in every view. Checks of the inputs name some of these frames; trust is then judged
-without the joints that they contradict.
+For a third of the frames, or for all, and one view, joints lie aside, are of half a second later,
+stand still, have left and right exchanged, or are pixels of an image of half the size; or left and
+right are exchanged in every view. Checks of the inputs name some of these frames; trust is then
+judged without the joints that they contradict.
 """
 
 from __future__ import annotations
@@ -50,22 +50,38 @@ class Experiment:
 
 
 def run(config: Experiment) -> Report:
-    """A row for each clip and set of views, and one for all."""
+    """Of views that are wrong for a while and throughout, a row for each clip and set of views."""
     torch.set_num_threads(1)
-    rows: list[tuple[str | int | float, ...]] = []
-    sums = []
-    for name in config.sequences:
-        clip = balancing(config.data) if name == "balancing" else rendered_views(config.data, name)
-        for views in config.views:
-            judged = torch.cat([*_judged(_part(clip, list(views), config.frames))], 1)
-            sums.append(judged)
-            rows.append((name, " ".join(map(str, views)), *_row(judged)))
-    rows.append(("all", "", *_row(torch.cat(sums, 1))))
+    named = [
+        balancing(config.data) if name == "balancing" else rendered_views(config.data, name)
+        for name in config.sequences
+    ]
+    clips = [_part(clip, list(views), config.frames) for clip in named for views in config.views]
     columns = (
         *("clip", "views", "frames", "bad"),
         *("bad named before, %", "good named before, %", "bad named, %", "good named, %"),
     )
-    return Report((Table("frames named where a view is wrong", columns, tuple(rows), 0),))
+    return Report(
+        tuple(
+            Table(
+                f"frames named where a view is wrong {when}",
+                columns,
+                _rows(clips, config, whole),
+                0,
+            )
+            for when, whole in (("for a while", False), ("throughout", True))
+        )
+    )
+
+
+def _rows(
+    clips: list[Recording], config: Experiment, throughout: bool
+) -> tuple[tuple[str | int | float, ...], ...]:
+    """One for each clip, and one for all."""
+    judged = [torch.cat([*_judged(clip, throughout)], 1) for clip in clips]
+    which = [(name, " ".join(map(str, v))) for name in config.sequences for v in config.views]
+    rows = [(*names, *_row(each)) for names, each in zip(which, judged, strict=True)]
+    return (*rows, ("all", "", *_row(torch.cat(judged, 1))))
 
 
 def _row(judged: Tensor) -> tuple[int, int, float, float, float, float]:
@@ -79,7 +95,7 @@ def _part(clip: Recording, views: list[int], frames: int) -> Recording:
     return replace(clip, rig=clip.rig.select(views), detections=seen, truth=clip.truth[count])
 
 
-def _judged(clip: Recording) -> Iterator[Tensor]:
+def _judged(clip: Recording, throughout: bool) -> Iterator[Tensor]:
     """Frames that are bad, that are named without the checks, and with them, (3, F) bool."""
     seen: list[Trust] = []
 
@@ -87,7 +103,7 @@ def _judged(clip: Recording) -> Iterator[Tensor]:
         seen.append(judge_frames(frame_evidence(problem, motion)))
         return judge_motion(problem, motion, joints)
 
-    for detections in _spoiled(clip):
+    for detections in _spoiled(clip, throughout):
         with mock.patch.object(move, "judge_motion", kept), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = capture(
@@ -101,7 +117,7 @@ def _judged(clip: Recording) -> Iterator[Tensor]:
             )
         assert found.trust is not None
         named = (each.value < THRESHOLD for each in (seen[-1], found.trust))
-        yield torch.stack((_bad(found.joints(), clip.truth), *named))
+        yield torch.stack((_bad(found.joints(), clip.truth[: detections.frame_count]), *named))
 
 
 def _bad(joints: Tensor, truth: Tensor) -> Tensor:
@@ -114,11 +130,14 @@ def _bad(joints: Tensor, truth: Tensor) -> Tensor:
     return bad
 
 
-def _spoiled(clip: Recording) -> Iterator[Detections]:
-    """The clip with each mistake in the second third of its frames."""
-    seen = clip.detections
-    part = slice(seen.frame_count // 3, 2 * seen.frame_count // 3)
-    later = min(round(clip.rate / 2), seen.frame_count - part.stop)
+def _spoiled(clip: Recording, throughout: bool) -> Iterator[Detections]:
+    """The clip with each mistake in the second third of its frames, or in all of them."""
+    seen, count = clip.detections, clip.detections.frame_count
+    part = slice(count // 3, 2 * count // 3)
+    later = min(round(clip.rate / 2), count - part.stop)
+    if throughout:
+        part = slice(0, count - later)
+    kept = part if throughout else slice(0, count)
     aside = 0.15 * seen.person_height()  # C
     changes: tuple[Callable[[Tensor, int], Tensor], ...] = (
         lambda joints, view: joints[part, view] + torch.stack((aside[view], 0 * aside[view])),
@@ -127,15 +146,15 @@ def _spoiled(clip: Recording) -> Iterator[Detections]:
         lambda joints, view: joints[part, view][:, _MIRRORED],
         lambda joints, view: 0.5 * joints[part, view],
     )
-    yield seen
+    yield seen.frames(kept)
     for view in range(seen.views):
         for change in changes:
             joints = seen.joints2d.clone()
             joints[part, view] = change(seen.joints2d, view)
-            yield replace(seen, joints2d=joints)
+            yield replace(seen, joints2d=joints).frames(kept)
     joints = seen.joints2d.clone()
     joints[part] = joints[part][:, :, _MIRRORED]
-    yield replace(seen, joints2d=joints)
+    yield replace(seen, joints2d=joints).frames(kept)
 
 
 if __name__ == "__main__":

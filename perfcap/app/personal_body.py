@@ -125,7 +125,7 @@ _MISSED = 0.06  # m, by which a body misses the height it was given
 _OTHER_LEGS = 0.07  # share, of a body's legs to those of the views; sound ones have up to 0.03
 # m, from the given height to that of a body with the legs of the views. A wrong height is met
 # halfway, so that neither body nor legs are far off: right ones of nine recordings were up to 0.03
-# off, those 18 cm too large or small 0.13 and more
+# off, from joints alone up to 0.07, those 18 cm too large or small 0.13 and more
 _OTHER_HEIGHT = 0.1
 _SUPPORT = 0.15  # of the outline on edges, of which plain images and noise have less
 _FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same

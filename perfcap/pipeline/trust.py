@@ -38,6 +38,7 @@ _DOUBTED = "a check of the inputs contradicts joints, and the others do not bear
 _BESIDE = "limbs are far from where joints that several views agree on have them"
 _FAR_LIMB = 0.3  # m beside the middle of the hips: no two such poses of a frame can both be good
 _PAIR = 2  # views
+_UNSHOWN = 0.5  # trust, at most, in frames of which every joint is doubted: more than half are bad
 _CONSIDERABLE = 0.25  # of the frames
 _NAMED = 6  # ranges in words
 _FEW = math.log(0.15)  # log of detections that agree
@@ -257,8 +258,10 @@ def _judged(problem: ClipProblem, motion: Motion) -> Trust:
     near = _around(doubted.double(), _reach(problem, motion)) > 0
     others = replace(problem.detections, doubted=near).undoubted()
     borne_out = judge_frames(frame_evidence(replace(problem, detections=others), motion))
-    worse = doubted.any(-1) & ~(borne_out.value >= judged.value)
-    value = torch.where(worse, borne_out.value, judged.value)
+    shown = (others.confidence2d > 0).flatten(1).any(1) | others.trusted3d.any(1)
+    most = torch.where(shown, borne_out.value, borne_out.value.clamp(max=_UNSHOWN))
+    worse = doubted.any(-1) & ~(most >= judged.value)
+    value = torch.where(worse, most, judged.value)
     error = torch.where(worse, torch.maximum(borne_out.error, judged.error), judged.error)
     doubtful = tuple(
         (a, b, _DOUBTED if bool(worse[a:b].any()) else _reason(evidence[a:b].mean(0)))

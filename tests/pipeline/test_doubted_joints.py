@@ -36,7 +36,7 @@ def marked(detections: Detections, views: tuple[int, ...]) -> Detections:
     return doubting(
         detections,
         [
-            Finding(Severity.WARNING, "all", "of every frame", "", (), views),
+            Finding(Severity.WARNING, "all", "of no view in particular"),
             Finding(Severity.WARNING, "some", "", "", tuple(range(FROM, FRAMES)), views),
         ],
     )
@@ -50,6 +50,10 @@ def test_findings_doubt_their_frames_and_views_alone() -> None:
     assert doubted[FROM:, [0, 2]].all() and int(doubted.sum()) == 2 * (FRAMES - FROM)
     twice = marked(marked(seen, (0,)), (2,)).doubted
     assert twice is not None and torch.equal(twice, doubted)
+    throughout = doubting(seen, [Finding(Severity.WARNING, "a", "of every frame", views=(1,))])
+    assert throughout.doubted is not None
+    assert throughout.doubted.all(0).tolist() == [False, True, False]
+    assert int(throughout.doubted.sum()) == FRAMES
 
 
 def test_joints_that_the_others_bear_out_change_little() -> None:
@@ -80,3 +84,40 @@ def test_what_python_finds_reaches_trust(views: int) -> None:
     assert any("in every view" in line for line in found.warnings)
     assert found.trust is not None and found.trust.considerable
     assert (found.trust.value[FROM + 3 :] < THRESHOLD).all()
+
+
+def spoiled(take: Take, mistake: str) -> Performance:
+    """A capture in which the second view is wrong in every frame."""
+    joints = take.detections.joints2d.clone()
+    if mistake == "aside":
+        joints[:, 1] += torch.tensor([60.0, 0.0])
+    else:
+        joints[:, 1] *= 0.5
+    return captured(take, replace(take.detections, joints2d=joints))
+
+
+def test_a_view_that_is_wrong_throughout() -> None:
+    """The motion is trusted as far as the other views bear it out."""
+    take = make_take(40, views=3, lifted=False)
+    off = spoiled(take, "aside")
+    assert any("from where the other views see them" in line for line in off.warnings)
+    assert float(take.error_mm(off.joints()).mean()) > 100
+    assert off.trust is not None and off.trust.considerable
+    assert float((off.trust.value < THRESHOLD).double().mean()) > 0.5
+    fine = spoiled(take, "half the size")
+    assert any("times the calibration's size" in line for line in fine.warnings)
+    assert float(take.error_mm(fine.joints()).mean()) < 1
+    assert fine.trust is not None and not fine.trust.doubtful
+
+
+def test_joints_of_one_view_that_are_held() -> None:
+    """As where one who is lost stays where they were last seen: nothing shows the motion then."""
+    take = make_take(FRAMES)
+    frame = torch.arange(FRAMES)
+    held = torch.where((frame >= 20) & (frame < 45), 20, frame)
+    trust = captured(take, take.detections.frames(held)).trust
+    assert trust is not None
+    ((start, stop, why),) = trust.doubtful
+    assert (start, stop) == (21, 45) and "a check of the inputs" in why
+    third = captured(take, take.detections.frames(frame // 3 * 3)).trust
+    assert third is not None and not third.doubtful

@@ -80,8 +80,10 @@ def examine_agreement(
         found = _explain(scene, names, height, alone, successive)
         if found is None:
             break
+        views = [rig.names.index(name) for name in names]  # others are left out by now
         finding, scene, names = found
-        findings.append(finding)
+        findings.append(_numbered(finding, views))
+    views = [rig.names.index(name) for name in names]
     sampled = scene.sampled()
     if disagreement(sampled) < BAD * height:
         # where joints of one view are exchanged, points are nowhere
@@ -89,13 +91,9 @@ def examine_agreement(
         if not throughout:
             scaled, throughout = _throughout(sampled)
             findings += scaled
-        findings += throughout
-        if not successive:
-            return findings
-        views = [rig.names.index(name) for name in names]  # others are left out by now
-        parts = _stretches(scene.sure(), names, height, alone, bool(throughout))
-        findings += [replace(each, views=tuple(views[i] for i in each.views)) for each in parts]
-        return findings
+        if successive:
+            throughout += _stretches(scene.sure(), names, height, alone, bool(throughout))
+        return [*findings, *(_numbered(each, views) for each in throughout)]
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
@@ -121,14 +119,17 @@ def _explain(
     outcast = _outcast(scene.sampled(), now, height)
     without = math.inf if outcast is None else outcast.rest
     if late is not None and in_time < min(left, now, IN_TIME * without):
-        return (
-            Finding(Severity.ERROR, late.subject, late.what, late.remedy),
-            late.undo(scene),
-            names,
-        )
+        # where the person hardly moves, joints are right at another time as well
+        off = [
+            view for view in late.views if left_out_error(scene.sampled(), view) > CULPRIT * height
+        ]
+        finding = Finding(Severity.ERROR, late.subject, late.what, late.remedy, views=tuple(off))
+        return finding, late.undo(scene), names
     if left < min(BETTER * now, PREFERRED * without):
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
-        finding = Finding(Severity.ERROR, best.subject, what, best.remedy)
+        # of two views it is unknown which one is wrong
+        at_fault = best.views if best.views and len(names) > 2 else tuple(range(len(names)))
+        finding = Finding(Severity.ERROR, best.subject, what, best.remedy, views=at_fault)
         return finding, best.undo(scene), names
     if outcast is None:
         return None
@@ -181,6 +182,11 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     return None
 
 
+def _numbered(finding: Finding, views: Sequence[int]) -> Finding:
+    """A finding of some of the views, by the numbers that these have in the capture."""
+    return replace(finding, views=tuple(views[view] for view in finding.views))
+
+
 def _throughout(scene: Scene) -> tuple[list[Finding], list[Finding]]:
     """The unit of the world, and joints that have the names of others in every view."""
     points, _ = scene.triangulated(rounds=6)
@@ -189,7 +195,8 @@ def _throughout(scene: Scene) -> tuple[list[Finding], list[Finding]]:
         or examine_pairs("detections", points)
         or examine_neighbours("detections", points)
     )
-    return _scale(points), exchanged
+    everywhere = tuple(range(scene.detections.views))
+    return _scale(points), [replace(each, views=everywhere) for each in exchanged]
 
 
 def _stretches(
@@ -221,7 +228,8 @@ def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding
         f"look whether its joints are of somebody else{follow}, and its video of this take; else "
         "calibrate this view again or leave it out"
     )
-    return Finding(Severity.ERROR if share > HOPELESS else Severity.WARNING, name, what, remedy)
+    severity = Severity.ERROR if share > HOPELESS else Severity.WARNING
+    return Finding(severity, name, what, remedy, views=(outcast.view,))
 
 
 def _behind(scene: Scene, names: Sequence[str]) -> list[Finding]:

@@ -15,7 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
-from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
@@ -116,8 +116,10 @@ def _poses3d(
         or examine_crown(name, *shown)
         or examine_depth(name, pose)
     )
+    wrong = of_view(view, wrong)
     if not repeated:
-        wrong = wrong or examine_held(name, *_poses(view, detections), "3D joints")
+        held = examine_held(name, *_poses(view, detections), "3D joints", found=True)
+        wrong = wrong or of_view(view, held, partly=True)
     if successive:
         known = torch.where(trusted[:, None, None], every, torch.nan)
         wrong = wrong or examine_turned_poses(name, view, *shown, every, trusted)
@@ -130,8 +132,8 @@ def _order(name: str, view: int, detections: Detections, successive: bool) -> li
     given = _given(view, detections)
     order = examine_order(name, *given)
     if not successive:
-        return order
-    order = order or examine_shuffled(name, *given)
+        return of_view(view, order)
+    order = of_view(view, order or examine_shuffled(name, *given))
     return order or examine_backwards(name, view, *given)
 
 

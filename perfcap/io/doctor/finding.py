@@ -44,14 +44,28 @@ class Finding:
         return f"{self.severity.value}: {self.subject}: {self.what}{remedy}"
 
 
+def of_view(view: int, findings: Iterable[Finding], *, partly: bool = False) -> list[Finding]:
+    """Findings that say that joints of a view are wrong.
+
+    Args:
+        view: its number in the capture.
+        findings: of it.
+        partly: whether they say it of frames that they name alone; else, of all if they name none.
+    """
+    return [
+        found if partly and not found.frames else replace(found, views=(view,))
+        for found in findings
+    ]
+
+
 def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
-    """Detections of which those are doubted, too, that findings say are wrong in some frames.
+    """Detections of which those are doubted, too, that findings say are wrong.
 
     Args:
         detections: of the capture, (F, C).
         findings: of its inputs.
     """
-    wrong = [found for found in findings if found.frames and found.views]
+    wrong = [found for found in findings if found.views]
     if not wrong:
         return detections
     doubted = torch.zeros_like(detections.trusted3d)
@@ -59,7 +73,7 @@ def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
         doubted |= detections.doubted
     for found in wrong:
         there = torch.zeros_like(doubted)
-        there[..., found.frames, :] = True
+        there[..., found.frames or slice(None), :] = True
         there[..., [view for view in range(detections.views) if view not in found.views]] = False
         doubted |= there
     return replace(detections, doubted=doubted)

@@ -147,6 +147,7 @@ def _delays(name: str, view: int) -> Iterator[Hypothesis]:
             f"looks {abs(delay)} or so frames {way}",
             "synchronise the videos",
             partial(delayed, view=view, delay=delay),
+            views=(view,),
         )
 
 
@@ -294,6 +295,7 @@ def late_view(scene: Scene, names: Sequence[str]) -> Hypothesis | None:
         f"looks {abs(shift)} or so frames {'late' if shift > 0 else 'early'}",
         "synchronise the videos, and detections with them",
         partial(delayed, view=view, delay=shift),
+        views=(view,),
     )
 
 

@@ -49,8 +49,9 @@ def examine_one_view(scene: Scene, names: Sequence[str], height: float) -> list[
         return []
     _, what, view = min(found)
     subject = names[view] if len(names) > 2 else " or ".join(names)
-    remedy = "give all views in one order of joints"
-    return [Finding(Severity.WARNING, subject, f"{what} look exchanged in this view", remedy)]
+    views = (view,) if len(names) > 2 else (0, 1)
+    what, remedy = f"{what} look exchanged in this view", "give all views in one order of joints"
+    return [Finding(Severity.WARNING, subject, what, remedy, views=views)]
 
 
 def _orders() -> Iterator[tuple[str, list[int]]]:

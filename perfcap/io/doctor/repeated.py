@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.io.doctor.finding import Finding, Severity, ranges
+from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 
 _NAMED = 3  # numbers of frames in words
 _SOME = 4  # joints that tell a repeated frame
@@ -15,6 +17,7 @@ _FEWEST, _SHARE = 3, 0.05  # frames that repeat the one before, and share of the
 # pixels, or on those of a heat map, stay where they are now and then
 _HOLDS, _UNIQUE = 5, 0.9
 _COLLAPSED = 8  # joints at one place
+_LONG = 8  # frames that all repeat one: the person moves on, and networks look more often
 
 
 def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -> list[Finding]:
@@ -26,7 +29,7 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
         pixels: joints, (F, 16, 2), or where there are none 3D ones, (F, 16, 3).
         confidence: (F, 16).
     """
-    held = examine_held(name, pixels, confidence)
+    held = of_view(view, examine_held(name, pixels, confidence, found=True), partly=True)
     return [
         *(held or _held_joints(name, pixels, confidence)),
         *_again(name, view, pixels, confidence),
@@ -35,28 +38,39 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
 
 
 def examine_held(
-    name: str, pixels: Tensor, confidence: Tensor, joints: str = "joints"
+    name: str, pixels: Tensor, confidence: Tensor, joints: str = "joints", *, found: bool = False
 ) -> list[Finding]:
-    """Frames whose joints are those of the frame before.
+    """Frames whose joints are those of the frame before; those of long stretches are wrong.
 
     Args:
         name: of the view.
         pixels: joints, (F, 16, 2), or 3D ones, (F, 16, 3).
         confidence: (F, 16).
         joints: what they are called.
+        found: whether a detector found them: a motion may stand quite still for a while.
     """
     seen = confidence > 0
     both = (seen[1:] & seen[:-1]).sum(-1) >= _SOME
     same = ((pixels[1:] == pixels[:-1]).all(-1) | ~seen[1:]).all(-1) & both
-    repeated, pairs = int(same.sum()), int(both.sum())
-    if repeated < _FEWEST or repeated < _SHARE * pairs:
+    repeated, pairs, frames = int(same.sum()), int(both.sum()), _long_stretches(same)
+    if repeated < max(_FEWEST, _SHARE * pairs) and not (found and frames):
         return []
     what = f"{repeated} of {pairs} frames repeat the {joints} of the frame before to the last digit"
+    where = f", frames {ranges(frames)} (counted from 0) one after the other" if frames else ""
     remedy = (
         "no detector does; if it ran on some frames alone, leave the others out, and give video "
         "and detections the same frame rate"
     )
-    return [Finding(Severity.WARNING, name, what, remedy)]
+    return [Finding(Severity.WARNING, name, what + where, remedy, frames)]
+
+
+def _long_stretches(same: Tensor) -> tuple[int, ...]:
+    """Frames of the stretches in which each is (F - 1,) as the one before, if they are long."""
+    frames: list[int] = []
+    for held, part in groupby(range(1, len(same) + 1), key=lambda frame: bool(same[frame - 1])):
+        stretch = list(part)
+        frames += stretch if held and len(stretch) >= _LONG else []
+    return tuple(frames)
 
 
 def _held_joints(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
