@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,8 @@ from perfcap.commands.actor import ActorFrames
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
 from perfcap.io.clip import Clip
-from perfcap.segment.central_person import MIDDLE, Area, central_person
+from perfcap.io.doctor.finding import ranges
+from perfcap.segment.central_person import MIDDLE, Area, central_person, cut_off
 from perfcap.segment.still_frames import Stills, blurred, choose_stills, look_over
 
 Image = NDArray[np.uint8]
@@ -26,6 +27,10 @@ _CHUNK = 8  # frames decoded at once
 _NARROW = 0.04  # of the picture: what is narrower shows no person
 _APART = 0.02  # of the picture: motion to the pictures that a mask is found with
 _QUALITY, _PREVIEW_QUALITY = 97, 85
+# of an edge of the box, at which masks end in the mean of the stills: those of orbits around whole
+# people 0.06 at most, around people who go beyond the box 0.17 to 0.36
+_CUT = 0.12
+_SMALL, _LARGE = 0.3, 2.3  # times the usual area of a mask; sound ones of orbits have 0.37 to 1.9
 _SHOWN, _TALL = 12, 220  # pictures of the preview, and their height, px
 
 _LOG = logging.getLogger(__name__)
@@ -54,13 +59,19 @@ def run_frames(request: ActorFrames) -> int:
             )
         chosen = choose_stills(stills, request.count)
         shown: list[Image] = []
+        areas: dict[int, float] = {}
+        cuts: list[Mapping[str, float]] = []
         for done, frame in enumerate(chosen, 1):
             mask = _save(request, clip, stills, frame, box)
+            if mask is not None:
+                areas[clip.start + frame] = float(mask.mean())
+                cuts.append(cut_off(mask, box))
             if len(shown) * len(chosen) < done * _SHOWN:
                 shown.append(_outlined(clip.read_view(0, frame, frame + 1)[0], mask))
             tell("write", done, len(chosen))
     _save_picture(request.out / PREVIEW, np.concatenate(shown, 1), ".jpg", _PREVIEW_QUALITY)
-    for line in (*clip.warnings, *_doubts(request, stills, chosen)):
+    about = (*_doubts(request, stills, chosen), *mask_doubts(areas, cuts))
+    for line in (*clip.warnings, *about):
         _LOG.warning("%s", line)
     PlainConsole().print(
         f"{len(chosen)} of {len(clip)} frames in {request.out}; look at {request.out / PREVIEW}",
@@ -147,4 +158,29 @@ def _doubts(request: ActorFrames, stills: Stills, chosen: list[int]) -> Iterator
         yield (
             f"{len(dull)} of the {len(chosen)} stills are blurred; film more slowly, or in more "
             "light"
+        )
+
+
+def mask_doubts(areas: Mapping[int, float], cuts: Sequence[Mapping[str, float]]) -> Iterator[str]:
+    """Sentences about masks that cannot be of one whole person, who hardly grows or shrinks.
+
+    Args:
+        areas: share of the picture that each mask holds, by the number of its still.
+        cuts: of the masks, ``cut_off``.
+    """
+    box = "--box LEFT TOP RIGHT BOTTOM says where the person stays, all of them in every still"
+    usual = float(np.median(list(areas.values()))) if areas else 0.0
+    odd = [n for n, area in areas.items() if not _SMALL * usual < area < _LARGE * usual]
+    if odd:
+        least, most = min(areas.values()), max(areas.values())
+        yield (
+            f"some masks are not of the person alone (stills {ranges(odd)}): masks hold "
+            f"{least:.1%} to {most:.1%} of the picture, half of them less than {usual:.1%}; look "
+            f"at {PREVIEW}, and leave these masks out; {box}"
+        )
+    at = [side for side in (cuts[0] if cuts else ()) if np.mean([c[side] for c in cuts]) > _CUT]
+    if at:
+        yield (
+            f"masks end at the {', '.join(at)} of the box in which the person is looked for, as if "
+            f"cut off; look at {PREVIEW}: {box}"
         )

@@ -17,7 +17,7 @@ from perfcap.commands.results import Export
 from perfcap.errors import InputError
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
-from perfcap.pipeline.surroundings import axis, upright
+from perfcap.pipeline.surroundings import axis, up_doubt, upright
 
 FOLDER = "export"  # in the folder of the capture
 _UNNAMED = "capture"
@@ -130,11 +130,8 @@ def _recording(request: Export, name: str, result: Result) -> Recording:
     up = found if request.world_up == "auto" else axis(request.world_up).to(found)
     if result.level and not torch.equal(up, found):
         PlainConsole().print(f"--world-up {request.world_up}: a retargeted motion has y up")
-    elif float(up @ found) < 0:
-        PlainConsole().print(
-            f"--world-up {request.world_up}: the person is upside down then; auto takes the "
-            "opposite axis"
-        )
+    elif up_doubt(up, found):
+        PlainConsole().print(f"--world-up {request.world_up}: {up_doubt(up, found)}")
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
     return replace(recording, upright=upright_from(up.numpy()))
 

@@ -39,7 +39,7 @@ from perfcap.io.calibration import (
 from perfcap.io.clip import END_SLACK, Clip
 from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.cameras import impossible_cameras
-from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
+from perfcap.io.doctor.together import at_rate, camera_frames, camera_notes, of_others
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 
 
@@ -154,7 +154,7 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     known = rig.names
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
-    about += (*camera_rate(rig, clip), *of_others(request.detections, rig.names, known))
+    about += (*camera_notes(rig, clip), *of_others(request.detections, rig.names, known))
     maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if request.detections_in == "video" and detecting is not None:

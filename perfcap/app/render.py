@@ -17,7 +17,7 @@ from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
-from perfcap.pipeline.surroundings import Surroundings, axis, upright
+from perfcap.pipeline.surroundings import Surroundings, axis, up_doubt, upright
 
 _SIZE = (720, 720)  # px, height and width
 _TURN = 360.0  # degrees
@@ -49,10 +49,9 @@ def _render(request: Render) -> int:
     joints = torch.from_numpy(result.joints)
     found = upright(joints, result.level)
     up = found if request.up == "auto" else axis(request.up).to(found)
-    if float(up @ found) < 0:
-        PlainConsole().print(
-            f"--up {request.up}: the person is upside down then; auto takes the opposite axis"
-        )
+    doubt = up_doubt(up, found)
+    if doubt:
+        PlainConsole().print(f"--up {request.up}: {doubt}")
     around = Surroundings.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
     path = _path(request, result, around, rows)
     if request.camera is not None:

@@ -48,7 +48,6 @@ from perfcap.io.result_folder import (
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.place_units import places_factor
 from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
@@ -119,7 +118,7 @@ def _retargeted(request: Retarget) -> list[_Part]:
             "each"
         )
     targets = actors * len(people) if len(actors) == 1 else actors
-    rigs = [_in_one_unit(_level(_read(request, place, mapping))) for place, _ in people]
+    rigs = [_level(_read(request, place, mapping)) for place, _ in people]
     ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
     config = _config(request)
@@ -162,31 +161,18 @@ def _level(rig: MovingRig) -> MovingRig:
     )
 
 
-def _in_one_unit(rig: MovingRig) -> MovingRig:
-    """The same, with a note where places look as if in another unit than bones, which is said."""
-    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
-    landmarks = carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
-    factor = places_factor(landmarks, rig.rate, leg_length(rig.actor))
-    if factor is None:
-        return rig
-    note = (
-        f"feet would stand if the source's places were {factor:.2g} times as large, and slide as "
-        "they are; its root looks to be in another unit than its bones: export both in one"
-    )
-    _LOG.warning("%s", note)
-    return replace(rig, notes=(*rig.notes, note))
-
-
 def _solved(
     name: str, rig: MovingRig, target: Actor, scale: float, config: RetargetConfig
 ) -> _Part:
     joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", UserWarning)
-        found = retarget(rig.actor, joints, target, rig.rate, config, scale)
-    notes = tuple(str(each.message) for each in told if each.category is UserWarning)
-    for note in notes:
-        _LOG.warning("%s", note)
+        try:
+            found = retarget(rig.actor, joints, target, rig.rate, config, scale)
+        finally:  # what is odd about the motion may be why it is refused
+            notes = tuple(str(each.message) for each in told if each.category is UserWarning)
+            for note in notes:
+                _LOG.warning("%s", note)
     rig = replace(rig, notes=(*rig.notes, *notes))
     scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
     part = _Part(name, rig, joints, target, found, scores)

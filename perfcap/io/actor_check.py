@@ -16,6 +16,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 
 Floats = NDArray[np.float64]
 
+_TRUNK = (("spine", "neck"), ("neck", "head"))
 _LEANING = 30.0  # degrees, of the trunk
 _SEATED, _CROUCHED, _RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
 _INSIDE = 0.3  # winding number of a place within the body; 1 in a closed surface
@@ -33,6 +34,7 @@ def examine_actor(template: Template) -> tuple[Finding, ...]:
     return (
         *_size(template),
         *_chains(template),
+        *_sides(template),
         *limb_findings(template),
         *_pose(template),
         *_people(template),
@@ -53,7 +55,7 @@ def _size(template: Template) -> Iterator[Finding]:
 
 
 def _chains(template: Template) -> Iterator[Finding]:
-    """Limbs whose bones hang the other way round, or on the other side."""
+    """Limbs and necks whose bones hang the other way round, or on the other side."""
     bones, parents = template.joint_bones, template.bone_parents
 
     def below(bone: int, above: int) -> bool:
@@ -61,18 +63,29 @@ def _chains(template: Template) -> Iterator[Finding]:
             bone = int(parents[bone])
         return bone == above
 
+    links: list[tuple[str, str, str | None]] = [(*pair, None) for pair in _TRUNK]
     for side, other in ("lr", "rl"):
-        for upper, lower in LIMBS:
-            own, end = bones[f"{side}_{upper}"], bones[f"{side}_{lower}"]
-            crossed = below(own, end) or below(end, bones[f"{other}_{upper}"])
-            if crossed and not below(end, own):
-                names = template.bone_names
-                what = (
-                    f"{side}_{lower} is the bone {names[end]}, which does not hang on {names[own]}"
-                    f", the bone of {side}_{upper}"
-                )
-                remedy = "name the right bones in a mapping file"
-                yield Finding(Severity.ERROR, "limbs", what, remedy)
+        links += [(f"{side}_{up}", f"{side}_{down}", f"{other}_{up}") for up, down in LIMBS]
+    for upper, lower, across in links:
+        own, end = bones[upper], bones[lower]
+        crossed = below(own, end) or (across is not None and below(end, bones[across]))
+        if crossed and not below(end, own):
+            names = template.bone_names
+            what = (
+                f"{lower} is the bone {names[end]}, which does not hang on {names[own]}, the bone "
+                f"of {upper}"
+            )
+            subject = "trunk" if across is None else "limbs"
+            yield Finding(Severity.ERROR, subject, what, "name the right bones in a mapping file")
+
+
+def _sides(template: Template) -> Iterator[Finding]:
+    """Shoulders that are on the other side than the hips: of the arms alone, or the legs."""
+    at = joint_places(template)
+    if float((at["l_shoulder"] - at["r_shoulder"]) @ (at["l_hip"] - at["r_hip"])) < 0:
+        what = "l_shoulder is on the side of r_hip, and r_shoulder on that of l_hip"
+        remedy = "exchange l_ and r_ of the arms, or of the legs, in a mapping file"
+        yield Finding(Severity.ERROR, "left and right", what, remedy)
 
 
 def _pose(template: Template) -> Iterator[Finding]:

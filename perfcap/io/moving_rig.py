@@ -239,8 +239,8 @@ def _require_pose(path: Path, imported: ImportedActor) -> None:
 
 
 def _require_bones(path: Path, imported: ImportedActor, mapping: ActorMapping) -> None:
-    """Refuse a mapping of the source that crosses limbs or calls left what is right."""
-    named = [f for f in imported.findings if f.subject in ("limbs", "left and right")]
+    """Refuse a mapping of the source that crosses limbs or necks, or calls left what is right."""
+    named = [f for f in imported.findings if f.subject in ("limbs", "trunk", "left and right")]
     require_sound(path, tuple(named) if mapping.joints else ())
 
 

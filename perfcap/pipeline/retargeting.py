@@ -23,6 +23,7 @@ from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.joint_angles import joint_angles
 from perfcap.actor.motion import Motion
 from perfcap.actor.sole_points import sole_skeleton
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy.prior import PosePrior
 from perfcap.energy.trajectory import TrajectoryChange
 from perfcap.errors import InputError
@@ -40,6 +41,7 @@ from perfcap.pipeline.joint_motion import (
 )
 from perfcap.pipeline.motion_order import order_doubts
 from perfcap.pipeline.objective import angle_bounds, soft_edge
+from perfcap.pipeline.place_units import place_doubts
 from perfcap.pipeline.pose_paths import Pace, in_turn, paced
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.stances import contact_probability
@@ -97,7 +99,9 @@ def retarget(
     """
     rate = frame_rate(rate)
     _require_arguments(source, joints, target)
-    for line in (*rate_doubts(rate), *order_doubts(joints.position)):
+    points = carried_landmarks(source.skeleton, joints)[:, : len(LANDMARKS)]
+    doubts = *order_doubts(joints.position), *place_doubts(points, rate, leg_length(source))
+    for line in (*rate_doubts(rate), *doubts):
         warnings.warn(f"retarget: {line}", stacklevel=2)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")

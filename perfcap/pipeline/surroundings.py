@@ -84,6 +84,26 @@ def upright(joints: Tensor, level: bool = False) -> Tensor:
     return up
 
 
+def up_doubt(up: Tensor, found: Tensor) -> str:
+    """How the person bears themselves where an axis (3,) that was chosen is up, in words.
+
+    Args:
+        up: as it was chosen.
+        found: along which the person stands, of ``upright``.
+
+    Returns:
+        A sentence; empty where the person stands upright.
+    """
+    along = float(up @ found)
+    if along < -0.5:
+        return "the person is upside down then; auto takes the opposite axis"
+    if along < 0.5:
+        place = int(found.abs().argmax())
+        name = ("-" if float(found[place]) < 0 else "") + "xyz"[place]
+        return f"the person lies then, in most frames; auto takes {name}"
+    return ""
+
+
 def facing(joints: Tensor, up: Tensor) -> Tensor:
     """Level direction (3,) that a person of landmarks (16, 3) faces."""
     left = joints[_HIPS[0]] - joints[_HIPS[1]]

@@ -29,6 +29,7 @@ Plane = NDArray[np.float32]
 Area = tuple[float, float, float, float]
 
 _SURE = 0.6  # evidence of motion that colours do not overrule
+_STRIP = 0.006  # of the picture's longest side: what lies so near to an edge of the box is at it
 _PLAIN = 0.7  # how far flow is believed without texture
 
 MIDDLE: Area = (0.2, 0.02, 0.8, 0.98)
@@ -91,6 +92,26 @@ def central_person(
     soft = cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
     mask: Mask = soft > 0.5
     return mask
+
+
+def cut_off(mask: Mask, box: Area) -> dict[str, float]:
+    """Share of each edge of the box at which a mask ends: whole people hardly touch them.
+
+    Args:
+        mask: (H, W).
+        box: as of ``central_person``.
+    """
+    height, width = mask.shape
+    left, right = (round(min(max(share, 0), 1) * width) for share in (box[0], box[2]))
+    top, bottom = (round(min(max(share, 0), 1) * height) for share in (box[1], box[3]))
+    inside = mask[top:bottom, left:right]
+    strip = max(1, round(_STRIP * max(height, width)))
+    return {
+        "left": float(inside[:, :strip].any(1).mean()),
+        "right": float(inside[:, -strip:].any(1).mean()),
+        "top": float(inside[:strip].any(0).mean()),
+        "bottom": float(inside[-strip:].any(0).mean()),
+    }
 
 
 def _shrunk(image: Image, scale: float) -> Image:

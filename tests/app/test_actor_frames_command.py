@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from runs import Command
 
+from perfcap.app.actor_frames import mask_doubts
+from perfcap.segment.central_person import cut_off
+
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -62,3 +65,31 @@ def test_what_cannot_be_picked_is_told(
     assert words in line and not (tmp_path / "out").exists()
     line = perfcap(["actor", "frames", film, "--out", film]).refused()
     assert "not an empty folder" in line
+
+
+def test_a_box_beside_the_person_is_named(film: Path, tmp_path: Path, perfcap: Command) -> None:
+    """Masks then showed a piece of the wall, or half of the person, with nothing said."""
+    told = []
+    for name, box in {"right": (26, 4, 64, 116), "aside": (44, 4, 84, 116)}.items():
+        call = ["actor", "frames", film, "--count", 6, "--out", tmp_path / name, "--box", *box]
+        done = perfcap(call)
+        assert done.code == 0, done
+        told.append(" ".join((done.err, *done.notes)))
+    assert "masks" not in told[0] and "end at the left of the box" in told[1], told
+
+
+def test_masks_of_no_whole_person_are_named() -> None:
+    whole = np.zeros((100, 100), bool)
+    whole[10:90, 40:60] = True
+    box = (0.2, 0.05, 0.8, 0.95)
+    even = dict.fromkeys(range(0, 60, 10), 0.16) | {60: 0.09, 70: 0.28}
+    assert not list(mask_doubts(even, [cut_off(whole, box)] * 8))
+    assert not list(mask_doubts({}, []))
+    (line,) = mask_doubts(even | {80: 0.01, 90: 0.5}, [cut_off(whole, box)] * 10)
+    assert "(stills 80, 90)" in line and "1.0% to 50.0%" in line
+    below = cut_off(whole, (0.2, 0.05, 0.8, 0.6))
+    assert {side for side, share in below.items() if share} == {"bottom"}
+    (line,) = mask_doubts(even, [below] * 8)
+    assert "end at the bottom of the box" in line
+    (line,) = mask_doubts(dict.fromkeys(range(4), 0.0), [])
+    assert "(stills 0-3)" in line

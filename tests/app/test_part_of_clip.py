@@ -129,6 +129,17 @@ def test_cameras_of_about_the_video_s_rate_and_length(take: TakeFiles, tmp_path:
     assert "run at 60 frames a second, the video at 30" in warning
 
 
+def test_poses_of_a_part_are_said_to_be_of_the_first_frames(
+    take: TakeFiles, tmp_path: Path
+) -> None:
+    """Those of another part were taken for the first frames without a word; joints are told of."""
+    entry = camera_entry(take.take.cameras)
+    shifts = np.tile(np.array(entry["t"]), (16, 1)) + 0.01 * np.arange(16)[:, None]
+    write_json(tmp_path / "moving.json", entry | {"t": shifts.tolist()})
+    (warning,) = read(take, take.detections, PART, tmp_path / "moving.json").warnings
+    assert "has 16 poses, the video 24 frames; they are taken for its first 16" in warning
+
+
 def test_results_of_a_part_are_numbered_by_the_video(take: TakeFiles, tmp_path: Path) -> None:
     """Nobody before frame 12: the lowest number of the results is not the first frame."""
     entries: list[dict[str, Any]] = []

@@ -173,13 +173,14 @@ def test_the_video_that_was_captured_stays(
     assert take.video.read_bytes() == before
 
 
-def test_upside_down_is_named(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+def test_who_is_upside_down_or_lies_is_named(
+    captured: Path, tmp_path: Path, perfcap: Command
+) -> None:
     call = ["render", captured, "--freeze", 0, "--seconds", 0.05, "--out", tmp_path / "a.mp4"]
-    told = {
-        up: "upside down" in perfcap([*call, f"--up={up}", *SMALL]).out
-        for up in ("auto", "y", "-y", "x")
-    }
-    assert sum(told.values()) == 1 and not told["auto"] and told["y"] != told["-y"]
+    told = {up: perfcap([*call, f"--up={up}", *SMALL]).out for up in ("auto", "y", "-y", "x")}
+    down = {up for up, out in told.items() if "upside down" in out}
+    assert len(down) == 1 and down < {"y", "-y"}
+    assert {up for up, out in told.items() if "the person lies" in out} == {"x"}
 
 
 def test_cameras_that_do_not_see_the_person_are_named(

@@ -47,7 +47,10 @@ def write_toml(folder: Path, extra: str = "") -> Path:
     return path
 
 
-def write_easymocap(folder: Path, sizes: bool = True, rotation_vector: bool = False) -> Path:
+def write_easymocap(
+    folder: Path, sizes: bool = True, rotation_vector: bool = False, turn: float | None = None
+) -> Path:
+    """Both files; ``turn`` puts vectors of rotations so many degrees off beside the matrices."""
     inner = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
     outer = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
     for file in (inner, outer):
@@ -64,6 +67,9 @@ def write_easymocap(folder: Path, sizes: bool = True, rotation_vector: bool = Fa
             inner.write(f"W_{name}", 640)
         vector = cv2.Rodrigues(rotation)[0]
         outer.write(*((f"R_{name}", vector) if rotation_vector else (f"Rot_{name}", rotation)))
+        if turn is not None:
+            about = cv2.Rodrigues(np.array([0.0, np.radians(turn), 0.0]))[0]
+            outer.write(f"R_{name}", cv2.Rodrigues(about @ rotation)[0])
         outer.write(f"T_{name}", translation.reshape(3, 1))
     inner.release()
     outer.release()

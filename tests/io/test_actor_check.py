@@ -146,6 +146,29 @@ def test_limbs_put_together_wrongly_are_told(one: str, other: str) -> None:
     assert severity is Severity.ERROR and "does not hang on" in what
 
 
+@pytest.mark.parametrize(("one", "other"), [("spine", "neck"), ("neck", "head")])
+def test_necks_put_together_wrongly_are_told(one: str, other: str) -> None:
+    template = joined()
+    assert "trunk" not in told(template)
+    bones = dict(template.joint_bones)
+    bones[one], bones[other] = bones[other], bones[one]
+    severity, what = told(replace(template, joint_bones=bones))["trunk"]
+    assert severity is Severity.ERROR and "does not hang on" in what
+
+
+@pytest.mark.parametrize("limb", [("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")])
+def test_arms_or_legs_alone_on_the_other_side_are_told(limb: tuple[str, ...]) -> None:
+    """Whoever names the arms by the picture's sides may leave the legs to their own names."""
+    template = joined()
+    assert "left and right" not in told(template)
+    bones = dict(template.joint_bones)
+    for joint in limb:
+        left, right = f"l_{joint}", f"r_{joint}"
+        bones[left], bones[right] = bones[right], bones[left]
+    severity, what = told(replace(template, joint_bones=bones))["left and right"]
+    assert severity is Severity.ERROR and "on the side of r_hip" in what
+
+
 def test_two_people_are_told() -> None:
     one, shift = joined(), np.array([1.0, 0, 0])
     rest = one.bone_rest.copy()

@@ -129,6 +129,14 @@ def test_easymocap(tmp_path: Path, file: str, rotation_vector: bool) -> None:
     check_views(rig)
 
 
+def test_easymocap_that_contradicts_itself(tmp_path: Path) -> None:
+    """The matrix was taken, whichever of both was edited; EasyMocap itself takes the vector."""
+    read_cameras(write_easymocap(tmp_path, turn=0.0))
+    with pytest.raises(InputError, match=r"Rot_.* and R_.* differ by up to 0\.05") as caught:
+        read_cameras(write_easymocap(tmp_path, turn=3.0))
+    assert "out of date" in str(caught.value)
+
+
 def test_easymocap_without_sizes_takes_those_of_the_videos_and_says_so(tmp_path: Path) -> None:
     folder = write_easymocap(tmp_path, sizes=False)
     with pytest.raises(InputError, match="does not say the image size of cam01, cam02"):

@@ -117,6 +117,13 @@ def test_a_mapping_that_exchanges_sides_is_refused(joints: tuple[str, ...], tmp_
         read_moving_rig(tmp_path / "a.bvh", mapping=ActorMapping(names))
 
 
+def test_a_mapping_that_takes_the_neck_for_the_head_is_refused(tmp_path: Path) -> None:
+    save_bvh(tmp_path / "a.bvh", bvh_motion(named(), PERSON.bone_transforms(MOTION).numpy(), 24.0))
+    names = {"neck": MIXAMO["head"], "head": MIXAMO["neck"]}
+    with pytest.raises(InputError, match=r"which does not hang on .*Head, the bone of neck"):
+        read_moving_rig(tmp_path / "a.bvh", mapping=ActorMapping(names))
+
+
 def test_bvh_whose_offsets_are_no_person(
     truth: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:

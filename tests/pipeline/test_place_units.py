@@ -1,13 +1,19 @@
-"""Places in another unit than bones, by the foot that stands."""
+"""Places in another unit or other axes than bones, by the foot that stands."""
 
 import pytest
 import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.pipeline.place_units import places_factor
+from perfcap.detect.retarget import mid_hip
+from perfcap.pipeline.place_units import place_doubts
 
 RATE, LEGS = 30.0, 0.9
+
+
+def said(landmarks: Tensor) -> list[str]:
+    """All that is odd about a motion."""
+    return list(place_doubts(landmarks, RATE, LEGS))
 
 
 def walk(factor: float = 1.0, speed: float = 1.2, frames: int = 90) -> Tensor:
@@ -29,21 +35,41 @@ def walk(factor: float = 1.0, speed: float = 1.2, frames: int = 90) -> Tensor:
 
 @pytest.mark.parametrize("factor", [0.01, 0.0254, 0.39, 2.54, 100.0])
 def test_other_units_are_found(factor: float) -> None:
-    found = places_factor(walk(factor), RATE, LEGS)
+    (line,) = place_doubts(walk(factor), RATE, LEGS)
+    assert "another unit than its bones" in line
+    found = float(line.split("places were ")[1].split(" times")[0])
     assert found == pytest.approx(1 / factor, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("axes", "told"),
+    [
+        ([-1.0, 1.0, 1.0], "(-x, y, z)"),
+        ([[0.0, 0, 1], [0, 1, 0], [1, 0, 0]], "(z, y, x)"),
+        ([1.0, 1.0, -1.0], ""),  # along which nobody walks
+    ],
+)
+def test_other_axes_are_found(axes: list[float], told: str) -> None:
+    """A person walked backwards or aside while their legs went ahead, with nothing said."""
+    right = walk()
+    turn = torch.tensor(axes).double()
+    turn = torch.diag(turn) if turn.ndim == 1 else turn
+    hips = mid_hip(right)[:, None]
+    lines = list(place_doubts(right + hips @ turn.mT - hips, RATE, LEGS))
+    assert len(lines) == bool(told) and all(told in line for line in lines), lines
+
+
 def test_right_units_and_motions_that_do_not_say() -> None:
-    assert places_factor(walk(), RATE, LEGS) is None
-    assert places_factor(walk(0.7), RATE, LEGS) is None  # a stylised figure
+    assert not said(walk())
+    assert not said(walk(0.7))  # a stylised figure
     spot = walk()
     spot = spot - torch.stack((spot[:, 1, 0], 0 * spot[:, 1, 0], 0 * spot[:, 1, 0]), -1)[:, None]
-    assert places_factor(spot, RATE, LEGS) is None
-    assert places_factor(walk(0.01)[:10], RATE, LEGS) is None
+    assert not said(spot)
+    assert not said(walk(0.01)[:10])
     still = walk(0.01)[:1].repeat(60, 1, 1)
-    assert places_factor(still, RATE, LEGS) is None
+    assert not said(still)
     floats = walk()
     floats[:, [LANDMARKS.index(name) for name in ("l_ankle", "r_ankle", "l_toe", "r_toe")]] = (
         torch.rand(90, 4, 3, generator=torch.Generator().manual_seed(0)).double()
     )
-    assert places_factor(floats, RATE, LEGS) is None
+    assert not said(floats)

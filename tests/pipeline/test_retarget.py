@@ -16,6 +16,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length, wanted_turns
+from perfcap.pipeline.motion_order import order_doubts
 from perfcap.pipeline.retarget_rows import Rows
 from perfcap.pipeline.retarget_scores import retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
@@ -244,3 +245,18 @@ def test_frames_that_do_not_follow_one_another(mistake: str) -> None:
         retarget(PERSON, moved, PERSON, 30.0, FREE)
     lines = [str(each.message) for each in told]
     assert len(lines) == (mistake != "none") and all(words in line for line in lines), lines
+
+
+@pytest.mark.parametrize(("place", "words"), [(0, "the first frame is"), (-1, "the last frame is")])
+def test_a_rest_pose_before_or_after_the_motion(place: int, words: str) -> None:
+    """Libraries begin their files with one: the character stood so, then leapt."""
+    motion = walk(PERSON)
+    elevation = [PERSON.skeleton.angle_names.index(f"{s}_shoulder_elevation") for s in "lr"]
+    angles = motion.angles.clone()
+    angles[place] = 0
+    angles[place, elevation] = 1.5
+    (line,) = order_doubts(joints_of(PERSON, replace(motion, angles=angles)).position)
+    assert words in line and "leave a rest pose out" in line
+    assert not list(order_doubts(joints_of(PERSON, motion).position))
+    quick = joints_of(PERSON, motion).position[::6]  # five frames a second
+    assert not list(order_doubts(quick))

@@ -51,6 +51,12 @@ def view_doubts(
         for what, other, scale in _without_mistake(some, sizes, names)
         if (fit := _fit(Sightings.of(cameras, other, config))) > _BETTER * as_given[scale]
     }
+    # all that is smaller fits better: a view is only taken to be too large if none is too small
+    for resized in (_one_resized(some, sizes, names, larger) for larger in (True, False)):
+        fits = {what: _fit(Sightings.of(cameras, other, config)) for what, other in resized}
+        better |= {what: fit for what, fit in fits.items() if fit > _BETTER * as_given[1.0]}
+        if better.keys() & fits:
+            break
     return (max(better, key=better.__getitem__),) if better else ()
 
 
@@ -98,6 +104,22 @@ def _without_mistake(
             replace(candidates, joints2d=scale * candidates.joints2d),
             scale,
         )
+
+
+def _one_resized(
+    candidates: Detections, sizes: Mapping[float, str], names: Sequence[str] | None, larger: bool
+) -> Iterator[tuple[str, Detections]]:
+    """Likewise of the pixels of one view; of two, either may be the wrong one."""
+    for view in range(candidates.views if candidates.views > 2 else 0):
+        for scale in (each for each in sizes if (each > 1) == larger):
+            joints = candidates.joints2d.clone()
+            joints[..., view, :, :] *= scale
+            yield (
+                f"detections of {view_words([view], names)} look as if they were in pixels of a "
+                f"video of {sizes[scale]} the size: give them in pixels of the calibration, "
+                f"{scale:.3g} times theirs",
+                replace(candidates, joints2d=joints),
+            )
 
 
 def _fit(sightings: Sightings) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from perfcap.errors import InputError
@@ -15,6 +16,7 @@ from perfcap.io.calibration.view import Array, View, make_view, to_numbers
 from perfcap.io.files import MEBIBYTE, read_text
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+_APART = 2e-3  # of a rotation's entries, which have few digits in some files
 LIMIT = 4 * MEBIBYTE  # thousands of cameras
 
 
@@ -36,17 +38,30 @@ def read_easymocap(path: Path, default_sizes: Sequence[tuple[int, int]] | None =
 
 def _view(folder: Path, name: str, inner: Mapping[str, Any], outer: Mapping[str, Any]) -> View:
     where = f"{folder}: camera {name}"
-    rotation = outer.get(f"Rot_{name}", outer.get(f"R_{name}"))
+    stated = (rotation_matrix(where, outer.get(key)) for key in (f"Rot_{name}", f"R_{name}"))
+    rotations = [each for each in stated if each is not None]
+    _require_same(where, name, rotations)
     translation = outer.get(f"T_{name}")
     return make_view(
         where,
         name,
         intrinsics=inner.get(f"K_{name}"),
-        rotation=rotation_matrix(where, rotation),
+        rotation=rotations[0] if rotations else None,
         translation=None if translation is None else _vector(where, translation),
         distortion=inner.get(f"dist_{name}"),
         size=(inner.get(f"H_{name}"), inner.get(f"W_{name}")),
     )
+
+
+def _require_same(where: str, name: str, rotations: Sequence[Array]) -> None:
+    """Refuse a matrix and a vector that are not of one rotation: one of them is out of date."""
+    for other in rotations[1:]:
+        if rotations[0].shape == other.shape and not np.allclose(rotations[0], other, atol=_APART):
+            off = float(np.abs(rotations[0] - other).max())
+            raise InputError(
+                f"{where}: Rot_{name} and R_{name} differ by up to {off:.2g}; expected the matrix "
+                "of the rotation vector: leave out the one that is out of date"
+            )
 
 
 def _vector(where: str, value: Any) -> Array:

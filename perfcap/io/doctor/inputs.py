@@ -28,7 +28,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.shots import examine_standing
-from perfcap.io.doctor.together import at_rate, camera_frames, camera_rate, of_others
+from perfcap.io.doctor.together import at_rate, camera_frames, camera_notes, of_others
 
 Value = TypeVar("Value")
 
@@ -71,7 +71,7 @@ def examine_inputs(
     if rig is None:
         return findings
     if clip is not None:
-        rates = _try(findings, partial(camera_rate, rig, clip)) or ()
+        rates = _try(findings, partial(camera_notes, rig, clip)) or ()
         doubts = (*rates, *of_others(detections, names, known))
         findings += [_said(line, Severity.WARNING) for line in doubts]
     findings += examine_cameras(rig, sizes, maps)

@@ -34,12 +34,26 @@ def of_others(
             )
 
 
-def camera_rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:
-    """A note on cameras of another frame rate, which matters to moving ones alone.
+def camera_notes(rig: CameraRig, clip: Clip) -> tuple[str, ...]:
+    """Notes on cameras of another frame rate, and on poses of moving ones that end early.
 
     Raises:
-        InputError: they move.
+        InputError: they move, at another rate.
     """
+    return (*_rate(rig, clip), *_number(rig, clip))
+
+
+def _number(rig: CameraRig, clip: Clip) -> Iterator[str]:
+    """Poses of a part of the video may be those of another part than its beginning."""
+    count = rig.cameras.intrinsics.shape[0]
+    if rig.cameras.moving and clip.total is not None and count < clip.total - END_SLACK:
+        yield (
+            f"--cameras: has {count} poses, the video {clip.total} frames; they are taken for its "
+            f"first {count} frames"
+        )
+
+
+def _rate(rig: CameraRig, clip: Clip) -> tuple[str, ...]:
     if rig.fps is None or abs(rig.fps / clip.fps - 1) <= RATE_SLACK:
         return ()
     rates = f"--cameras: run at {rig.fps:.4g} frames a second, the video at {clip.fps:.4g}"
