@@ -219,7 +219,8 @@ class PoseRefiner(nn.Module):
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
             told.append(bool(lines))
-        for line in together_doubts(clips, missing) if 2 * sum(told) < len(told) else ():
+        together = together_doubts(self.actor, clips, missing, _ACTOR)
+        for line in together if 2 * sum(told) < len(told) else ():
             warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         return told
 

@@ -18,6 +18,9 @@ FAR = 0.3  # errors beyond this count as this: a joint behind the camera has any
 NEARER = 0.8  # a shift explains a misfit if undoing it leaves at most this share
 EXCHANGED = 0.5
 MIRRORED = 0.7  # of 40 frames of six recordings and of lifters on six more it is 1.5 and more
+# Of single images that are mirrored, by how much they miss, and the share that is no accident:
+# 0.01 at most of 14 sound recordings, 0.29 to 0.47 of such of which half are mirrored
+_MISSED, _PARTLY, _SOME = 0.06, 0.15, 4
 SHIFTS = 30  # frames looked at, both ways
 _COARSE = (2, 3, 5, 8, 12, 16, 20, 25, SHIFTS)
 _FRAMES = 240  # looked at, evenly spread
@@ -27,7 +30,13 @@ _NEAREST = 0.3  # m from the camera
 
 
 def examine_lifted(
-    name: str, pose: Tensor, plane: Tensor, confidence: Tensor, trusted: Tensor
+    name: str,
+    pose: Tensor,
+    plane: Tensor,
+    confidence: Tensor,
+    trusted: Tensor,
+    *,
+    successive: bool = True,
 ) -> list[Finding]:
     """Place each 3D pose where it projects best onto its 2D joints, and explain what is left.
 
@@ -37,6 +46,7 @@ def examine_lifted(
         plane: undistorted image coordinates of the joints, (F, 16, 2).
         confidence: of the joints, (F, 16).
         trusted: frames of which there is a pose, (F,), bool.
+        successive: whether frames follow one another; of images in any order some may be mirrored.
     """
     view = _View(pose, plane, confidence * trusted[:, None])
     now = view.misfit(0)
@@ -48,11 +58,14 @@ def examine_lifted(
         remedy = "expected x to the right and y down in both"
         return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
     # sides exchanged as well, as where images are mirrored to have more of them to train on
-    turned = (pose * pose.new_tensor([-1.0, 1.0, 1.0]))[:, list(LANDMARKS16.mirrored())]
-    if _View(turned, plane, view.confidence).misfit(0) < MIRRORED * now:
-        what = "3D poses look like mirror images of the 2D joints, left and right exchanged"
-        remedy = "mirror both or neither: x in the image, x in camera axes, and sides of joints"
+    other = (pose * pose.new_tensor([-1.0, 1.0, 1.0]))[:, list(LANDMARKS16.mirrored())]
+    turned = _View(other, plane, view.confidence)
+    what = "3D poses look like mirror images of the 2D joints, left and right exchanged"
+    remedy = "mirror both or neither: x in the image, x in camera axes, and sides of joints"
+    if turned.misfit(0) < MIRRORED * now:
         return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
+    if not successive and (share := _partly_turned(view, turned)):
+        return [Finding(Severity.WARNING, name, f"{what}, in {share} images", remedy)]
     shift, least = _best_shift(view)
     if least < NEARER * now:
         way = "late" if shift > 0 else "early"
@@ -83,9 +96,16 @@ class _View:
 
         ``shift`` is how many frames the poses are late.
         """
+        error = self.misfits(shift)
+        known = error.isfinite()
+        enough = int(known.any(-1).sum()) >= _FEWEST
+        return float(error[known].mean()) if enough else math.nan
+
+    def misfits(self, shift: int) -> Tensor:
+        """The same of every joint, (N, 16), NaN where unknown, of some frames that are left."""
         count = len(self.pose) - abs(shift)
         if count < _FEWEST:
-            return math.nan
+            return self.plane.new_zeros(0, 16)
         index = torch.linspace(0, count - 1, min(count, _FRAMES)).round().long()
         frames, poses = index + max(0, -shift), index + max(0, shift)
         pose, plane, weight = self.pose[poses], self.plane[frames], self.confidence[frames]
@@ -94,8 +114,16 @@ class _View:
         points = pose + place[:, None]
         error = (points[..., :2] / points[..., 2:] - plane).norm(dim=-1) / self.height
         error = torch.where(points[..., 2] > _NEAREST, error, FAR).nan_to_num(FAR).clamp(max=FAR)
-        used = weight > 0
-        return float(error[used].mean()) if int(used.any(-1).sum()) >= _FEWEST else math.nan
+        return torch.where(weight > 0, error, torch.nan)
+
+
+def _partly_turned(view: _View, turned: _View) -> str:
+    """How many images fit markedly better in the mirror, in words, where that is no accident."""
+    own, other = (each.misfits(0).nanmean(-1) for each in (view, turned))
+    known = own.isfinite() & other.isfinite()
+    better = int(((own > _MISSED) & (other < MIRRORED * own))[known].sum())
+    many = better >= max(_SOME, _PARTLY * int(known.sum()))
+    return f"{better} of {int(known.sum())}" if many else ""
 
 
 def _best_shift(view: _View) -> tuple[int, float]:
