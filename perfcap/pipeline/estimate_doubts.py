@@ -14,7 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
-from perfcap.pipeline.bone_doubts import LEGS, NO_LEGS
+from perfcap.io.doctor.legs import LEGS, NO_LEGS
 from perfcap.pipeline.input_doubts import input_doubts
 
 _SIZES = (0.7, 1.4)  # where a network says places, in a mean person's size
