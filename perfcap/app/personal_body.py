@@ -35,6 +35,7 @@ from perfcap.rigging.fit_doubts import (
     height_doubts,
     mask_doubts,
     overlap_of,
+    pose_doubts,
     size_doubts,
     support_doubts,
 )
@@ -215,6 +216,7 @@ class PersonalBody:
             known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
             yield f"{known}; give --height" if alone else known
         yield from size_doubts(fit.measurements)
+        yield from self._beside()
         if self.height is not None:
             seen = self.chosen.cameras, self.chosen.detections
             body = fit.measurements, self.template
@@ -227,11 +229,20 @@ class PersonalBody:
         yield from support_doubts(fit.support, "give --masks")
         if self.masks is not None:
             given, clip = (self.chosen.detections, self.masks), self.chosen.clip
-            numbers = [clip.start + frame for frame in self.chosen.frames]
             found = overlap_of(self.model, fit.motion, *given)
-            yield from mask_doubts(found, clip.names, numbers)
+            yield from mask_doubts(found, clip.names, self._numbers)
             yield from limb_doubts(clip.names, *given)
             yield from outline_doubts(self.chosen, self.masks)
+
+    def _beside(self) -> Iterator[str]:
+        """Frames in which the body is not where its joints are."""
+        given = self.chosen.cameras, self.chosen.detections
+        yield from pose_doubts(self.model, self.fit.motion, *given, self._numbers)
+
+    @property
+    def _numbers(self) -> list[int]:
+        """Of the chosen frames in their video, for messages."""
+        return [self.chosen.clip.start + frame for frame in self.chosen.frames]
 
 
 def find_body(

@@ -21,6 +21,7 @@ from perfcap.rigging.fit_doubts import (
     height_doubts,
     mask_doubts,
     overlap_of,
+    pose_doubts,
     size_doubts,
     support_doubts,
 )
@@ -125,12 +126,14 @@ def warn_of_result(
     told = [*size_doubts(fit.measurements)]
     if height is not None:
         told += height_doubts(fit.measurements, fit.template, cameras, detections, height)
+    motion, numbers = fit.motion.map(_plain), range(fit.motion.frames)
+    told += pose_doubts(model, motion, cameras, detections, numbers)
     told += support_doubts(fit.support)
     if masks is not None:
         there = _seen_in(masks, cameras, detections)
-        names, found = _views(cameras), overlap_of(model, fit.motion.map(_plain), *there)
+        names, found = _views(cameras), overlap_of(model, motion, *there)
         known = {*others_doubts(names, *there)}
-        told += [x for x in mask_doubts(found, names, range(fit.motion.frames)) if x not in known]
+        told += [x for x in mask_doubts(found, names, numbers) if x not in known]
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 

@@ -362,7 +362,7 @@ def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
     odd = inside.clone()
     odd[:2] = inside[:2].roll(12, -1)
 
-    def told(masks: Tensor | None, height: float) -> str:
+    def told(masks: Tensor | None, height: float, initial: Motion = initial) -> str:
         given = None if masks is None else PersonMasks(cameras, masks)
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter("always")
@@ -373,3 +373,5 @@ def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
     assert "body fit: silhouettes exceed the body by" in told(wide, tall)
     assert "masks of view 0: miss the body by" in told(odd, tall)
     assert "check the height, and the scale of the cameras" in told(None, tall + 0.2)
+    millimetres = replace(initial, translation=1000 * initial.translation + 500)
+    assert "of the person's size from the joints in frames 0-5 (co" in told(None, tall, millimetres)
