@@ -80,7 +80,10 @@ def examine_lifted(
     if turn := _turn(view, now):
         what, rest = turn
         what = f"3D poses look turned by {what} (that leaves {rest:.1%} of {now:.1%} misfit)"
-        remedy = "give them in the axes of this camera, not those of gravity, the world or a crop"
+        remedy = (
+            "give them in the axes of this camera, not those of gravity, the world or a crop; "
+            "poses of other frames look like this, too"
+        )
         return [Finding(Severity.WARNING, name, what, remedy)]
     if now > LOST:
         what = f"3D poses miss the 2D joints by {now:.0%} of the person's height"
@@ -140,7 +143,8 @@ def _turn(view: _View, now: float) -> tuple[str, float] | None:
     axis, degrees = min(rest, key=lambda each: rest[each] if rest[each] > 0 else math.inf)
     least = rest[axis, degrees]
     frames = int((view.confidence > 0).any(-1).sum())
-    if not least < (_TURNED if frames >= _LONG else _TURNED_SHORT) * now:
+    most = min(LOST, (_TURNED if frames >= _LONG else _TURNED_SHORT) * now)
+    if not least < most:
         return None
     return f"about {abs(degrees)} degrees about {'xyz'[axis]}", least
 
