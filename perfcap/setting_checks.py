@@ -127,6 +127,22 @@ def require_number(value: object, name: str, least: float = -math.inf) -> None:
         raise InputError(f"{name} is {value!r:.80}, expected a finite number{above}")
 
 
+def require_range(
+    name: str, given: tuple[float, float], limits: tuple[float, float], what: str
+) -> None:
+    """Refuse what is not from one number to a larger one, within limits: it has another unit.
+
+    Raises:
+        InputError: it is not.
+    """
+    low, high = given
+    if not limits[0] <= low <= high <= limits[1]:
+        raise InputError(
+            f"{name}: is {low} {high}; expected FROM TO, {what}, from {limits[0]:g} to "
+            f"{limits[1]:g}"
+        )
+
+
 # --- What no annotation of settings says ----------------------------------------------------------
 
 

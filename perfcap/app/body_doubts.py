@@ -1,4 +1,4 @@
-"""Whether silhouettes are those of the fitted body (nobody, others, clothes), and end at edges."""
+"""Whether masks are of the person who is detected, and end where the images have edges."""
 
 from __future__ import annotations
 
@@ -7,81 +7,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from perfcap.actor.body_model import BodyModel
-from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.app.fit_views import ChosenFrames
 from perfcap.errors import InputError
-from perfcap.render.projected_mesh import ProjectedMesh
-from perfcap.rigging import BodyFit, PersonMasks
+from perfcap.rigging import PersonMasks
 from perfcap.rigging.fit_body import extents
 from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
-
-_LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
-_UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
-_HEIGHT = 300.0  # px, rows of the pictures that are compared
-
-
-@dataclass(frozen=True)
-class _Overlap:
-    """Shares: joints of each view in the mask (C,), and of the body's area, in each frame (F, C),
-    mask beyond the body and body beyond the mask; and whether a mask is empty.
-    """
-
-    joints: Tensor
-    beyond: Tensor
-    missing: Tensor
-    empty: Tensor
-
-
-def mask_doubts(
-    model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: PersonMasks
-) -> Iterator[str]:
-    """Sentences about masks that are empty, of somebody else, or far larger than a body."""
-    found = _overlap(model, fit, chosen, masks)
-    for view, name in enumerate(chosen.clip.names):
-        if float(found.empty[:, view].double().mean()) > 0.5:
-            yield f"masks of {name}: are empty in most frames; the body follows the other views"
-        elif float(found.joints[view]) < LEAST_INSIDE:
-            yield (
-                f"masks of {name}: hold {100 * float(found.joints[view]):.0f} % of the detected "
-                "joints; expected those of the person that the joints belong to"
-            )
-        else:
-            yield from _unlike_others(name, view, found, chosen)
-    sound = (found.empty.double().mean(0) <= 0.5) & (found.joints >= LEAST_INSIDE)
-    if not bool(sound.any()):
-        return
-    beyond, missing = (
-        float(part.median(0).values[sound].median()) for part in (found.beyond, found.missing)
-    )
-    if beyond > _LOOSE:
-        yield (
-            f"silhouettes exceed the body by {100 * beyond:.0f} % of its area: a coat, a skirt or "
-            "a bag; girths are too large, fit joints alone or give the actor in these clothes"
-        )
-    elif missing > _BARE:
-        yield (
-            f"silhouettes leave out {100 * missing:.0f} % of the body: cut-off limbs, or masks of "
-            "somebody smaller; look at the picture of the body"
-        )
-
-
-def _unlike_others(name: str, view: int, found: _Overlap, chosen: ChosenFrames) -> Iterator[str]:
-    """Frames of a view whose masks miss the body by far more than its other masks do."""
-    off = (found.beyond + found.missing)[:, view]
-    usual = float(off.median())
-    odd = (off > usual + _UNLIKE).nonzero().flatten().tolist()
-    if odd:
-        frames = ", ".join(str(chosen.clip.start + chosen.frames[place]) for place in odd)
-        yield (
-            f"masks of {name}: miss the body by {100 * float(off.max()):.0f} % of its area in "
-            f"frames {frames} (counted from 0), by {100 * usual:.0f} % in most; are they of this "
-            "person, and true there? Leave them out"
-        )
 
 
 def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
@@ -97,28 +29,6 @@ def require_person(chosen: ChosenFrames, masks: PersonMasks) -> None:
             f"--masks: hold {told} % of the detected joints of the views; expected images that are "
             "white where the person is, numbered as the frames of the video"
         )
-
-
-def _overlap(model: BodyModel, fit: BodyFit, chosen: ChosenFrames, masks: PersonMasks) -> _Overlap:
-    """Compared in pictures of moderate size."""
-    factor = max(1, int(masks.inside.shape[-2] / _HEIGHT))
-    small = masks.shrunk(factor)
-    surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)).to(fit.shape))
-    faces, bodies = torch.from_numpy(model.rig.faces), surface(fit.motion)
-    views, rows = range(small.cameras.views), []
-    for frame, vertices in enumerate(bodies):
-        cameras = small.cameras.frames(slice(frame, frame + 1)).every_frame(1)
-        local = cameras.map(lambda each: each[0])
-        for view in views:
-            drawn = ProjectedMesh.seen_by(local.select([view]), vertices, faces).rasterize().mask
-            mask = small.inside[frame, view] > 0.5
-            area = float(drawn.sum().clamp(min=1))
-            beyond = float((mask & ~drawn).sum()) / area
-            missing = float((drawn & ~mask).sum()) / area
-            rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
-    table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
-    inside = joints_inside(chosen.detections, masks)
-    return _Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
 
 
 # --------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import girth_rings
 from perfcap.actor.shaped_points import ShapedPoints
 from perfcap.actor.template import Template
-from perfcap.app.body_doubts import mask_doubts, outline_doubts
+from perfcap.app.body_doubts import outline_doubts
 from perfcap.app.body_map import body_map
 from perfcap.app.fit_views import ChosenFrames, Evidence, choose_frames, fit_person
 from perfcap.app.inputs import Inputs
@@ -28,10 +28,17 @@ from perfcap.io.body_model import DEFAULT_BODY, load_body_model
 from perfcap.io.fitted_body import FittedBody, save_fitted_body
 from perfcap.io.mask_files import MaskFolders
 from perfcap.io.result_folder import BODY
-from perfcap.pipeline.bone_doubts import leg_ratio
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
+from perfcap.rigging.fit_doubts import (
+    height_doubts,
+    mask_doubts,
+    overlap_of,
+    pose_doubts,
+    size_doubts,
+    support_doubts,
+)
 from perfcap.rigging.mask_checks import limb_doubts
 
 # --- A fitted body drawn over the frames it was fitted to -----------------------------------------
@@ -120,14 +127,6 @@ def _around(picture: Image, points: NDArray[np.float64]) -> Image:
 # The body of the person in the videos: fitted once, for an actor's folder or for a capture.
 
 _DOUBTFUL = 0.03  # metres of deviation of the height above which it is told
-_TALL = (1.3, 2.15)  # m; of a body that is a grown person's
-_MISSED = 0.06  # m, by which a body misses the height it was given
-_OTHER_LEGS = 0.07  # share, of a body's legs to those of the views; sound ones have up to 0.03
-# m, from the given height to that of a body with the legs of the views. A wrong height is met
-# halfway, so that neither body nor legs are far off: right ones of nine recordings were up to 0.03
-# off, from joints alone up to 0.07, those 18 cm too large or small 0.13 and more
-_OTHER_HEIGHT = 0.1
-_SUPPORT = 0.15  # of the outline on edges, of which plain images and noise have less
 _FACING = -0.94  # cosine between two cameras' lines of sight from which they see the same
 
 
@@ -216,43 +215,34 @@ class PersonalBody:
         elif fit.deviations.height > _DOUBTFUL:
             known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
             yield f"{known}; give --height" if alone else known
-        tall = fit.measurements.height
-        if not _TALL[0] < tall < _TALL[1]:
-            yield (
-                f"the body is {tall:.2f} m tall, as hardly anybody is; check masks, cameras and "
-                "their units"
-            )
-        if self.height is not None and abs(tall - self.height) > _MISSED:
-            yield (
-                f"the views show somebody {tall:.2f} m tall, --height says {self.height:.2f}; "
-                "check the height, and the scale of the cameras"
-            )
-        elif self.height is not None:
-            ratio = leg_ratio(Actor(self.template), self.chosen.cameras, self.chosen.detections)
-            shown = self.height if ratio is None else tall / ratio
-            if ratio is not None and (
-                abs(ratio - 1) > _OTHER_LEGS or abs(shown - self.height) > _OTHER_HEIGHT
-            ):
-                yield (
-                    f"with --height {self.height:.2f} the body's legs are {ratio:.2f} times as "
-                    f"long as those that the views show, of somebody about {shown:.2f} m tall; "
-                    "check the height, and the scale of the cameras"
-                )
+        yield from size_doubts(fit.measurements)
+        yield from self._beside()
+        if self.height is not None:
+            seen = self.chosen.cameras, self.chosen.detections
+            body = fit.measurements, self.template
+            yield from height_doubts(*body, *seen, self.height, "--height")
         if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
             yield (
                 "the two cameras look at each other and see the same outline; depths are told by "
                 "sizes alone, a view from the side would help most"
             )
-        if fit.support is not None and fit.support < _SUPPORT:
-            yield (
-                f"edges of the images explain {100 * max(fit.support, 0):.0f} % of the body's "
-                "outline; girths are known about as well as from joints alone, give --masks"
-            )
+        yield from support_doubts(fit.support, "give --masks")
         if self.masks is not None:
-            yield from mask_doubts(self.model, fit, self.chosen, self.masks)
-            given = self.chosen.detections, self.masks
-            yield from limb_doubts(self.chosen.clip.names, *given)
+            given, clip = (self.chosen.detections, self.masks), self.chosen.clip
+            found = overlap_of(self.model, fit.motion, *given)
+            yield from mask_doubts(found, clip.names, self._numbers)
+            yield from limb_doubts(clip.names, *given)
             yield from outline_doubts(self.chosen, self.masks)
+
+    def _beside(self) -> Iterator[str]:
+        """Frames in which the body is not where its joints are."""
+        given = self.chosen.cameras, self.chosen.detections
+        yield from pose_doubts(self.model, self.fit.motion, *given, self._numbers)
+
+    @property
+    def _numbers(self) -> list[int]:
+        """Of the chosen frames in their video, for messages."""
+        return [self.chosen.clip.start + frame for frame in self.chosen.frames]
 
 
 def find_body(

@@ -26,6 +26,7 @@ _OUTPUTS = {
     "joints3d": (),
     PEOPLE: ("the people",),
 }
+_MOST_ERROR = 1.0  # m: who says no more of a pose has none
 _SIZE_LIMIT = 4096  # pixels of a network's input
 
 
@@ -272,10 +273,17 @@ def _read_output(table: TomlTable, joints: int) -> OutputSpec:
         metres=table.number("metres", 1.0, low=1e-6),
         signs3d=signs,
         crop_axes=table.flag("crop_axes", False),
-        error3d=table.number("error3d", low=1e-3) if "error3d" in table else None,
+        error3d=_read_error(table) if "error3d" in table else None,
     )
     table.done()
     return spec
+
+
+def _read_error(table: TomlTable) -> float:
+    error = table.number("error3d", low=1e-3)
+    if error > _MOST_ERROR:
+        table.fail("error3d", f"is {error:g}", f"metres, {_MOST_ERROR:g} at most")
+    return error
 
 
 def _further_output(table: TomlTable, kind: str) -> str:

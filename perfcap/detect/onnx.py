@@ -26,6 +26,7 @@ from perfcap.geometry.camera import Camera
 _BATCH, _CPU_BATCH = 16, 4  # crops in one call; of more the CPU's caches hold too little
 _APART = 0.05  # of the crop's diagonal: what its mirror image may move a joint and be averaged
 _SAME = 0.03  # of it: what the mirror image may move a candidate that is taken for the same
+_ROUNDING = 0.25  # of a white pixel: cubic filters overshoot by 0.2
 
 
 class OnnxDetector:
@@ -222,10 +223,21 @@ def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
             "axes that are missing"
         )
     if images.is_floating_point():
+        _require_shares(images)
         images = (images.clamp(0, 1) * 255).round().to(torch.uint8)
     if images.dtype != torch.uint8:
         raise InputError(f"images: are {images.dtype}, expected uint8, or floats 0 to 1")
     return images.permute(0, 1, 3, 4, 2).cpu().numpy()
+
+
+def _require_shares(images: Tensor) -> None:
+    """Refuse values of another range: they would be cut off, and next to nothing left of them."""
+    low, high = (float(end) for end in images.detach().aminmax()) if images.numel() else (0.0, 0.0)
+    if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
+        raise InputError(
+            f"images: are {images.dtype} of {low:.3g} to {high:.3g}, expected floats 0 to 1, or "
+            "uint8; divide bytes by 255, and leave mean and deviation to the manifest"
+        )
 
 
 def _outputs(manifest: Manifest) -> tuple[str, ...]:

@@ -221,7 +221,7 @@ def joint_errors(
 
     Raises:
         InputError: shapes that do not belong together, another unit than metres, other joints than
-            the 16 landmarks without their hips and trunk, or true joints at 0, 0, 0 that count.
+            the 16 landmarks without their hips and trunk, or joints at 0, 0, 0 that count.
     """
     check_same_joints(estimate, truth)
     check_metres(estimate=estimate, truth=truth)
@@ -231,6 +231,7 @@ def joint_errors(
     estimate, truth = estimate.to(kind), truth.to(kind)
     valid = counted_joints(estimate, truth, confidence, partial)
     check_places(truth, valid)
+    check_places(estimate, valid, "estimate")
     counts = valid.any(-1)
     apart = {
         kind: aligned_distances(estimate, truth, valid, kind, hips, trunk) for kind in Alignment

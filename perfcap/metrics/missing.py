@@ -53,10 +53,11 @@ def check_metres(**joints: Tensor) -> None:
             )
 
 
-def check_places(truth: Tensor, valid: Tensor | None = None) -> None:
-    """Refuse true joints (*b, F, J, 3) of which two or more of a frame are at 0, 0, 0.
+def check_places(truth: Tensor, valid: Tensor | None = None, name: str = "truth") -> None:
+    """Refuse joints (*b, F, J, 3) of which two or more of a frame are at 0, 0, 0.
 
-    So files mark what was not measured; the similarity of such a frame has no error at all.
+    So files mark what was not measured, and estimators where they found nobody; with a true one of
+    these the similarity of a frame has no error at all, with an estimated one that of a point.
 
     Raises:
         InputError: some are, and count.
@@ -68,9 +69,9 @@ def check_places(truth: Tensor, valid: Tensor | None = None) -> None:
     known = truth.detach().nan_to_num()
     if float((known.amax(-2) - known.amin(-2)).amax()) > _POINT:
         raise InputError(
-            f"truth has several joints at 0, 0, 0 in {int(lost.sum())} of {len(lost)} frames "
+            f"{name} has several joints at 0, 0, 0 in {int(lost.sum())} of {len(lost)} frames "
             f"(first in row {int(lost.nonzero()[0])}), expected places in metres; where nothing "
-            "was measured give NaN, or leave the frames out"
+            "is known give NaN, or leave the frames out"
         )
 
 

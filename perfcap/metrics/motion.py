@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,8 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.metrics.missing import check_radians, check_same_joints, frame_mean
-from perfcap.rates import frame_rate
+from perfcap.metrics.missing import check_metres, check_radians, check_same_joints, frame_mean
+from perfcap.rates import frame_rate, rate_doubts
 from perfcap.setting_checks import require_number
 
 _MILLIMETRES = 1000.0  # in a metre
@@ -39,8 +40,12 @@ def acceleration_error(estimate: Tensor, truth: Tensor, *, partial: bool = False
         estimate: (*b, F, J, 3), metres.
         truth: (*b, F, J, 3), metres.
         partial: whether frames count with the joints that are complete.
+
+    Raises:
+        InputError: shapes that do not belong together, or joints in another unit.
     """
     check_same_joints(estimate, truth)
+    check_metres(estimate=estimate, truth=truth)
     error = _MILLIMETRES * (estimate - truth).diff(n=2, dim=-3).norm(dim=-1)
     return _mean(error, partial)
 
@@ -49,9 +54,20 @@ def jerk(points: Tensor, fps: float, *, partial: bool = False) -> Tensor:
     """Mean length of third differences over time, (*b), m/s^3.
 
     Over runs of four complete frames; NaN if there are none.
+
+    Args:
+        points: (*b, F, J, 3), metres.
+        fps: frames a second; seconds of a frame get a warning.
+        partial: whether frames count with the joints that are complete.
+
+    Raises:
+        InputError: joints in another unit, or a rate that is none.
     """
     fps = frame_rate(fps, "fps")
+    for line in rate_doubts(fps):
+        warnings.warn(f"jerk: {line}", stacklevel=2)
     check_same_joints(points, points)
+    check_metres(points=points)
     return _mean(points.diff(n=3, dim=-3).norm(dim=-1) * fps**3, partial)
 
 
@@ -63,7 +79,11 @@ def bone_length_variation(points: Tensor, bones: Sequence[tuple[int, int]]) -> T
     Args:
         points: joints (*b, F, J, 3), metres.
         bones: pairs of joints.
+
+    Raises:
+        InputError: joints in another unit, or bones of others.
     """
+    check_metres(points=points)
     lengths = _MILLIMETRES * _bones(points, bones).norm(dim=-1)
     valid = lengths.isfinite().all(-1, keepdim=True)
     count = valid.sum(-2, keepdim=True)

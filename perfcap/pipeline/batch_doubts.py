@@ -8,9 +8,11 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import counted
+from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import alike_cameras
 from perfcap.pipeline.estimate_doubts import relative_poses
 from perfcap.pipeline.input_doubts import images_doubts
@@ -49,12 +51,16 @@ def batch_doubts(clips: Sequence[ClipEstimate]) -> Iterator[str]:
     )
 
 
-def together_doubts(clips: Sequence[ClipEstimate], missing: Collection[str]) -> Iterator[str]:
+def together_doubts(
+    actor: Actor, clips: Sequence[ClipEstimate], missing: Collection[str], remedy: str
+) -> Iterator[str]:
     """What clips that are too short to show it alone show together, as images of a shuffled batch.
 
     Args:
+        actor: of all of them.
         clips: most of which say nothing each by itself.
         missing: landmarks that the estimator does not have.
+        remedy: where the actor's bones have other lengths than views show, and that is no mistake.
     """
     clips = clips[:_MOST]
     kinds = {(each.detections.views, each.cameras.size) for each in clips}
@@ -66,7 +72,8 @@ def together_doubts(clips: Sequence[ClipEstimate], missing: Collection[str]) -> 
     cameras = Camera.cat(
         [each.map(lambda part: part.detach().cpu()) for each in alike_cameras(every)]
     )
-    for line in images_doubts(cameras, seen):
+    lines = images_doubts(cameras, seen) or tuple(bone_doubts(actor, cameras, seen, remedy))
+    for line in lines:
         yield f"the {len(clips)} clips together: {line}"
 
 

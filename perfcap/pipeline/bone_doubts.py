@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from torch import Tensor
@@ -11,9 +10,8 @@ from perfcap.actor.actor import Actor
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
-from perfcap.io.doctor.evidence import Scene as Seen
+from perfcap.io.doctor.legs import NO_LEGS, leg_lengths, ratio_to, rest_landmarks, triangulated
 
-NO_LEGS = 0.01  # m: these are none
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 # The same of single bones, where legs fit: right actors have 0.93 to 1.05 in two to seven views,
 # and a generic one 0.90 to 1.14 of a real man (--bones template); joints at wrong
@@ -22,8 +20,6 @@ _SINGLE = (0.8, 1.22)
 # Lengths, of both sides, whose median is believed, and the middle half of them in parts of it: from
 # cameras that face each other it is 0.3 to 1.8, and medians are too long.
 _FEWEST, _SPREAD = 12, 0.22
-_TRIMS = 6  # rounds in which triangulation lets outliers go
-LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 _BONES = {
     name: [[LANDMARKS.index(f"{side}_{end}") for end in ends] for side in "lr"]
     for name, ends in (
@@ -54,7 +50,9 @@ def bone_doubts(
     if detections.views < 2:
         return
     points = triangulated(cameras, detections)
-    legs = _leg_ratio(actor, points)
+    # in a single image 2 to 35 % of right actors of seven people are beyond
+    enough = int(leg_lengths(points).isfinite().sum()) >= _FEWEST
+    legs = ratio_to(actor, points) if enough else None
     if legs is not None and not _RATIO[0] < legs < _RATIO[1]:
         yield (
             f"the actor's legs are {legs:.2g} times as long as those that the views show; check "
@@ -70,26 +68,6 @@ def bone_doubts(
             "as long); check that its joints lie where its limbs bend (perfcap actor inspect) and "
             f"the names of detected joints, {remedy}"
         )
-
-
-def leg_ratio(actor: Actor, cameras: Camera, detections: Detections) -> float | None:
-    """Length of an actor's legs over that of the legs which several views show; None if unknown.
-
-    Args:
-        actor: in its rest pose.
-        cameras: C views, (C,) or (F, C).
-        detections: (F, C).
-    """
-    if detections.views < 2:
-        return None
-    return _leg_ratio(actor, triangulated(cameras, detections))
-
-
-def _leg_ratio(actor: Actor, points: Tensor) -> float | None:
-    seen = points[:, LEGS].diff(dim=2).norm(dim=-1).sum(-1)
-    own = float(_rest(actor)[None][:, LEGS].diff(dim=2).norm(dim=-1).sum(-1).mean())
-    shown = float(seen.nanmedian()) if seen.numel() else math.nan
-    return own / shown if math.isfinite(shown) and shown > NO_LEGS else None
 
 
 def bone_ratios(actor: Actor, points: Tensor) -> dict[str, float]:
@@ -110,18 +88,6 @@ def bone_ratios(actor: Actor, points: Tensor) -> dict[str, float]:
             continue
         low, middle, high = seen.quantile(seen.new_tensor([0.25, 0.5, 0.75])).tolist()
         if middle > NO_LEGS and high - low < _SPREAD * middle:
-            own = float(_rest(actor)[None][:, ends].diff(dim=2).norm(dim=-1).mean())
+            own = float(rest_landmarks(actor)[None][:, ends].diff(dim=2).norm(dim=-1).mean())
             found[name] = own / middle
     return found
-
-
-def _rest(actor: Actor) -> Tensor:
-    return actor.skeleton.rest_landmarks.detach().double().cpu()
-
-
-def triangulated(cameras: Camera, detections: Detections) -> Tensor:
-    """Joints of some frames where two views see them, (N, 16, 3) m, else NaN."""
-    known = cameras.map(lambda part: part.detach().double().cpu())
-    found = detections.to(known.intrinsics).map(lambda part: part.detach())
-    points, _ = Seen(known, found).straightened().sampled().triangulated(_TRIMS)
-    return points

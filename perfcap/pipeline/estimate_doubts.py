@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -14,8 +14,9 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor.finding import ranges
-from perfcap.pipeline.bone_doubts import LEGS, NO_LEGS
+from perfcap.io.doctor.legs import LEGS, NO_LEGS
 from perfcap.pipeline.input_doubts import input_doubts
+from perfcap.solve import Status
 
 _SIZES = (0.7, 1.4)  # where a network says places, in a mean person's size
 _SMALLEST, _LARGEST = 0.3, 4.0  # m, a pose from end to end
@@ -81,6 +82,27 @@ def empty_poses(empty: Tensor | None) -> Iterator[str]:
         yield (
             f"3D joints of frames {ranges(frames)} are all in one place, and count as missing; "
             "NaN says so of frames without a person"
+        )
+
+
+def lost_gradients(clips: Sequence[Detections]) -> Iterator[str]:
+    """``eval`` of a whole network stops no gradients elsewhere, as where its statistics stay."""
+    given = [part for each in clips for part in (each.joints2d, each.confidence2d, each.joints3d)]
+    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in given):
+        yield (
+            "it is in eval mode, in which joints that require gradients get none; call train() on "
+            "it, or use torch.no_grad()"
+        )
+
+
+def unsolved(status: Sequence[int]) -> Iterator[str]:
+    """Clips with windows that are where they started, as the worst status of each says."""
+    lost = [clip for clip, worst in enumerate(status) if worst == Status.NOT_FINITE]
+    if lost:
+        yield (
+            f"clips {ranges(lost)} were not solved everywhere: a window "
+            f"{Status.NOT_FINITE.sentence}, and in energies of your own; such windows carry no "
+            "gradient"
         )
 
 

@@ -23,8 +23,9 @@ from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.given_way import examine_way
+from perfcap.io.doctor.legs import triangulated
 from perfcap.io.doctor.shots import examine_standing
-from perfcap.pipeline.bone_doubts import bone_doubts, triangulated
+from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.images import Images
 from perfcap.pipeline.people import Person, Scene
 from perfcap.rates import rate_doubts

@@ -29,8 +29,10 @@ from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.estimate_doubts import (
     empty_poses,
     estimate_doubts,
+    lost_gradients,
     place_doubts,
     size_doubts,
+    unsolved,
 )
 from perfcap.pipeline.input_checks import require_flags, require_kinds
 from perfcap.pipeline.placed_doubts import placed_doubts
@@ -180,15 +182,17 @@ class PoseRefiner(nn.Module):
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
         with torch.autocast(like.device.type, enabled=False):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
-            if not self.training:
-                _warn_of_lost_gradients(estimates)
+            given = [each.detections for each in estimates]
+            told = [] if self.training else [*lost_gradients(given)]
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            told = self._examine(estimates)
+            odd = self._examine(estimates)
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
+            for line in (*told, *unsolved(status)):
+                warnings.warn(f"PoseRefiner: {line}", stacklevel=3)
             refined = self._pad(motions, status)
-            self._examine_fit(estimates[: len(told)], refined, told)
+            self._examine_fit(estimates[: len(odd)], refined, odd)
         return refined if batched else _single(refined)
 
     def _examine(self, clips: Sequence[ClipEstimate]) -> list[bool]:
@@ -219,7 +223,8 @@ class PoseRefiner(nn.Module):
             for line in lines:
                 warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
             told.append(bool(lines))
-        for line in together_doubts(clips, missing) if 2 * sum(told) < len(told) else ():
+        together = together_doubts(self.actor, clips, missing, _ACTOR)
+        for line in together if 2 * sum(told) < len(told) else ():
             warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         return told
 
@@ -259,18 +264,6 @@ class PoseRefiner(nn.Module):
         valid = frame < lengths[:, None]
         return RefinedPose(
             motion, self.actor.joints(motion), valid, torch.tensor(status, device=device)
-        )
-
-
-def _warn_of_lost_gradients(clips: Sequence[ClipEstimate]) -> None:
-    """``eval`` of a whole network stops no gradients elsewhere, as where its statistics stay."""
-    parts = ("joints2d", "confidence2d", "joints3d")
-    given = [getattr(clip.detections, part) for clip in clips for part in parts]
-    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in given):
-        warnings.warn(
-            "PoseRefiner is in eval mode, in which joints that require gradients get none; call "
-            "train() on it, or use torch.no_grad()",
-            stacklevel=5,
         )
 
 

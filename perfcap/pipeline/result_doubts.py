@@ -15,6 +15,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.view_words import view_words
 from perfcap.geometry.camera import Camera
+from perfcap.io.doctor.evidence import beside
 from perfcap.io.doctor.finding import counted, ranges
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import AGREES, Evidence
@@ -29,7 +30,6 @@ _SOLVED = (1.0, 2.15)  # m, crown to soles, of a person whose bones are solved
 _ELSEWHERE = 0.5  # usual overlap with a network that finds as much wrongly as rightly
 _BESIDE = 1.0  # percent of the height; cameras that stand as stated have 0.5 at most
 _OVERLAPS = 0.6  # of masks with who was captured by them; 0.8 is little already
-_SEEN = 0.3  # confidence
 _BESIDE_JOINTS = 0.06  # of a person's box: 0.01 is usual, 0.1 and more in a wrong order
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 # Cosines: of what is said to be up with bodies and images, and of these with each other
@@ -59,16 +59,10 @@ def fit_doubts(cameras: Camera, detections: Detections, joints: Tensor) -> Itera
         detections: (F, C).
         joints: landmarks of the person, (F, 16, 3).
     """
-    seen = (detections.confidence2d > _SEEN).unsqueeze(-1) & detections.joints2d.isfinite()
-    if not bool(seen.any()):
+    off = beside(cameras, detections, joints)
+    if not bool(off.isfinite().any()):
         return
-    high, low = (
-        part(detections.joints2d.where(seen, sign * torch.inf), 2)
-        for part, sign in ((torch.amax, -1), (torch.amin, 1))
-    )
-    size = (high - low).norm(dim=-1, keepdim=True)  # (F, C, 1)
-    off = (cameras.project(joints) - detections.joints2d).norm(dim=-1) / size
-    usual = float(off[seen.all(-1)].nanmedian())
+    usual = float(off.nanmedian())
     if usual > _BESIDE_JOINTS:
         yield (
             f"the person lies {usual:.0%} of their size from the joints; check that these are in "

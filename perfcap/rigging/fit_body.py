@@ -27,7 +27,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.build_body import LENGTHS, Scales
-from perfcap.rigging.fit_checks import require_fit, require_masks, warn_of_inputs
+from perfcap.rigging.fit_checks import require_fit, require_masks, warn_of_inputs, warn_of_result
 from perfcap.rigging.fit_surface import shape_bounds
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -153,8 +153,11 @@ def fit_body(
         motion, contour = problem.outlined(problem.fitted(initial, None)[0], contours)
         found = problem.result(motion, {"contours": contour})
         support = contour.support(contour.points(motion))
-        return replace(found, support=float(support.mean()))
-    return problem.result(*problem.fitted(initial, masks))
+        found = replace(found, support=float(support.mean()))
+    else:
+        found = problem.result(*problem.fitted(initial, masks))
+    warn_of_result(model, found, cameras, detections, height, masks)
+    return found
 
 
 class Contours(Protocol):

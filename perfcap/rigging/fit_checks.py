@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import torch
+from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.motion import Motion
@@ -15,10 +17,21 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
 from perfcap.rigging.build_body import Person
+from perfcap.rigging.fit_doubts import (
+    height_doubts,
+    mask_doubts,
+    overlap_of,
+    pose_doubts,
+    size_doubts,
+    support_doubts,
+)
 from perfcap.rigging.mask_checks import limb_doubts, others_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.setting_checks import require_number
+
+if TYPE_CHECKING:
+    from perfcap.rigging.fit_body import BodyFit
 
 _ROUNDING = 1e-3  # of a confidence
 
@@ -73,8 +86,8 @@ def require_fit(
 
 def warn_of_inputs(cameras: Camera, detections: Detections, masks: PersonMasks | None) -> None:
     """Warn of what a capture would warn of, and of masks of somebody else, (F, C)."""
-    names = [f"view {view}" for view in range(cameras.views)]
-    seen = detections.map(lambda part: part.detach().cpu())
+    names = _views(cameras)
+    seen = detections.map(_plain)
     # frames to fit to are picked from a clip
     found = examine_given(cameras, seen, successive=False)
     told = [
@@ -95,9 +108,42 @@ def _seen_in(
     """Detections (F, C) in pixels of the masks, and these."""
     ideal = torch.nn.functional.pad(cameras.to_plane(detections.joints2d), (0, 1), value=1.0)
     pixels = masks.cameras.to(ideal).project_camera(ideal)
-    there = replace(detections, joints2d=pixels).map(lambda part: part.detach().cpu())
+    there = replace(detections, joints2d=pixels).map(_plain)
     inside = masks.inside.detach().cpu()
     return there, PersonMasks(masks.cameras, inside)
+
+
+def warn_of_result(
+    model: BodyModel,
+    fit: BodyFit,
+    cameras: Camera,
+    detections: Detections,
+    height: float | None,
+    masks: PersonMasks | None,
+) -> None:
+    """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others."""
+    cameras, detections = cameras.map(_plain), detections.map(_plain)
+    told = [*size_doubts(fit.measurements)]
+    if height is not None:
+        told += height_doubts(fit.measurements, fit.template, cameras, detections, height)
+    motion, numbers = fit.motion.map(_plain), range(fit.motion.frames)
+    told += pose_doubts(model, motion, cameras, detections, numbers)
+    told += support_doubts(fit.support)
+    if masks is not None:
+        there = _seen_in(masks, cameras, detections)
+        names, found = _views(cameras), overlap_of(model, motion, *there)
+        known = {*others_doubts(names, *there)}
+        told += [x for x in mask_doubts(found, names, numbers) if x not in known]
+    for line in told:
+        warnings.warn(f"body fit: {line}", stacklevel=3)
+
+
+def _plain(part: Tensor) -> Tensor:
+    return part.detach().cpu()
+
+
+def _views(cameras: Camera) -> list[str]:
+    return [f"view {view}" for view in range(cameras.views)]
 
 
 def require_masks(masks: object, frames: int, settings: ViewFitSettings) -> None:

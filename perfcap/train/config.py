@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass, field
 
 from perfcap.errors import InputError
-from perfcap.setting_checks import require_counts, require_shares, require_sizes
+from perfcap.setting_checks import require_counts, require_range, require_shares, require_sizes
+
+# What is beyond is of another unit: seconds of a frame, millimetres, percents
+_RATES, _DISTANCES, _ZOOMS = (1.0, 1000.0), (0.5, 100.0), (0.1, 10.0)
 
 
 @dataclass(frozen=True)
@@ -138,12 +141,11 @@ class TrainLifterConfig:
         require_shares(self.data, "recombined", "seen")
         require_shares(self.data.noise, "offset", "drift", "jitter", "spread", most=math.inf)
         require_shares(self.data.noise, "slide", most=math.inf)
-        require_shares(self.data, "roll", "size", "bone", "loosened", "swung", most=math.inf)
+        require_shares(self.data, "roll", "loosened", "swung", most=math.inf)
+        require_shares(self.data, "size", "bone")  # a deviation of 1 is a factor of 2.7
         require_shares(self.loss, "velocity", "spread", most=math.inf)
-        for name in ("rate", "distance"):
-            low, high = getattr(self.data, name)
-            if not 0 < low <= high < math.inf:
-                raise InputError(f"data.{name}: is {low} {high}; expected FROM TO, above zero")
+        require_range("data.rate", self.data.rate, _RATES, "frames a second")
+        require_range("data.distance", self.data.distance, _DISTANCES, "metres")
 
 
 # --------------------------------------------------------------------------------------------------
@@ -263,13 +265,8 @@ class TrainDetectorConfig:
         require_sizes(self.augmentation, "smallest")
         require_sizes(self.loss, "deviation")
         require_shares(self.loss, "places", "pose", "parts", "nowhere", most=math.inf)
-        ranges = {
-            "scene.distance": self.scene.distance,
-            "augmentation.zoom": self.augmentation.zoom,
-        }
-        for name, (low, high) in ranges.items():
-            if not 0 < low <= high < math.inf:
-                raise InputError(f"{name}: is {low} {high}; expected FROM TO, above zero")
+        require_range("scene.distance", self.scene.distance, _DISTANCES, "metres")
+        require_range("augmentation.zoom", self.augmentation.zoom, _ZOOMS, "of the usual size")
 
 
 # --------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.repeated import examine_held
 from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.files import MEBIBYTE, read_text
@@ -33,6 +34,7 @@ _LOOKED_AT = 2000  # frames of a library
 _EVERY, _SHARED = 10, 3  # frames that are compared with all others, and how many are too many
 _SAME_BONES = 1e-4  # m; those of two people differ by millimetres
 _SIDES_BONES = 1.3  # times the same bone of the other side; of the CMU library at most 1.12
+_SORT = "sort their files by the numbers in the names"
 _BONES = (
     ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"),
     ("thigh", "hip", "knee"), ("shank", "knee", "ankle"),
@@ -184,8 +186,15 @@ def size_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
         )
 
 
-def held_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
-    """What speaks against 60 frames a second of clips with landmarks (F, 16, 3): repeated ones."""
+def order_doubts(names: Sequence[str], clips: Sequence[Tensor]) -> Iterator[str]:
+    """Clips with landmarks (F, 16, 3) whose frames do not follow one another.
+
+    And what speaks against 60 of them a second: repeated ones.
+    """
+    for name, points in zip(names, clips, strict=True):
+        sure = torch.ones_like(points[..., 0])
+        for found in examine_order("", points, sure) or examine_shuffled("", points, sure):
+            yield f"clip {name}: {found.what}; expected frames one after another: {_SORT}"
     told = [examine_held("", points, torch.ones_like(points[..., 0]), "joints") for points in clips]
     held = [finding.what for findings in told for finding in findings]
     if len(held) > _USUALLY * len(clips):  # a person may stand quite still in single ones

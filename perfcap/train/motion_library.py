@@ -16,7 +16,7 @@ from torch import Tensor
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.train.library_checks import (
-    held_doubts,
+    order_doubts,
     read_index,
     require_degrees,
     require_motion,
@@ -180,8 +180,10 @@ class MotionLibrary:
         others than the rest.
         """
         clips: dict[str, list[Tensor]] = {}
+        names: dict[str, list[str]] = {}
         for recording in self.recordings:
             clips.setdefault(recording.subject, []).append(recording.landmarks)
+            names.setdefault(recording.subject, []).append(recording.name)
         told = [*sliding(recording.landmarks.numpy() for recording in self.recordings)]
         for subject, own in clips.items() if not told else ():
             lines = (*sliding(each.numpy() for each in own), *size_doubts(own))
@@ -192,7 +194,7 @@ class MotionLibrary:
                     "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
                 )
         for subject, own in clips.items():
-            told += [f"subject {subject}: {line}" for line in held_doubts(own)]
+            told += [f"subject {subject}: {line}" for line in order_doubts(names[subject], own)]
         yield from told
         same = shared_bodies(clips, kept)
         if same:

@@ -24,7 +24,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.neighbours import examine_neighbours
-from perfcap.io.doctor.order import examine_shuffled
+from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held
 from perfcap.io.doctor.sides import examine_sides
@@ -174,6 +174,7 @@ class SeenTracks:
                 or examine_pairs("", joints)
                 or examine_neighbours("", joints)
                 or examine_depth("", joints)
+                or examine_order("", places, sure)
                 or examine_shuffled("", places, sure)
                 or examine_held("", joints, torch.ones_like(sure), "true joints")
                 or examine_held("", places, sure)

@@ -9,9 +9,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from perfcap.app import body_doubts
-from perfcap.app.body_doubts import mask_doubts, outline_doubts, outline_edges
+from perfcap.app.body_doubts import outline_doubts, outline_edges
 from perfcap.detect.detections import Detections
+from perfcap.rigging.fit_doubts import Overlap, mask_doubts
 
 FRAMES, HEIGHT, WIDTH = 4, 260, 200
 TALL = 200.0  # px, of the person
@@ -84,15 +84,10 @@ def test_masks_of_nothing_and_of_all_say_nothing_of_edges(value: bool) -> None:
     assert found.offset == 0
 
 
-def test_masks_that_are_wrong_in_some_frames_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_masks_that_are_wrong_in_some_frames_are_named() -> None:
     """A third of the frames does not move a median."""
     shares = torch.tensor([0.05, 0.06, 0.5, 0.05, 0.07, 0.45], dtype=torch.float64)
-    frames = SimpleNamespace(
-        clip=SimpleNamespace(names=("front", "left"), start=100), frames=(0, 3, 6, 9, 12, 15)
-    )
     beyond = torch.stack((shares, torch.full_like(shares, 0.06)), 1)
-    found = body_doubts._Overlap(torch.ones(2), beyond, 0.04 + 0 * beyond, beyond > 1)
-    monkeypatch.setattr(body_doubts, "_overlap", lambda *_: found)
-    none: Any = None
-    (told,) = mask_doubts(none, none, frames, none)  # type: ignore[arg-type]
+    found = Overlap(torch.ones(2), beyond, 0.04 + 0 * beyond, beyond > 1)
+    (told,) = mask_doubts(found, ("front", "left"), range(100, 118, 3))
     assert "masks of front: miss the body by 54 %" in told and "frames 106, 115" in told

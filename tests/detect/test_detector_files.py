@@ -49,6 +49,7 @@ FAULTS = {
     "rows": ("mediapipe", "rows = 39", "rows = 33", "expected 33 x 5 numbers"),
     "columns": ("mediapipe", '"z"', '"depth"', "output.columns is"),
     "signs": ("direct", "metres", "signs3d = [1, 2, 1]\nmetres", "three of 1 and -1"),
+    "error in mm": ("direct", "metres", "error3d = 60\nmetres", "expected metres, 1 at most"),
     "calibration": ("vitpose", "[0.0, 0.1]", "[0.1, 0.0]", "numbers that rise"),
     "probability": ("vitpose", "[0.0, 1.0]", "[0.0, 1.5]", "0 to 1, none falling"),
     "toml": ("vitpose", "[joints]", "[joints", "is not TOML"),

@@ -222,3 +222,29 @@ def test_truth_that_was_not_measured() -> None:
     assert joint_errors(FOUND, truth, 30, confidence=sure).frames == 4
     truth = TRUTH - TRUTH[:, 8:9]  # relative to a joint
     assert joint_errors(FOUND, truth, 30).frames == 6
+
+
+def test_frames_in_which_an_estimator_found_nobody() -> None:
+    """They were a metre off, in a mean of millimetres."""
+    found = FOUND.clone()
+    found[4:] = 0
+    with pytest.raises(InputError, match=r"estimate has several joints at 0, 0, 0 in 2 of 6 fr.*"):
+        joint_errors(found, TRUTH, 30)
+    sure = ALL.clone()
+    sure[4:] = False
+    assert joint_errors(found, TRUTH, 30, confidence=sure).frames == 4
+    found[4:] = torch.nan
+    assert joint_errors(found, TRUTH, 30).frames == 4
+
+
+def test_motion_in_millimetres_and_seconds_of_a_frame() -> None:
+    for measure in (
+        lambda points: jerk(points, 30.0),
+        lambda points: acceleration_error(points, points),
+        lambda points: bone_length_variation(points, [(0, 1)]),
+    ):
+        measure(TRUTH)
+        with pytest.raises(InputError, match="expected metres; convert them"):
+            measure(1000 * TRUTH)
+    with pytest.warns(UserWarning, match="a frame takes 0.03333 s, give 30"):
+        jerk(TRUTH, 1 / 30)

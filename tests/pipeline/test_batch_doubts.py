@@ -9,6 +9,7 @@ import torch
 from takes import make_take
 from torch import Tensor
 
+from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.pipeline import PoseRefiner
 
 TAKE = make_take(24)
@@ -62,3 +63,57 @@ def test_short_clips_show_together_what_each_does_not(length: int) -> None:
     assert f"the {24 // length} clips together: view 0: x and y look exchanged" in line
     assert not told(poses, 24)
     assert not told(exchanged, 1)  # says nothing alone
+
+
+def shuffled_images(exchanged: float, *, bones: float = 0.0) -> list[str]:
+    """What is said of single images of three views, in a share of which sides are exchanged."""
+    take = make_take(24, views=3, lifted=False, turns=0.3)
+    chance = torch.Generator().manual_seed(0)
+    order = torch.randperm(24, generator=chance)
+    pixels = take.detections.joints2d[order]
+    wrong = torch.rand(24, generator=chance) < exchanged
+    mirrored = pixels[:, :, list(LANDMARKS16.mirrored())]
+    pixels = torch.where(wrong[:, None, None, None], mirrored, pixels)
+    actor = take.actor
+    if bones:
+        groups = len(actor.skeleton.group_names)
+        actor = actor.resized(torch.full((groups,), bones, dtype=torch.float64))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        PoseRefiner(actor).eval()(take.cameras, pixels[:, None])
+    return [str(each.message) for each in found]
+
+
+def test_single_images_of_several_views_are_examined_together() -> None:
+    """Each was said to have hardly any joint that two views see, and nothing else was looked at."""
+    assert shuffled_images(0.0) == []
+    (line,) = shuffled_images(1.0)
+    assert "24 clips together: detections: left and right look exchanged: the feet" in line
+
+
+def test_sides_that_are_exchanged_in_half_of_the_images() -> None:
+    (line,) = shuffled_images(0.5)
+    assert "left and right look exchanged in" in line and "of 24 images" in line
+
+
+def test_bones_show_in_several_images() -> None:
+    (line,) = shuffled_images(0.0, bones=0.3)
+    assert "24 clips together: the actor's legs are 1.3" in line
+
+
+@pytest.mark.parametrize("share", [0.0, 0.35])
+def test_poses_of_which_some_are_mirror_images(share: float) -> None:
+    """As where an augmentation mirrors images and 2D joints, and forgets the poses."""
+    take = make_take(24, turns=0.3)
+    poses, chance = take.detections.joints3d, torch.Generator().manual_seed(0)
+    assert poses is not None
+    order, wrong = torch.randperm(24, generator=chance), torch.rand(24, generator=chance) < share
+    mirrored = (poses * poses.new_tensor([-1, 1, 1]))[:, :, list(LANDMARKS16.mirrored())]
+    poses = torch.where(wrong[:, None, None, None], mirrored, poses)[order]
+    pixels = take.detections.joints2d[order]
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        PoseRefiner(take.actor).eval()(take.cameras, pixels[:, None], joints3d=poses[:, None])
+    told = [str(each.message) for each in found if "together" in str(each.message)]
+    assert len(told) == (share > 0)
+    assert all("mirror images of the 2D joints, left and right exchanged, in" in x for x in told)

@@ -163,6 +163,25 @@ def test_one_that_does_not_follow_the_motion_is_named() -> None:
         capture(*parts, energies={"equal": lambda actor, where: Detached(0.1)})
 
 
+class Lost(Differs):
+    def residual(self, motion: Motion) -> Residual:
+        value = super().residual(motion).value
+        return Residual(
+            torch.where(torch.arange(value.shape[-3])[:, None, None] > 3, value, torch.nan)
+        )
+
+
+def test_clips_that_are_not_solved_are_named() -> None:
+    """Their motion was where it started, and carried no gradient."""
+    take = make_take(10)
+    pixels = torch.stack([take.detections.joints2d, take.detections.joints2d])
+    with pytest.warns(UserWarning, match="clips 0-1 were not solved everywhere: a window met a"):
+        found = PoseRefiner(take.actor, energies={"lost": lambda a, w: Lost(0.1)}).eval()(
+            take.cameras, pixels
+        )
+    assert found.status.tolist() == [3, 3]
+
+
 def test_rows_that_see_other_frames_are_refused() -> None:
     take = make_take(12)
 

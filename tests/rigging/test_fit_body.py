@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from dataclasses import astuple, replace
 from functools import partial
 
@@ -348,3 +349,29 @@ def test_masks_of_others_are_told(model: BodyModel) -> None:
             warn_of_inputs(cameras, detections, PersonMasks(cameras, masks))
     warn_of_inputs(cameras, detections, PersonMasks(cameras, inside))
     warn_of_inputs(cameras, detections, small)
+
+
+def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
+    """`actor fit` said so; bodies fitted in Python were as wrong without a word."""
+    cameras = synthetic.cameras(2, size=160, distance=3.0)
+    motion = twice(person(model))
+    detections, inside = seen(model, motion, cameras)
+    tall = measure(model.template(motion.shared[BODY])).height
+    initial = replace(motion, shared={})
+    wide = torch.nn.functional.max_pool2d(inside.double(), 13, 1, 6) > 0.5
+    odd = inside.clone()
+    odd[:2] = inside[:2].roll(12, -1)
+
+    def told(masks: Tensor | None, height: float, initial: Motion = initial) -> str:
+        given = None if masks is None else PersonMasks(cameras, masks)
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            fit_body(model, cameras, detections, initial, given, height, settings=QUICK)
+        return " ".join(str(each.message) for each in found)
+
+    assert told(inside, tall) == told(None, tall) == ""
+    assert "body fit: silhouettes exceed the body by" in told(wide, tall)
+    assert "masks of view 0: miss the body by" in told(odd, tall)
+    assert "check the height, and the scale of the cameras" in told(None, tall + 0.2)
+    millimetres = replace(initial, translation=1000 * initial.translation + 500)
+    assert "of the person's size from the joints in frames 0-5 (co" in told(None, tall, millimetres)

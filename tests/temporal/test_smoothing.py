@@ -262,3 +262,26 @@ def test_rotation_vectors_are_no_vectors_where_they_pass_half_a_turn():
     smooth_vectors(wrapped[:4])
     smooth_vectors(torch.cat((turning, -1.2 * turning)))
     smooth_vectors(3 * torch.randn(60, 16, 3, dtype=F64))
+
+
+@pytest.mark.parametrize("unit", [1.0, 180 / math.pi])
+def test_angles_are_no_vectors_where_they_pass_half_a_turn(unit):
+    heading = torch.linspace(2.5, 3.8, 30, dtype=torch.float64)
+    written = torch.remainder(heading + math.pi, math.tau) - math.pi
+    with pytest.raises(InputError, match="jump a full turn"):
+        smooth_vectors(unit * written)
+    with pytest.raises(InputError, match="jump a full turn"):
+        smooth_vectors(unit * torch.stack((written, 0 * written), -1))
+    smooth_vectors(unit * heading)
+    smooth_vectors(unit * torch.tensor([-3.0, 3.0, -1.0, 2.5]))  # places may lie anywhere
+
+
+def test_quaternions_that_change_their_sign_are_no_vectors():
+    half = torch.linspace(1.0, 2.0, 30, dtype=torch.float64)
+    zero = torch.zeros_like(half)
+    turning = torch.stack((half.cos(), zero, half.sin(), zero), -1)
+    upper = torch.where(turning[:, :1] < 0, -turning, turning)  # of which the first is not negative
+    with pytest.raises(InputError, match="quaternions that change their sign"):
+        smooth_vectors(upper[:, None])
+    smooth_vectors(turning)
+    smooth_vectors(3 * upper)  # no quaternions

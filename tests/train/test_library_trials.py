@@ -231,3 +231,15 @@ def test_a_spine_that_leans_back_is_refused(tmp_path: Path) -> None:
     angles(lambda a: -a, "LowerBack", "Spine", "Spine1")(arrays)
     with pytest.raises(InputError, match=r"angles of the spine are negated"):
         read(tmp_path, arrays)
+
+
+def test_frames_sorted_as_text_are_a_warning(tmp_path: Path) -> None:
+    """As of a folder with a file for each frame: one step in ten was a leap."""
+    arrays = standing(tmp_path)
+    library = read(tmp_path, arrays)
+    assert not [line for line in library.doubts(["02"]) if "follow" in line or "sorted" in line]
+    order = sorted(range(FRAMES), key=str)
+    for part in ("euler_zyx_deg", "root_m"):
+        arrays[f"02_01/{part}"] = arrays[f"02_01/{part}"][order]
+    told = [line for line in read(tmp_path, arrays).doubts(["02"]) if "sorted as text" in line]
+    assert len(told) == 1 and told[0].startswith("subject 02: clip 02_01: frames look sorted")

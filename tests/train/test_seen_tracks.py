@@ -266,10 +266,12 @@ def test_truth_of_no_motion_is_refused(tmp_path: Path) -> None:
     for name, other, order in (("l_wrist", "r_wrist", hands), ("l_elbow", "l_wrist", arms)):
         one, two = LANDMARKS.index(name), LANDMARKS.index(other)
         order[one], order[two] = two, one
+    text = sorted(range(40), key=str)
     for words, truth in (
         ("feet point backwards", root + (true - root) * [1, 1, -1]),
         ("are flat", root + (true - root) * [1, 1, 0]),
         ("do not follow one another", root + 4 * (true - root)[:, mixed]),
+        ("sorted as text", true[:, text]),
         ("l_wrist and r_wrist look exchanged", true[:, :, hands]),
         ("l_elbow and l_wrist look exchanged", true[:, :, arms]),
         ("repeat the true joints of the frame before", true[:, np.arange(40) // 2 * 2]),

@@ -42,6 +42,7 @@ PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this 
 # Times what is left without a view: late ones leave 1.6 at most once they are in time, one whose
 # joints lie 30 or 60 px aside 1.7 or more, and often another view then seems late
 IN_TIME = 1.6
+COMMON = 0.25  # share of the joints that two views see
 LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -71,10 +72,7 @@ def examine_agreement(
     scene, names = given, list(rig.names)
     height, now = person_height(scene.sampled()), disagreement(scene.sampled())
     if not (math.isfinite(height) and math.isfinite(now)):
-        # of a frame that was picked there are never more
-        few = not successive and detections.frame_count * len(LANDMARKS) < MIN_JOINTS
-        what = "hardly any joint is seen by two views at once; agreement cannot be checked"
-        return [] if few else [Finding(Severity.WARNING, "cameras", what)]
+        return _unknown(scene.sampled().detections)
     findings: list[Finding] = []
     for _ in rig.names:
         found = _explain(scene, names, height, alone, successive)
@@ -89,7 +87,7 @@ def examine_agreement(
         # where joints of one view are exchanged, points are nowhere
         throughout = examine_one_view(sampled, names, height)
         if not throughout:
-            scaled, throughout = _throughout(sampled)
+            scaled, throughout = _throughout(sampled, successive)
             findings += scaled
         if successive:
             throughout += _stretches(scene.sure(), names, height, alone, bool(throughout))
@@ -104,6 +102,15 @@ def examine_agreement(
         *_behind(given.sampled(), rig.names),
         Finding(Severity.ERROR, "cameras", what, remedy),
     ]
+
+
+def _unknown(detections: Detections) -> list[Finding]:
+    """Why agreement on joints (F, C, 16) is not known; of a few images there are never many."""
+    common = (detections.confidence2d > 0).sum(1) > 1
+    if int(common.sum()) < MIN_JOINTS and float(common.double().mean()) >= COMMON:
+        return []
+    what = "hardly any joint is seen by two views at once; agreement cannot be checked"
+    return [Finding(Severity.WARNING, "cameras", what)]
 
 
 def _explain(
@@ -187,11 +194,11 @@ def _numbered(finding: Finding, views: Sequence[int]) -> Finding:
     return replace(finding, views=tuple(views[view] for view in finding.views))
 
 
-def _throughout(scene: Scene) -> tuple[list[Finding], list[Finding]]:
+def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Finding]]:
     """The unit of the world, and joints that have the names of others in every view."""
     points, _ = scene.triangulated(rounds=6)
     exchanged = (
-        examine_sides("detections", points)
+        examine_sides("detections", points, successive=successive)
         or examine_pairs("detections", points)
         or examine_neighbours("detections", points)
     )

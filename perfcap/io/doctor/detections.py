@@ -109,8 +109,8 @@ def _poses3d(
     pose = every[trusted]
     wrong = (
         _axes3d(name, pose, joints[trusted], (confidence > CONFIDENT)[trusted])
-        or examine_lifted(name, every, plane, confidence, trusted)
-        or examine_sides(name, pose)
+        or examine_lifted(name, every, plane, confidence, trusted, successive=successive)
+        or examine_sides(name, pose, successive=successive)
         or examine_pairs(name, pose)
         or examine_neighbours(name, pose)
         or examine_crown(name, *shown)

@@ -117,3 +117,24 @@ def left_out_error(scene: Scene, view: int) -> float:
     distance = left_out_errors(scene, view)
     known = distance[~distance.isnan()]
     return float(known.median()) if len(known) else math.inf
+
+
+def beside(cameras: Camera, detections: Detections, points: Tensor) -> Tensor:
+    """How far joints of a solved person lie from those detected, shares of the person's box.
+
+    Args:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C).
+        points: landmarks of the person, (F, 16, 3).
+
+    Returns:
+        (F, C, 16), NaN where a joint is not seen.
+    """
+    seen = (detections.confidence2d > CONFIDENT) & detections.joints2d.isfinite().all(-1)
+    high, low = (
+        part(detections.joints2d.where(seen[..., None], sign * torch.inf), 2)
+        for part, sign in ((torch.amax, -1), (torch.amin, 1))
+    )
+    size = (high - low).norm(dim=-1, keepdim=True)  # (F, C, 1)
+    off = (cameras.project(points) - detections.joints2d).norm(dim=-1) / size
+    return torch.where(seen, off, torch.nan)

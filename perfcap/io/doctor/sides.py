@@ -13,6 +13,8 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 AHEAD = 0.2  # cosine between what sides and feet call ahead, below which a frame says nothing
 _FEWEST = 5  # frames that say something
 _MOST = 0.75  # share of them
+# The same of images in any order: of six recordings up to 0.11, of climbers 0.19
+_SEVERAL, _SOME = 12, 0.3
 _NEAR, _LONG = 3, 8  # frames on each side of an exchange, and as many in which it lasts
 _CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of 1
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
@@ -22,7 +24,7 @@ _REMEDY = (
 )
 
 
-def examine_sides(subject: str, points: Tensor) -> list[Finding]:
+def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> list[Finding]:
     """Left and right of joints in space, exchanged in all views or in a 3D pose, leave no trace.
 
     But then toes point backwards; and where arms or legs alone are exchanged, the hips' sides are
@@ -31,6 +33,8 @@ def examine_sides(subject: str, points: Tensor) -> list[Finding]:
     Args:
         subject: of the finding.
         points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
+        successive: whether frames follow one another; of images in any order, sides may be
+            exchanged in some, as by an augmentation, and nothing turns over from one to the next.
     """
     ahead, level = bearings(points)
     if _against(level):
@@ -40,6 +44,9 @@ def examine_sides(subject: str, points: Tensor) -> list[Finding]:
     if _against(ahead):
         what = "left and right look exchanged: the feet point backwards"
         return [Finding(Severity.ERROR, subject, what, _REMEDY)]
+    if not successive and (share := _partly_against(ahead)):
+        what = f"left and right look exchanged in {share} images: the feet point backwards there"
+        return [Finding(Severity.WARNING, subject, what, _REMEDY)]
     return []
 
 
@@ -149,3 +156,11 @@ def _against(cosine: Tensor) -> bool:
     """Whether nearly all frames that say something say the opposite."""
     clear = cosine[cosine.abs() > AHEAD]
     return len(clear) >= _FEWEST and float((clear < 0).double().mean()) > _MOST
+
+
+def _partly_against(cosine: Tensor) -> str:
+    """How many of the frames that say something say the opposite, in words, if markedly many do."""
+    clear = cosine[cosine.abs() > AHEAD]
+    against = int((clear < 0).sum())
+    many = len(clear) >= _SEVERAL and against > _SOME * len(clear)
+    return f"{against} of {len(clear)}" if many else ""

@@ -1,0 +1,226 @@
+"""What speaks against a fitted body: sizes of no person, views and masks that contradict it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from perfcap.actor.actor import Actor
+from perfcap.actor.body_model import BodyModel
+from perfcap.actor.measurements import Measurements
+from perfcap.actor.motion import Motion
+from perfcap.actor.shaped_points import ShapedPoints
+from perfcap.actor.template import Template
+from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.camera import Camera
+from perfcap.io.doctor.evidence import beside
+from perfcap.io.doctor.finding import ranges
+from perfcap.io.doctor.legs import leg_ratio
+from perfcap.render.projected_mesh import ProjectedMesh
+from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
+from perfcap.rigging.person_masks import PersonMasks
+
+# --- Sizes ----------------------------------------------------------------------------------------
+
+_TALL = (1.3, 2.15)  # m; of a body that is a grown person's
+_MISSED = 0.06  # m, by which a body misses the height it was given
+_OTHER_LEGS = 0.07  # share, of a body's legs to those of the views; sound ones have up to 0.03
+# m, from the given height to that of a body with the legs of the views. A wrong height is met
+# halfway, so that neither body nor legs are far off: right ones of nine recordings were up to 0.03
+# off, from joints alone up to 0.07, those 18 cm too large or small 0.13 and more
+_OTHER_HEIGHT = 0.1
+# Of the person's size, median of a frame: of ten people in one to four views right fits have 0.03
+# at most, and 0.043 in one of 256 frames
+_BESIDE = 0.06
+_SUPPORT = 0.15  # of the outline on edges, of which plain images and noise have less
+
+
+def size_doubts(measurements: Measurements) -> Iterator[str]:
+    """A sentence about a body that is as tall as hardly any person."""
+    if not _TALL[0] < measurements.height < _TALL[1]:
+        yield (
+            f"the body is {measurements.height:.2f} m tall, as hardly anybody is; check masks, "
+            "cameras and their units"
+        )
+
+
+def height_doubts(
+    measurements: Measurements,
+    template: Template,
+    cameras: Camera,
+    detections: Detections,
+    height: float,
+    asked: str = "height",
+) -> Iterator[str]:
+    """A sentence about a body that is not as tall as was given, or whose legs views contradict.
+
+    Args:
+        measurements: of the body.
+        template: the body.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C), that it was fitted to.
+        height: as it was given, metres.
+        asked: what the height is called there.
+    """
+    tall = measurements.height
+    if abs(tall - height) > _MISSED:
+        yield (
+            f"the views show somebody {tall:.2f} m tall, {asked} says {height:.2f}; check the "
+            "height, and the scale of the cameras"
+        )
+        return
+    ratio = leg_ratio(Actor(template), cameras, detections)
+    shown = height if ratio is None else tall / ratio
+    if ratio is not None and (abs(ratio - 1) > _OTHER_LEGS or abs(shown - height) > _OTHER_HEIGHT):
+        yield (
+            f"with {asked} {height:.2f} the body's legs are {ratio:.2f} times as long as those "
+            f"that the views show, of somebody about {shown:.2f} m tall; check the height, and "
+            "the scale of the cameras"
+        )
+
+
+def pose_doubts(
+    model: BodyModel,
+    motion: Motion,
+    cameras: Camera,
+    detections: Detections,
+    numbers: Sequence[int],
+) -> Iterator[str]:
+    """A sentence about frames in which the body is not where its joints are seen.
+
+    Args:
+        model: of the body.
+        motion: (F,), with the shape.
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C), that it was fitted to.
+        numbers: of the frames, for messages.
+    """
+    marks = ShapedPoints.of_landmarks(model, model.actor(torch.zeros(0)).to(motion.angles))
+    off = beside(cameras, detections, marks(motion)[:, : len(LANDMARKS)])
+    frames = off.flatten(1).nanmedian(-1).values
+    lost = (frames > _BESIDE).nonzero().flatten().tolist()
+    if lost:
+        yield (
+            f"the body lies up to {float(frames[lost].max()):.0%} of the person's size from the "
+            f"joints in frames {ranges([numbers[place] for place in lost])} (counted from 0), and "
+            "its shape follows; look whether joints there are of this person, and poses to start "
+            "from of these frames, in metres and radians"
+        )
+
+
+def support_doubts(support: float | None, remedy: str = "give masks") -> Iterator[str]:
+    """A sentence about contours (-1 to 1, see ``BodyFit``) that lie on edges hardly anywhere."""
+    if support is not None and support < _SUPPORT:
+        yield (
+            f"edges of the images explain {100 * max(support, 0):.0f} % of the body's outline; "
+            f"girths are known about as well as from joints alone, {remedy}"
+        )
+
+
+# --- Silhouettes: of the fitted body, or empty, of others, of clothes -----------------------------
+
+_LOOSE, _BARE = 0.25, 0.2  # of the body's area: mask beyond the body, and body beyond the mask
+_UNLIKE = 0.2  # of it, more than in most frames: poses are off by less
+_HEIGHT = 300.0  # px, rows of the pictures that are compared
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Of a body with masks.
+
+    Attributes:
+        joints: share of each view's that lie in the mask, (C,).
+        beyond: of the mask, beyond the body, (F, C), shares of the body's area.
+        missing: of the body, beyond the mask, likewise.
+        empty: whether a mask is, (F, C), bool.
+    """
+
+    joints: Tensor
+    beyond: Tensor
+    missing: Tensor
+    empty: Tensor
+
+
+def overlap_of(
+    model: BodyModel, motion: Motion, detections: Detections, masks: PersonMasks
+) -> Overlap:
+    """Compare a posed body with masks, in pictures of moderate size.
+
+    Args:
+        model: of the body.
+        motion: (F,), with the shape.
+        detections: (F, C), in pixels of the masks.
+        masks: of the same frames.
+    """
+    factor = max(1, int(masks.inside.shape[-2] / _HEIGHT))
+    small = masks.shrunk(factor)
+    surface = ShapedPoints.of_surface(model, model.actor(torch.zeros(0)).to(motion.angles))
+    faces, bodies = torch.from_numpy(model.rig.faces), surface(motion)
+    views, rows = range(small.cameras.views), []
+    for frame, vertices in enumerate(bodies):
+        cameras = small.cameras.frames(slice(frame, frame + 1)).every_frame(1)
+        local = cameras.map(lambda each: each[0])
+        for view in views:
+            drawn = ProjectedMesh.seen_by(local.select([view]), vertices, faces).rasterize().mask
+            mask = small.inside[frame, view] > 0.5
+            area = float(drawn.sum().clamp(min=1))
+            beyond = float((mask & ~drawn).sum()) / area
+            missing = float((drawn & ~mask).sum()) / area
+            rows.append((beyond, missing, float(mask.sum()) < 0.02 * area))
+    table = torch.tensor(rows, dtype=torch.float64).reshape(len(bodies), len(views), 3)
+    inside = joints_inside(detections, masks)
+    return Overlap(inside, table[..., 0], table[..., 1], table[..., 2] > 0.5)
+
+
+def mask_doubts(found: Overlap, names: Sequence[str], numbers: Sequence[int]) -> Iterator[str]:
+    """Sentences about masks that are empty, of somebody else, or far larger than a body.
+
+    Args:
+        found: of C views and F frames.
+        names: of the views.
+        numbers: of the frames, for messages.
+    """
+    for view, name in enumerate(names):
+        if float(found.empty[:, view].double().mean()) > 0.5:
+            yield f"masks of {name}: are empty in most frames; the body follows the other views"
+        elif float(found.joints[view]) < LEAST_INSIDE:
+            yield (
+                f"masks of {name}: hold {100 * float(found.joints[view]):.0f} % of the detected "
+                "joints; expected those of the person that the joints belong to"
+            )
+        else:
+            yield from _unlike_others(name, view, found, numbers)
+    sound = (found.empty.double().mean(0) <= 0.5) & (found.joints >= LEAST_INSIDE)
+    if not bool(sound.any()):
+        return
+    beyond, missing = (
+        float(part.median(0).values[sound].median()) for part in (found.beyond, found.missing)
+    )
+    if beyond > _LOOSE:
+        yield (
+            f"silhouettes exceed the body by {100 * beyond:.0f} % of its area: a coat, a skirt or "
+            "a bag; girths are too large, fit joints alone or give the actor in these clothes"
+        )
+    elif missing > _BARE:
+        yield (
+            f"silhouettes leave out {100 * missing:.0f} % of the body: cut-off limbs, or masks of "
+            "somebody smaller; look at the picture of the body"
+        )
+
+
+def _unlike_others(name: str, view: int, found: Overlap, numbers: Sequence[int]) -> Iterator[str]:
+    """Frames of a view whose masks miss the body by far more than its other masks do."""
+    off = (found.beyond + found.missing)[:, view]
+    usual = float(off.median())
+    odd = (off > usual + _UNLIKE).nonzero().flatten().tolist()
+    if odd:
+        frames = ", ".join(str(numbers[place]) for place in odd)
+        yield (
+            f"masks of {name}: miss the body by {100 * float(off.max()):.0f} % of its area in "
+            f"frames {frames} (counted from 0), by {100 * usual:.0f} % in most; are they of this "
+            "person, and true there? Leave them out"
+        )
