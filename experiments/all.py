@@ -76,7 +76,7 @@ LONG = (
 # make what they need themselves
 _NO_DATA = (
     "adjoint_speed", "batch", "body_fit", "bundle_adjustment", "deformation_speed",
-    "image_memory", "joint_places", "long_clip", "own_skeleton", "paired_or_soft",
+    "first_capture", "image_memory", "joint_places", "long_clip", "own_skeleton", "paired_or_soft",
     "shape_over_time", "silhouette_speed", "solver_classics", "solver_speed",
 )  # fmt: skip
 

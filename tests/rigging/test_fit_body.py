@@ -3,75 +3,34 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from dataclasses import astuple, replace
 from functools import partial
 
 import pytest
 import synthetic
 import torch
+from bodies import QUICK, few_shapes, person, seen
 from checks import check_jacobian, check_shapes, check_value
 from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
 from perfcap.actor.measurements import measure
-from perfcap.actor.motion import BODY, Motion
-from perfcap.actor.shape_space import ShapeSpace
+from perfcap.actor.motion import BODY
 from perfcap.actor.shaped_points import OFFSETS, ShapedPoints, mirrored_offsets
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.energy import Reprojection, SilhouetteOverlap
 from perfcap.errors import InputError
-from perfcap.geometry.camera import Camera
-from perfcap.io.body_model import load_body_model
-from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, extents, fit_body
-from perfcap.rigging.fit_checks import warn_of_inputs
 from perfcap.rigging.person_masks import PersonMasks
-from perfcap.rigging.view_fit import ViewFitSettings
 from perfcap.solve import Implicit, LevenbergMarquardt, Step
-
-QUICK = ViewFitSettings(heights=(90.0,), steps=(12, 8))
 
 
 @pytest.fixture(scope="module")
 def model() -> BodyModel:
     """The first components of the shipped body."""
-    whole = load_body_model()
-    surface, bones = (
-        ShapeSpace(space.mean, space.basis[:4]) for space in (whole.surface, whole.bones)
-    )
-    return BodyModel(surface, bones, whole.rig)
-
-
-def person(model: BodyModel) -> Motion:
-    """Three frames of somebody broad who turns."""
-    actor = model.actor(torch.zeros(0))
-    rest = actor.skeleton.rest_motion(3)
-    turn = torch.zeros(3, 3, dtype=torch.float64)
-    turn[:, 1] = torch.tensor([0.0, 0.8, 1.6])
-    shape = torch.tensor([-0.6, -1.2, 0.4, 1.0], dtype=torch.float64)
-    return Motion(torch.zeros(3, 3).double(), turn, rest.angles, {BODY: shape})
-
-
-def seen(model: BodyModel, motion: Motion, cameras: Camera) -> tuple[Detections, Tensor]:
-    """Exact joints and masks."""
-    actor = model.actor(torch.zeros(0))
-    marks = ShapedPoints.of_landmarks(model, actor)(motion)[:, :16]
-    pixels = cameras.project(marks)
-    faces = torch.from_numpy(model.rig.faces)
-    masks = [
-        torch.stack(
-            [
-                ProjectedMesh.seen_by(cameras.select([view]), vertices, faces).rasterize().mask
-                for view in range(cameras.views)
-            ]
-        )
-        for vertices in ShapedPoints.of_surface(model, actor)(motion)
-    ]
-    confidence = torch.ones(pixels.shape[:-1]).to(pixels)
-    return Detections.from_joints(pixels, confidence), torch.stack(masks)
+    return few_shapes()
 
 
 def test_energies_have_the_derivatives_they_state(model: BodyModel) -> None:
@@ -301,77 +260,3 @@ def test_gradients_reach_detections_through_the_shape(
     slope = float((free.grad * way).sum())
     change = float(total(pixels + 1e-3 * way) - total(pixels - 1e-3 * way)) / 2e-3
     assert slope == pytest.approx(change, rel=1e-4)
-
-
-def test_joints_of_smaller_videos_are_told(model: BodyModel) -> None:
-    """They gave another body."""
-    cameras = synthetic.cameras(2, size=160, distance=3.0)
-    motion = person(model)
-    detections, _ = seen(model, motion, cameras)
-    half = replace(detections, joints2d=detections.joints2d / 2)
-    with pytest.warns(UserWarning, match="body fit: view 0: all joints .* top left quarter"):
-        warn_of_inputs(cameras.select([0]), half.select([0]), None)
-    warn_of_inputs(cameras, detections, None)
-
-
-def twice(rest: Motion) -> Motion:
-    """The same frames, and turned a little."""
-    bare = replace(rest, shared={})
-    both = Motion.cat([bare, replace(bare, rotation=bare.rotation + 0.3)])
-    return replace(both, shared=rest.shared)
-
-
-def test_views_in_each_others_place_are_told(model: BodyModel) -> None:
-    """They gave another body, where `actor fit` named them."""
-    cameras = synthetic.cameras(3, size=160, distance=3.0)
-    detections, _ = seen(model, twice(person(model)), cameras)
-    with pytest.warns(UserWarning, match="body fit: .* px disagreement"):
-        warn_of_inputs(cameras, detections.select([1, 0, 2]), None)
-    warn_of_inputs(cameras, detections, None)
-
-
-def test_masks_of_others_are_told(model: BodyModel) -> None:
-    """Inverted ones, of another place, and without legs gave another body."""
-    cameras = synthetic.cameras(2, size=160, distance=3.0)
-    detections, inside = seen(model, twice(person(model)), cameras)
-    inverted = inside.clone()
-    inverted[:, 1] = ~inside[:, 1]
-    aside = torch.cat((inside[:, :1].roll(80, -1), inside[:, 1:]), 1)
-    short = inside.clone()
-    short[:, 0, 100:] = False
-    small = PersonMasks(cameras, inside.double()).shrunk(2)
-    for masks, said in (
-        (inverted, "masks of view 1: hold . % of the detected joints"),
-        (aside, "masks of view 0: hold .* % of the detected joints"),
-        (short, "masks of view 0: leave out .*ankle"),
-    ):
-        with pytest.warns(UserWarning, match=said):
-            warn_of_inputs(cameras, detections, PersonMasks(cameras, masks))
-    warn_of_inputs(cameras, detections, PersonMasks(cameras, inside))
-    warn_of_inputs(cameras, detections, small)
-
-
-def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
-    """`actor fit` said so; bodies fitted in Python were as wrong without a word."""
-    cameras = synthetic.cameras(2, size=160, distance=3.0)
-    motion = twice(person(model))
-    detections, inside = seen(model, motion, cameras)
-    tall = measure(model.template(motion.shared[BODY])).height
-    initial = replace(motion, shared={})
-    wide = torch.nn.functional.max_pool2d(inside.double(), 13, 1, 6) > 0.5
-    odd = inside.clone()
-    odd[:2] = inside[:2].roll(12, -1)
-
-    def told(masks: Tensor | None, height: float, initial: Motion = initial) -> str:
-        given = None if masks is None else PersonMasks(cameras, masks)
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            fit_body(model, cameras, detections, initial, given, height, settings=QUICK)
-        return " ".join(str(each.message) for each in found)
-
-    assert told(inside, tall) == told(None, tall) == ""
-    assert "body fit: silhouettes exceed the body by" in told(wide, tall)
-    assert "masks of view 0: miss the body by" in told(odd, tall)
-    assert "check the height, and the scale of the cameras" in told(None, tall + 0.2)
-    millimetres = replace(initial, translation=1000 * initial.translation + 500)
-    assert "of the person's size from the joints in frames 0-5 (co" in told(None, tall, millimetres)
