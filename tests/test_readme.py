@@ -123,6 +123,7 @@ def test_every_shipped_model_is_installed() -> None:
     assert {folder.relative_to(ROOT).as_posix() for folder in folders} <= listed
 
 
+@pytest.mark.long
 def test_what_is_imported_at_once_is_installed() -> None:
     """README's install has no extras: what modules import on their own is required."""
     setup = configparser.ConfigParser()

@@ -39,6 +39,7 @@ def call(take: TakeFiles, out: Path, *more: object) -> list[object]:
     return ["actor", "fit", take.video, *options, "--count", 3, *more]
 
 
+@pytest.mark.long
 def test_a_person_becomes_a_folder(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     done = perfcap(call(take, tmp_path / "me", "--height", 1.7, "--name", "me"))
     assert done.code == 0, done
@@ -62,6 +63,7 @@ def test_the_body_of_a_capture_is_not_replaced(
     assert (tmp_path / "body.npz").read_bytes() == b"of a capture"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("evidence", "words"), [("contours", "joints and contours"), ("joints", "joints")]
 )
@@ -74,6 +76,7 @@ def test_what_is_looked_at(
     assert known["source"].startswith(f"body fitted to {words} of 3 frames")
 
 
+@pytest.mark.long
 def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     masks = tmp_path / "masks"
     masks.mkdir()
@@ -88,6 +91,7 @@ def test_masks_are_taken_from_folders(take: TakeFiles, tmp_path: Path, perfcap: 
     assert "80x60" in line and "160x120" in line and not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_masks_that_end_at_half_the_height_are_named(
     take: TakeFiles, tmp_path: Path, perfcap: Command, share: float
@@ -142,6 +146,7 @@ def test_joints_that_a_capture_refuses_are_refused(
     assert change in line and not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_project_is_read(tmp_path: Path, perfcap: Command) -> None:
     made = make_take(10, views=2, lifted=False)
     cameras = shrunk(made.cameras, SIZE)

@@ -126,6 +126,7 @@ def masks_of(views: Views, *kinds: str) -> list[object]:
     return ["--masks", *(views.folder / f"{kind}{view}" for view, kind in enumerate(both))]
 
 
+@pytest.mark.long
 def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfcap: Command) -> None:
     done = perfcap(views.command(tmp_path, *masks_of(views, "masks")))
     assert done.code == 0, done
@@ -143,6 +144,7 @@ def test_a_capture_writes_the_body_it_found(views: Views, tmp_path: Path, perfca
     assert again.code == 0 and not [n for n in again.notes if "--actor auto" in n]
 
 
+@pytest.mark.long
 def test_silhouettes_found_for_the_body_are_kept(
     views: Views, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,6 +173,7 @@ def test_silhouettes_found_for_the_body_are_kept(
     assert fits == [False, True, False, True]
 
 
+@pytest.mark.long
 def test_a_preset_of_contours_fits_the_body_to_edges(
     views: Views, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -186,6 +189,7 @@ def test_a_preset_of_contours_fits_the_body_to_edges(
     assert any("of the body's outline; girths" in line for line in done.notes), done.notes
 
 
+@pytest.mark.long
 def test_an_actor_leaves_no_body_of_an_older_result(
     views: Views, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -211,6 +215,7 @@ def test_a_character_is_read_and_told_of_once(
     assert read == ["sam"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kinds", "words"),
     [
@@ -249,6 +254,7 @@ def test_clocks_are_told_and_kept(views: Views, tmp_path: Path, perfcap: Command
     assert "--sync auto: clip has 6 frames" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("off", "said"), [(-0.25, "legs are 0."), (0.16, "legs are 1.0")])
 def test_a_height_that_the_views_contradict_is_told(
     views: Views, tmp_path: Path, perfcap: Command, off: float, said: str
@@ -278,6 +284,7 @@ def test_what_the_capture_says_of_joints_is_not_said_by_the_fit_again(
     assert "UserWarning" not in done.err
 
 
+@pytest.mark.long
 def test_the_body_wears_what_the_images_show(tmp_path: Path, perfcap: Command) -> None:
     """A film in grey makes a grey person of the body in its red trousers."""
     demo = models_folder() / "demo"

@@ -240,6 +240,7 @@ def test_what_was_detected_before_a_kill_is_not_detected_again(
     assert all(np.array_equal(kept[name], whole[name]) for name in whole)
 
 
+@pytest.mark.long
 def test_joints_without_poses_are_lifted_unless_told(
     dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -264,6 +265,7 @@ def test_joints_without_poses_are_lifted_unless_told(
     assert np.abs(alone - lifted).max() > 0.02
 
 
+@pytest.mark.long
 def test_a_lifter_gives_3d_poses_to_one_view(
     dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
 ) -> None:

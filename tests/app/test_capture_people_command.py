@@ -47,6 +47,7 @@ def files_of(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if path.is_file()}
 
 
+@pytest.mark.long
 def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> None:
     assert files_of(captured) == SHARED | {"overlay.mp4"}
     assert [path.name for path in people_of(captured)] == ["person1", "person2"]
@@ -87,6 +88,7 @@ def test_people_of_other_captures_are_refused(captured: Path, tmp_path: Path) ->
     assert len(list(named_people(together))) == 2
 
 
+@pytest.mark.long
 def test_what_is_doubtful_is_said_once(
     pair: CrowdFiles, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -166,6 +168,7 @@ def test_commands_go_from_one_to_the_next(captured: Path, tmp_path: Path, perfca
     assert perfcap(["export", captured / "person1", "--to", "bvh", "--out", tmp_path]).code == 0
 
 
+@pytest.mark.long
 def test_a_body_for_each_of_a_number(pair: CrowdFiles, tmp_path: Path, perfcap: Command) -> None:
     call = pair.command(tmp_path, "--people", "2", "--no-overlay", actors=["sam"])
     done = perfcap(call)
@@ -175,6 +178,7 @@ def test_a_body_for_each_of_a_number(pair: CrowdFiles, tmp_path: Path, perfcap: 
     assert all(json.loads((f / "run.json").read_text())["bone_scales"] for f in people_of(tmp_path))
 
 
+@pytest.mark.long
 def test_what_is_said_of_fitted_bodies_is_kept(
     pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -196,6 +200,7 @@ def test_one_of_them_writes_what_one_person_writes(
     assert any("further people" in note for note in done.notes)
 
 
+@pytest.mark.long
 def test_another_number_of_people_leaves_nothing_behind(
     captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -217,6 +222,7 @@ def test_resume_knows_a_whole_result(captured: Path, pair: CrowdFiles, perfcap: 
     assert "holds a result already" in perfcap(pair.command(captured)).refused()
 
 
+@pytest.mark.long
 def test_somebody_who_leaves_is_named(tmp_path: Path, perfcap: Command) -> None:
     away = [slice(0), slice(24, 40)]
     crowd = make_crowd(3, frames=40, views=3, size=SIZE, noise=1.0, away=away)

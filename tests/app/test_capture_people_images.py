@@ -52,6 +52,7 @@ def masks_of(folder: Path, view: int) -> list[np.ndarray]:
     return [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
 
 
+@pytest.mark.long
 def test_masks_say_who_is_where(captured: Path) -> None:
     for view in range(3):
         everybody = np.array(masks_of(captured, view))
@@ -97,6 +98,7 @@ def test_resume_and_what_is_left(
     assert not any((folder / "surface.npz").exists() for folder in people_of(captured))
 
 
+@pytest.mark.long
 def test_the_preset_of_frames(tmp_path: Path, perfcap: Command) -> None:
     # colours need more pixels than joints: in images of 120 px errors double in three frames
     larger = make_crowd(3, frames=6, views=3, size=200, noise=6.0)

@@ -36,6 +36,7 @@ def test_a_crash_leaves_nothing_half_written(
     assert kept == ([".perfcap"] if where == "save_overlay" else None)  # what was solved before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["save_bvh", "save_animation", "bvh_motion"])
 def test_a_crash_while_saving_leaves_the_older_result(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch, where: str

@@ -39,6 +39,7 @@ def write_masks(folder: Path, masks: dict[int, np.ndarray]) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_given_masks_come_out_as_they_went_in(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -87,6 +88,7 @@ def test_masks_of_all_frames_leave_nothing_to_find(
     assert not [note for note in done.notes if "are given for" in note]
 
 
+@pytest.mark.long
 def test_numbers_that_begin_with_1_are_told(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -131,6 +133,7 @@ def test_masks_of_nobody_are_refused_before_any_solve(
     assert words in perfcap(small.command(tmp_path / "out", *call)).refused()
 
 
+@pytest.mark.long
 def test_masks_that_stay_while_the_person_moves_are_told(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -46,6 +46,7 @@ def test_files_that_are_not_there_are_named(
     assert lost.endswith("model.onnx is missing") and "model.onnx has 70 bytes, not" in cut
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["thunder", "blazepose"])
 def test_a_manifest_that_was_written_serves(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
@@ -63,6 +64,7 @@ def test_a_manifest_that_was_written_serves(
     assert code == 2 and "--overwrite" in err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "size"), [("multipose", 384), ("tiny", 192)])
 def test_a_network_of_several_people_is_known_by_its_layout(
     tmp_path: Path, name: str, size: int, capsys: pytest.CaptureFixture[str]
@@ -124,6 +126,7 @@ def test_version_by_module() -> None:
     assert found.stdout == f"perfcap {__version__}\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "joints", "words"),
     [

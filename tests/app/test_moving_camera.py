@@ -94,6 +94,7 @@ def given(most: float = TURN, guessed: bool = True) -> Inputs:
     return Inputs(Clip([source], 30.0), rig, detections, whole, ())
 
 
+@pytest.mark.long
 def test_a_panned_camera_is_found_with_its_lens() -> None:
     inputs = given()
     found, views = settled(inputs, sync=False, refine=False, assumed=True)
@@ -134,6 +135,7 @@ def test_a_way_that_is_too_long_is_not_looked_for(monkeypatch: pytest.MonkeyPatc
     assert "40 frames at most, of 45" in unmoved(given())
 
 
+@pytest.mark.long
 def test_a_picture_that_is_moved_in_a_program_has_no_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs = given()
 
@@ -165,6 +167,7 @@ def test_a_video_that_cuts_is_captured_in_shots() -> None:
     assert "the longest is --frames 0:30" in said
 
 
+@pytest.mark.long
 def test_a_lens_that_zooms_is_not_taken_for_a_camera_that_walks() -> None:
     """It walked by metres, and took the person along."""
     inputs = given()

@@ -25,6 +25,7 @@ def spoilt(folder: Path, name: str, old: str, new: str) -> Path:
     return folder / name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["lightning", *(pytest.param(name, marks=SLOW) for name in ("blazepose", "rendered"))]
 )
@@ -37,6 +38,7 @@ def test_right_manifests_are_not_doubted(perfcap: Command, name: str) -> None:
 SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.joints]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [

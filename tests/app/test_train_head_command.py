@@ -54,6 +54,7 @@ def call(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
     ]
 
 
+@pytest.mark.long
 def test_adapts_a_network_and_goes_on(perfcap: Command, call: list[object], tmp_path: Path) -> None:
     outcome = perfcap([*call, *TINY, "--out", tmp_path / "a"])
     assert outcome.code == 0 and "shipped, solved_mm" in outcome.out, outcome
@@ -84,6 +85,7 @@ def test_what_cannot_be_adapted_is_refused(
     assert not (tmp_path / "out" / "model").exists()
 
 
+@pytest.mark.long
 def test_other_footage_is_not_gone_on_with(
     perfcap: Command, call: list[object], tmp_path: Path
 ) -> None:
@@ -101,6 +103,7 @@ def test_other_footage_is_not_gone_on_with(
     assert again.code == 2 and "another configuration" in again.err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("before", ["--no-through-solver", "--through-solver"])
 def test_a_model_of_other_footage_is_not_replaced(
     perfcap: Command, call: list[object], tmp_path: Path, before: str
@@ -129,6 +132,7 @@ def test_a_model_of_other_footage_is_not_replaced(
     assert (out / "model" / "model.onnx").read_bytes() == written
 
 
+@pytest.mark.long
 def test_a_network_that_is_there_is_not_replaced(
     perfcap: Command, call: list[object], tmp_path: Path
 ) -> None:
@@ -140,6 +144,7 @@ def test_a_network_that_is_there_is_not_replaced(
     assert perfcap([*direct, "--resume"]).code == 0
 
 
+@pytest.mark.long
 def test_what_the_capture_warns_of_is_said(
     perfcap: Command, call: list[object], tmp_path: Path
 ) -> None:

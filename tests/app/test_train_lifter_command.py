@@ -25,6 +25,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_library(tmp_path_factory.mktemp("motion"), frames=20)
 
 
+@pytest.mark.long
 def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path: Path) -> None:
     call = ["train", "lifter", *TINY, "--out", tmp_path / "a", "--motion"]
     assert perfcap([*call, library]).code == 0
@@ -33,12 +34,14 @@ def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path:
     assert "of other motion" in perfcap([*call, other, "--resume"]).refused()
 
 
+@pytest.mark.long
 def test_other_taps_are_learned_with(perfcap: Command, library: Path, tmp_path: Path) -> None:
     call = ["train", "lifter", "--motion", library, *TINY, "--lifter.dilations", 1, 2, 4, 8]
     assert perfcap([*call, "--out", tmp_path / "a"]).code == 0
     assert OnnxLifter(tmp_path / "a" / "model").manifest.reach == 15
 
 
+@pytest.mark.long
 def test_trains_exports_and_starts_from_what_it_wrote(
     perfcap: Command, library: Path, tmp_path: Path
 ) -> None:
@@ -75,6 +78,7 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     assert "holds an unfinished or finished training" in perfcap([*call, tmp_path / "a"]).refused()
 
 
+@pytest.mark.long
 def test_one_folder_is_of_one_training_at_a_time(
     perfcap: Command, library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,6 +93,7 @@ def test_one_folder_is_of_one_training_at_a_time(
     assert perfcap([*call, "--resume"]).code == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("option", ["--start", "--together-with"])
 def test_people_held_out_were_never_learned_from(
     perfcap: Command,
@@ -125,6 +130,7 @@ def write_tracks(path: Path, frames: int, seed: int = 0) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_tracks_of_videos_are_learned_from(perfcap: Command, library: Path, tmp_path: Path) -> None:
     tracks = write_tracks(tmp_path / "tracks.npz", 90)
     call = ["train", "lifter", "--motion", library, *TINY, "--data.seen", 1]

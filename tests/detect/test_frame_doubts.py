@@ -21,6 +21,7 @@ def test_frames_in_order_are_not_doubted(seed: int, count: int) -> None:
             assert list(frame_doubts(part)) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [2, 3])
 def test_frames_in_no_order_are_named(count: int) -> None:
     crowd = make_crowd(1, count=count)

@@ -34,6 +34,7 @@ def test_files_are_as_the_manifest_says(folder: Path) -> None:
     assert (folder / "card.md").is_file()
 
 
+@pytest.mark.long
 def test_the_detector_follows_the_demo_clip() -> None:
     """Found in the first frame by search; the clip's actor is among those it learned from."""
     demo, count = MODELS / "demo", 120

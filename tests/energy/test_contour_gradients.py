@@ -145,6 +145,7 @@ def solved(
     return solve(objective, start, Newton(LevenbergMarquardt(max_steps=20), 60), adjoint=adjoint)
 
 
+@pytest.mark.long
 def test_gradients_reach_images_and_detections_through_a_solve() -> None:
     cameras, images = pictures(64)
     exact = cameras.project(actor().landmarks(truth()))

@@ -85,6 +85,7 @@ class Counted:
         return ROOM.read_view(view, start, stop)
 
 
+@pytest.mark.long
 def test_a_long_clip_is_looked_at_in_parts() -> None:
     """Three frames a second are a clip of 25 s, one a second of 75."""
     backwards = ROOM.camera.frames(torch.arange(FRAMES).flip(0))
@@ -95,6 +96,7 @@ def test_a_long_clip_is_looked_at_in_parts() -> None:
             assert len(clip.read) <= most
 
 
+@pytest.mark.long
 def test_distortion_is_taken_out() -> None:
     bent = Room(distortion=(-0.5, 0.25, 0.0, 0.0, 0.0))
     assert examined(bent) == []
@@ -120,6 +122,7 @@ def test_each_of_several_views_is_looked_at() -> None:
     assert found.subject == "b"
 
 
+@pytest.mark.long
 def test_doctor_and_capture_say_so_with_and_without_joints(tmp_path: Path) -> None:
     video, path, joints = (tmp_path / name for name in ("a.mp4", "camera.json", "a.npz"))
     with VideoWriter(video, RATE) as writer:

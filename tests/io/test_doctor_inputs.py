@@ -238,6 +238,7 @@ def test_unknown_joint_names_become_a_finding(tmp_path: Path) -> None:
     assert "unknown antenna" in finding.what
 
 
+@pytest.mark.long
 @needs_data
 def test_real_views_are_quiet_with_their_video_map() -> None:
     base = DATA / "pose2sim_balancing"

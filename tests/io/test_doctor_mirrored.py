@@ -56,6 +56,7 @@ def test_who_stands_the_same_on_both_sides_is_not_named() -> None:
     assert not said(pixels + 5 * noise, torch.ones_like(SEEN.confidence2d), mirrored(poses))
 
 
+@pytest.mark.long
 def test_images_of_a_batch_show_it_together() -> None:
     """Each shows too little by itself."""
     assert SEEN.joints3d is not None

@@ -39,6 +39,7 @@ sys.exit(os.waitpid(child, 0)[1] and 1)
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the system does not fork")
 def test_a_child_goes_on_with_an_open_video_and_network(tmp_path: Path) -> None:
     script = tmp_path / "look.py"

@@ -23,6 +23,7 @@ def said(clips: Tensor) -> list[str]:
     return [str(each.message) for each in found if "follow one another" in str(each.message)]
 
 
+@pytest.mark.long
 def test_frames_of_a_motion_as_clips() -> None:
     """Each was solved on its own: three times the error on one recording."""
     (line,) = said(PIXELS[:, None])
@@ -35,6 +36,7 @@ def test_exchanged_axes() -> None:
     assert "8 clips of 3 frames follow one another" in line and "clips first" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("length", [1, 3, 8])
 def test_right_batches_are_not_named(length: int) -> None:
     shuffled = torch.randperm(24, generator=torch.Generator().manual_seed(0))
@@ -42,6 +44,7 @@ def test_right_batches_are_not_named(length: int) -> None:
     assert said(clips) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("length", [1, 4])
 def test_short_clips_show_together_what_each_does_not(length: int) -> None:
     """Sides, depth and axes are judged by ten frames or more."""

@@ -135,11 +135,13 @@ def test_images_are_those_of_the_frames(scene: Scene) -> None:
         BodyContours(images, 250.0)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_polarity_does_not_matter(scene: Scene) -> None:
     light, dark = scene.fitted((200, 40)), scene.fitted((40, 200))
     torch.testing.assert_close(light.shape, dark.shape, atol=0.02, rtol=0)
 
 
+@pytest.mark.long
 def test_images_without_edges_say_so(scene: Scene) -> None:
     found = scene.fitted((90, 90))
     assert found.support is not None and found.support < 0.05

@@ -127,6 +127,7 @@ def test_missing_ends_hold_on(take: Take, clean: Performance, gap: slice) -> Non
     assert worse.mean() < 3
 
 
+@pytest.mark.long
 def test_a_window_with_nothing_in_it_spoils_no_other() -> None:
     long = make_take(170)
     performance = run(long, without(long.detections, slice(60, 130)))  # all of frames 80 to 130

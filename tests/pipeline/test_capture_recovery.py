@@ -111,6 +111,7 @@ def test_the_same_call_gives_the_same_bits() -> None:
         assert torch.equal(getattr(first, name), getattr(second, name))
 
 
+@pytest.mark.long
 def test_a_batch_of_windows_equals_one_by_one() -> None:
     take = make_take(100, views=2, lifted=False)
     together, alone = (

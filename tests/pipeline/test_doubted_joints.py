@@ -56,6 +56,7 @@ def test_findings_doubt_their_frames_and_views_alone() -> None:
     assert int(throughout.doubted.sum()) == FRAMES
 
 
+@pytest.mark.long
 def test_joints_that_the_others_bear_out_change_little() -> None:
     """A view too many is doubted: the motion fits the other two, and is not named."""
     take = make_take(FRAMES, views=3)
@@ -77,6 +78,7 @@ def test_frames_without_a_joint_that_is_not_doubted_are_named() -> None:
     assert (trust.error[start + 6 :] > 2 * trust.error[:30].max()).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [2, 3])
 def test_what_python_finds_reaches_trust(views: int) -> None:
     take = make_take(FRAMES, views=views)

@@ -85,6 +85,7 @@ def errors(performance: Performance, person: int) -> torch.Tensor:
     return 1000 * apart.norm(dim=-1).mean(-1)
 
 
+@pytest.mark.long
 def test_silhouettes_alone_carry_the_pose(found: tuple[Performance, ...]) -> None:
     for k, each in enumerate(found):
         still = 1000 * (CROWD.joints[k] - CROWD.joints[k][:1]).norm(dim=-1).mean(-1)
@@ -114,10 +115,12 @@ def same(one: tuple[Performance, ...], other: tuple[Performance, ...]) -> bool:
     )
 
 
+@pytest.mark.long
 def test_same_bits_with_two_threads(found: tuple[Performance, ...]) -> None:
     assert same(found, followed(workers=2))
 
 
+@pytest.mark.long
 def test_same_bits_after_a_kill(
     found: tuple[Performance, ...], folder: Path, tmp_path: Path
 ) -> None:
@@ -143,6 +146,7 @@ class Known:
         return self.labels[view][frame] > 0 if self.knows(view, frame) else None
 
 
+@pytest.mark.long
 def test_one_person_without_surface() -> None:
     (person,) = cast(1)
     alone = replace(CROWD, actors=CROWD.actors[:1], motions=CROWD.motions[:1])
@@ -169,6 +173,7 @@ class GoesBlank(PaintedCrowd):
         return found
 
 
+@pytest.mark.long
 def test_who_is_not_seen_stays() -> None:
     scene = perfcap.Scene(
         CROWD.cameras, tuple(cast()), RATE, Images(GoesBlank(CROWD), CROWD.cameras)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from takes import make_take, without
 
@@ -71,6 +72,7 @@ def doubted(deviation: float, views: int = 1, noise: float = 0.0) -> Trust:
     return trust
 
 
+@pytest.mark.long
 def test_poses_that_are_said_to_be_far_off() -> None:
     # errors of 8 px: exact joints leave little to doubt
     sure, unsure = doubted(0.03, noise=8.0), doubted(0.4, noise=8.0)
@@ -82,10 +84,12 @@ def test_poses_that_are_said_to_be_far_off() -> None:
     assert 15 <= start <= 22 and 28 <= stop <= 34 and "not sure of them" in reason
 
 
+@pytest.mark.long
 def test_several_views_need_nobody_to_say_so() -> None:
     torch.testing.assert_close(doubted(0.03, views=2).value, doubted(0.4, views=2).value)
 
 
+@pytest.mark.long
 def test_joints_that_a_set_lacks_say_nothing() -> None:
     """COCO's 17 have no crown, neck and toes; hidden legs are another matter."""
     take = make_take(60, views=2)
@@ -104,6 +108,7 @@ def test_joints_that_a_set_lacks_say_nothing() -> None:
     assert legs.value.max() < whole.value.min() and legs.error.min() > 1.2 * whole.error.max()
 
 
+@pytest.mark.long
 def test_noise_lowers_trust() -> None:
     clean, noisy = captured().trust, captured(noise=40.0).trust
     assert clean is not None and noisy is not None

@@ -39,6 +39,7 @@ def test_a_known_deformation_is_found_from_exact_masks_of_several_views() -> Non
     assert off(several, found) < 0.1 * off(several, alone)
 
 
+@pytest.mark.long
 def test_adam_and_levenberg_marquardt_reach_the_same_minimum(problem: JointProblem) -> None:
     objective = problem.objective(problem.masks, problem.joints)
     second = solve(objective, problem.start, FINE)
@@ -50,6 +51,7 @@ def test_adam_and_levenberg_marquardt_reach_the_same_minimum(problem: JointProbl
     assert float(apart.norm(dim=-1).mean()) < 0.01
 
 
+@pytest.mark.long
 def test_gradients_to_masks_and_detections_are_finite_differences(problem: JointProblem) -> None:
     """Through the solve, at masks and joints that nothing fits exactly."""
     random = torch.Generator().manual_seed(2)
@@ -99,6 +101,7 @@ def _polished(objective: Objective, state: Compound) -> Compound:
     return state
 
 
+@pytest.mark.long
 def test_a_network_that_makes_the_masks_learns_through_the_solve(problem: JointProblem) -> None:
     """Fails where the gradient to masks is cut: nothing else leads to the network."""
     torch.manual_seed(0)

@@ -76,6 +76,7 @@ def test_what_needs_nothing_is_the_same_object(sam: Actor) -> None:
         assert all(a is b for a, b in zip(found, given, strict=True))
 
 
+@pytest.mark.long
 def test_one_in_the_middle_of_another_stays(sam: Actor) -> None:
     """Nothing says to which side they belong; half a body is no contact."""
     given = beside(sam, (0.12,), behind=0.03)

@@ -80,6 +80,7 @@ class Still:
         return PAINTED.read_view(view, 0, 1).repeat(stop - start, 0)
 
 
+@pytest.mark.long
 def test_people_who_are_followed_in_other_images_than_their_joints_are_named() -> None:
     seen = associate(CROWD.cameras, CROWD.candidates, RATE)
     owners, _ = CROWD.matched(seen.slots)

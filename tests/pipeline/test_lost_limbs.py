@@ -74,6 +74,7 @@ def found_in(
     return find_lost_limbs(problem, sight, evidence, motion, config, **options)  # type: ignore
 
 
+@pytest.mark.long
 def test_an_arm_that_detections_miss_is_found(tmp_path: Path) -> None:
     true, given, problem, sight = take_of()
     evidence = evidence_of(masks_of(true, sight), problem)
@@ -102,6 +103,7 @@ def test_an_arm_that_detections_miss_is_found(tmp_path: Path) -> None:
     assert torch.equal(second.motion.angles, found.motion.angles) and second.found == found.found
 
 
+@pytest.mark.long
 def test_a_limb_that_is_seen_apart_and_surely_stays() -> None:
     """Cloth that swings out of a mask may look like a leg that no network sees."""
     true, given, problem, sight = take_of(sure=0.9)
@@ -147,6 +149,7 @@ def test_several_views_and_other_presets_do_not_search(views: int, config: LostL
     assert found.motion is given and not found.found
 
 
+@pytest.mark.long
 def test_what_is_wrong_for_long_is_no_limb() -> None:
     true, given, problem, sight = take_of()
     evidence = evidence_of(masks_of(true, sight), problem)

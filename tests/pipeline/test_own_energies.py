@@ -43,6 +43,7 @@ def held_at(place: Tensor, clip: int = 0) -> Callable[[Actor, FrameNumbers], Ene
     return lambda actor, where: Holds(actor, where, place, clip)
 
 
+@pytest.mark.long
 def test_a_capture_follows_it_where_it_acts() -> None:
     take = make_take(60)
     parts = take.actor, take.cameras, take.detections, take.rate
@@ -61,6 +62,7 @@ def test_a_capture_follows_it_where_it_acts() -> None:
     assert "holds" in found.report()["windows"][0]["terms"]
 
 
+@pytest.mark.long
 def test_a_layer_knows_which_clip_is_meant() -> None:
     take = make_take(10)
     layer = PoseRefiner(take.actor).eval()

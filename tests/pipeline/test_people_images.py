@@ -58,6 +58,7 @@ def labels_of(performance: Performance) -> np.ndarray:
     return np.array([[silhouettes.labels(f, v) for f in frames] for v in views])
 
 
+@pytest.mark.long
 def test_pixels_come_to_whom_they_show(found: tuple[Performance, ...]) -> None:
     labels, truth = labels_of(found[0]), PAINTED.labels
     there = truth > 0
@@ -73,6 +74,7 @@ def sight_of(performance: Performance) -> Sight:
     return Sight(CROWD.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
 
 
+@pytest.mark.long
 def test_where_people_meet_they_are_looked_for_from_refined_surfaces(
     found: tuple[Performance, ...],
 ) -> None:
@@ -237,6 +239,7 @@ def test_stages_share_the_time_of_what_they_share(found: tuple[Performance, ...]
     assert one["refine_pose"] != other["refine_pose"]
 
 
+@pytest.mark.long
 def test_one_person_of_a_scene_with_images_has_the_same_bits() -> None:
     whole = scene()
     person, images = whole.people[0], whole.images

@@ -35,6 +35,7 @@ def noisy(deviation: float) -> Tensor:
     return joints
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_right_joints_with_errors_are_not_named(views: int) -> None:
     for joints in (LOCAL, noisy(0.03)):

@@ -291,6 +291,7 @@ def test_other_joint_sets() -> None:
         assert error(refined.joints[:, limbs], JOINTS[:, limbs]) < 0.04
 
 
+@pytest.mark.long
 def test_a_detector_is_trained_through_it() -> None:
     """A planted offset is found from joints in space alone."""
     offset = nn.Parameter(torch.zeros(16, 2, dtype=F64))

@@ -91,6 +91,7 @@ def performance(take: dict[str, object]) -> Performance:
     return run(take)
 
 
+@pytest.mark.long
 def test_every_stage_comes_nearer_to_the_masks(performance: Performance) -> None:
     refinement = performance.refinement
     assert refinement is not None and refinement.surface is not None
@@ -111,6 +112,7 @@ def test_the_surface_is_finite_and_near_the_skin(performance: Performance) -> No
     torch.testing.assert_close(performance.surface[3:5], vertices[3:5])
 
 
+@pytest.mark.long
 def test_the_number_of_workers_changes_nothing(
     take: dict[str, object], performance: Performance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,6 +144,7 @@ def test_the_number_of_workers_changes_nothing(
     assert torch.equal(alone.surface[0:4], performance.surface[0:4])
 
 
+@pytest.mark.long
 def test_nothing_to_see_leaves_the_motion_alone(take: dict[str, object]) -> None:
     """Grey images: no contour can be trusted, nothing becomes worse, nothing is not a number."""
     size = take["clip"].sizes[0]  # type: ignore[attr-defined]
@@ -191,6 +194,7 @@ def test_a_stage_that_needs_images_asks_for_them(take: dict[str, object]) -> Non
     assert capture(*parts, 30.0).refinement is None  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_it_can_end_at_the_motion(take: dict[str, object]) -> None:
     found = run(take, until=Stage.REFINE_POSE)
     assert found.refinement is not None and found.refinement.surface is None

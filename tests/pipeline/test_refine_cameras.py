@@ -175,6 +175,7 @@ class _Known:
         return self.evidence.masks(frame)[view]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [VIEWS, 1])
 def test_a_capture_ends_with_the_cameras_it_found(views: int) -> None:
     _, problem, sight, evidence = filmed()

@@ -103,6 +103,7 @@ def captured(
     )
 
 
+@pytest.mark.long
 def test_edges_correct_noisy_joints(take: Take) -> None:
     joints_alone = captured(take, None)
     found = captured(take, film(take))
@@ -116,6 +117,7 @@ def test_edges_correct_noisy_joints(take: Take) -> None:
     assert len(found.report()["contours"]["support_after"]) == FRAMES
 
 
+@pytest.mark.long
 def test_pictures_of_nothing_change_little_and_are_doubted(take: Take) -> None:
     rng = np.random.default_rng(0)  # some noise: images of one color are refused
     nothing = rng.integers(82, 98, (FRAMES, SIZE, SIZE, 1), dtype=np.uint8).repeat(3, -1)
@@ -127,6 +129,7 @@ def test_pictures_of_nothing_change_little_and_are_doubted(take: Take) -> None:
     assert float(moved) < 15
 
 
+@pytest.mark.long
 def test_the_stage_is_resumed_to_the_same_bits(take: Take, tmp_path: Path) -> None:
     shots = film(take)
     first = captured(take, shots, checkpoint=Checkpoint(tmp_path))
@@ -137,6 +140,7 @@ def test_the_stage_is_resumed_to_the_same_bits(take: Take, tmp_path: Path) -> No
     np.testing.assert_array_equal(first.contours.after, again.contours.after)
 
 
+@pytest.mark.long
 def test_threads_read_a_video_in_order(take: Take) -> None:
     """Files are decoded from frame to frame, by one thread at a time."""
     reading = Lock()
@@ -184,6 +188,7 @@ def test_taller_people_are_shrunk(take: Take) -> None:
     torch.testing.assert_close(sight.unit, torch.tensor([1.6, 1.6, 0.8]).double())
 
 
+@pytest.mark.long
 def test_moving_cameras(take: Take) -> None:
     cameras = take.cameras
     moving = Camera(
@@ -197,6 +202,7 @@ def test_moving_cameras(take: Take) -> None:
     torch.testing.assert_close(still.joints(), moved.joints(), atol=1e-6, rtol=0)
 
 
+@pytest.mark.long
 def test_views_between_frames_are_met_where_the_person_was(take: Take) -> None:
     """Images of two are half a frame late: that is known, or not."""
     whole = sway(take.actor, 2 * FRAMES, 12.0)
@@ -213,6 +219,7 @@ def test_views_between_frames_are_met_where_the_person_was(take: Take) -> None:
     assert errors[0] < 0.8 * errors[1]
 
 
+@pytest.mark.long
 def test_images_that_a_view_does_not_have_are_not_looked_at(take: Take) -> None:
     lag = torch.zeros(FRAMES, VIEWS)
     lag[0, 2] = torch.nan

@@ -123,6 +123,7 @@ def labels_of(samples: ShapeSamples | None) -> np.ndarray:
     return np.stack(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("center", ["solved", "previous"])
 def test_labels_by_samples_are_right_and_the_same_each_time(center) -> None:
     truth = PAINTED.labels[VIEW, 3:7]
@@ -138,6 +139,7 @@ def test_labels_by_samples_are_right_and_the_same_each_time(center) -> None:
     assert (other == first)[given].mean() > 0.98
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("center", ["solved", "previous"])
 @pytest.mark.parametrize("base", [CaptureConfig(), LIU])
 def test_captures_take_it_as_a_setting(base, center) -> None:

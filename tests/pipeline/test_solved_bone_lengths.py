@@ -20,6 +20,7 @@ def random_shape(groups: int, seed: int) -> torch.Tensor:
     return (0.06 * size + 0.05 * own).double()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_three_views_tell_every_length_to_a_percent(seed: int) -> None:
     template = actor()

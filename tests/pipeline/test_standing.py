@@ -144,6 +144,7 @@ def swaying(frames: int = 45) -> Motion:
     return Motion(place, turn, angles)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lifted", [True, False])
 def test_a_capture_keeps_feet_where_they_stand(lifted: bool) -> None:
     person, motion = actor(), swaying()

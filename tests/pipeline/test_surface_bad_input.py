@@ -122,6 +122,7 @@ def aimed(take: Take, pixels: float) -> Camera:
     return replace(take.cameras, intrinsics=intrinsics)
 
 
+@pytest.mark.long
 def test_a_person_partly_outside_is_captured_from_the_rest(take: Take) -> None:
     """The middle of the body lies on the image border."""
     shift = -SIDE // 2
@@ -150,18 +151,21 @@ def test_a_person_behind_the_camera_is_outside(take: Take) -> None:
     assert moved_mm(found) < 1e-3
 
 
+@pytest.mark.long
 def test_somebody_else_in_the_frame_is_left_alone(take: Take) -> None:
     """Arm in arm with somebody in the same clothes."""
     alone, together = run(take), run(take, film(take, (0.0, 0.75)))
     assert error_mm(take, together) < error_mm(take, alone) + 5
 
 
+@pytest.mark.long
 def test_a_cut_is_told(take: Take) -> None:
     found = run(take, film(take, cut=3))
     assert any("scene changes at frames [3]" in line for line in found.warnings)
     assert error_mm(take, found) < error_mm(take, run(take)) + 5
 
 
+@pytest.mark.long
 def test_black_frames_are_told_and_show_nothing(take: Take) -> None:
     """Two of six: what a lens cap, a flash or a gap in a recording leaves."""
     frames = film(take)
@@ -178,6 +182,7 @@ def test_black_frames_are_told_and_show_nothing(take: Take) -> None:
     assert error_mm(take, part) < error_mm(take, whole) + 10
 
 
+@pytest.mark.long
 def test_a_network_that_finds_something_else_is_told(take: Take) -> None:
     def lies(image: Frames, model: Mask, spine: object, part: object) -> NDArray[np.float32]:
         return np.where(model, -4, 4).astype(np.float32)
@@ -292,6 +297,7 @@ def fine(template: Template, triangles: int) -> Template:
     return replace(template, vertices=vertices, faces=faces, weight_bones=bones, weights=weights)
 
 
+@pytest.mark.long
 def test_a_broken_mesh_is_captured(take: Take) -> None:
     found = run(replace(take, actor=Actor(torn(take.actor.template))))
     assert error_mm(take, found) < error_mm(take, run(take)) + 10

@@ -104,6 +104,7 @@ def test_what_cannot_be_solved_is_refused() -> None:
         solve_views(take.actor, parts[0], parts[1].frames(slice(0, 9)), 30.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correlation", [1, 8])
 @pytest.mark.parametrize("rate", [30.0, 120.0])
 def test_nobody_who_stands_still_tells_clocks(rate: float, correlation: int) -> None:
@@ -136,6 +137,7 @@ def test_large_corrections_are_doubted() -> None:
     assert "more than a small error of b:" in doubt
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blind", [True, False])
 def test_clocks_that_nothing_tells_are_left_alone(blind: bool) -> None:
     take, detections = filmed()

@@ -47,6 +47,7 @@ def test_older_people_are_older(model: BodyModel) -> None:
     assert (young - old).norm() > 0.5
 
 
+@pytest.mark.long
 def test_measures_that_nobody_has_are_told(model: BodyModel) -> None:
     person = Person(waist=1.3, hip=0.7)
     first, second = build_body(model, person).doubts(person)

@@ -234,6 +234,7 @@ def test_the_median_of_frames_is_near_the_shared_shape(model: BodyModel) -> None
     assert found.measurements.height == pytest.approx(expected.height, abs=0.01)
 
 
+@pytest.mark.long
 def test_gradients_reach_detections_through_the_shape(
     model: BodyModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

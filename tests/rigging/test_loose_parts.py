@@ -65,6 +65,7 @@ def test_shoes_and_hair_are_no_doubt() -> None:
     assert height_doubt(*mesh, mesh[0], 1.85, 1.8) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ball", [True, False])
 def test_a_ball_below_the_soles_makes_a_person_smaller(ball: bool) -> None:
     model = load_body_model()

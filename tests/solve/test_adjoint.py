@@ -36,6 +36,7 @@ KERNELS: dict[str, Kernel | None] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", KERNELS)
 @pytest.mark.parametrize("shared", [0, 2])
 def test_full_hessian_agrees_with_differences(name: str, shared: int) -> None:
@@ -51,6 +52,7 @@ def test_full_hessian_agrees_with_differences(name: str, shared: int) -> None:
     assert float((gradient * move).sum()) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "shared"), [("quadratic", 0), ("Geman-McClure", 2)])
 def test_all_steps_unrolled_agree_with_the_minimum(name: str, shared: int) -> None:
     objective, state, bounds = problem(KERNELS[name], shared)
@@ -72,6 +74,7 @@ def test_one_undamped_step_is_gauss_newton() -> None:
     torch.testing.assert_close(one, approximate, rtol=1e-2, atol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("adjoint", [Implicit(), Implicit("gauss_newton"), Unrolled(3)])
 def test_batch_equals_loop(adjoint: Adjoint) -> None:
     objective, state, bounds = problem(GemanMcClure(0.5), shared=2)

@@ -52,6 +52,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [pytest.param(name, marks=() if name == "default" else pytest.mark.slow) for name in SETTINGS],

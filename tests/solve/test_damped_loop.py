@@ -186,6 +186,7 @@ def valleys() -> tuple[Objective, Blocks]:
     return Objective(valley=Valley(), same=Valley(0.5)), Blocks(start)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", METHODS)
 def test_energy_never_rises_and_belongs_to_the_state(name: str) -> None:
     objective, state = valleys()

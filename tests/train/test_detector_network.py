@@ -205,6 +205,7 @@ def test_scores_of_joints_found_and_missed(network: Detector) -> None:
     assert not hits[-16:].any()  # nobody is there
 
 
+@pytest.mark.long
 def test_export_says_the_same_and_opens(network: Detector, tmp_path: Path) -> None:
     calibration = Calibration((0.0, 0.1, 0.2), (0.0, 0.5, 0.9))
     export_detector(network, tmp_path, calibration, 'made "here"', "CC0-1.0")
@@ -225,6 +226,7 @@ def test_export_says_the_same_and_opens(network: Detector, tmp_path: Path) -> No
     assert b"site-packages" not in written and b"/home" not in written
 
 
+@pytest.mark.long
 def test_an_export_that_differs_is_refused(
     network: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,6 +36,7 @@ def folder(network: Lifter, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.long
 def test_export_is_whole_valid_and_says_nothing_of_this_machine(folder: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["manifest.toml", "model.onnx"]
     onnx.checker.check_model(onnx.load(folder / "model.onnx"), full_check=True)

@@ -116,6 +116,7 @@ def test_loss_of_the_truth_is_least_and_spread_learns_the_error() -> None:
 # --- the loop -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_training_lowers_the_error(library: MotionLibrary, tmp_path: Path) -> None:
     config = LoopConfig(steps=60, batch=32, learning_rate=5e-3, warmup=5, evaluate_every=10)
     learner = task(library, dense=0.15)
