@@ -61,6 +61,7 @@ def test_files_of_equations_are_there() -> None:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("code", blocks())
 def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -69,6 +70,7 @@ def test_code_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_the_start_goes_on_to_the_surface(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ def block(text: str, marker: str) -> str:
     return found.group(1)
 
 
+@pytest.mark.long
 def test_layer_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

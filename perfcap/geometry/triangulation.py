@@ -51,9 +51,10 @@ def triangulate(
     rows = rotation[..., :2, :] - plane.unsqueeze(-1) * rotation[..., 2:, :]  # *b C N 2 3
     right = plane * offset[..., None, 2:] - offset[..., None, :2]  # *b C N 2
     seen = counts.sum(-2) >= 2
+    equations = _by_point(rows, right)
     robust = weights
     for i in range(rounds + 1):
-        points, well = _solve(rows, right, robust)
+        points, well = _solve(equations, robust)
         depth = _depth(camera.rotation, offset, points)
         error = _squared_error(rows, right, points, depth)
         if i < rounds:
@@ -68,13 +69,19 @@ def triangulate(
     )
 
 
-def _solve(rows: Tensor, right: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+def _by_point(rows: Tensor, right: Tensor) -> Tensor:
+    """Equations of all views, their right sides last, one matrix a point: (*b, N, 2 C, 4)."""
+    return torch.cat((rows, right.unsqueeze(-1)), -1).movedim(-4, -3).flatten(-3, -2)
+
+
+def _solve(equations: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     """Weighted least squares a point, (*b, N, 3), and whether its rays cross, (*b, N)."""
-    gram = torch.einsum("...cn,...cnri,...cnrj->...nij", weights, rows, rows)
-    moment = torch.einsum("...cn,...cnri,...cnr->...ni", weights, rows, right)
-    trace = gram.diagonal(dim1=-2, dim2=-1).sum(-1)
-    normal = gram / trace.clamp(min=1e-30)[..., None, None] * 3
-    well = torch.linalg.det(normal) > PARALLEL
+    share = weights.mT.repeat_interleave(2, -1).unsqueeze(-1)  # *b N 2C 1
+    normal = (share * equations[..., :3]).mT @ equations  # *b N 3 4
+    gram, moment = normal[..., :3], normal[..., 3]
+    size = gram.diagonal(dim1=-2, dim2=-1).mean(-1).clamp(min=1e-30)
+    a, b, c = (gram / size[..., None, None]).unbind(-2)
+    well = (torch.linalg.cross(a, b) * c).sum(-1) > PARALLEL  # the determinant
     eye = torch.eye(3).to(gram)
     safe = torch.where(well[..., None, None], gram, eye)
     return torch.linalg.solve_ex(safe, moment)[0], well

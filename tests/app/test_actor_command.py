@@ -70,6 +70,7 @@ def test_a_mapping_file_is_used(perfcap: Command, tmp_path: Path) -> None:
     assert "mixamorig:Spine " in row and "mapping" in row
 
 
+@pytest.mark.long
 def test_captures_with_ones_own_character_find_the_same_motion(
     perfcap: Command, take: TakeFiles, captured: Path, tmp_path: Path
 ) -> None:
@@ -125,6 +126,7 @@ def test_another_actor_is_not_replaced(perfcap: Command, tmp_path: Path) -> None
     assert (folder / "manifest.toml").read_bytes() == before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["actor.glb", "contact_sheet.jpg", "measurements.json"])
 def test_files_of_nobody_perfcap_built_are_not_replaced(
     name: str, perfcap: Command, tmp_path: Path

@@ -268,6 +268,7 @@ def test_a_height_that_the_views_contradict_is_told(
     assert done.code in (0, 3) and "legs" not in str(done.notes)
 
 
+@pytest.mark.long
 def test_what_the_capture_says_of_joints_is_not_said_by_the_fit_again(
     views: Views, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -49,6 +49,7 @@ CONTRACT = {
 # --- the files ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_folder_holds_these_files_and_no_others(captured: Path) -> None:
     assert sorted(os.listdir(captured)) == FILES
 
@@ -158,6 +159,7 @@ def test_the_preset_of_contours(take: TakeFiles) -> None:
     assert settings.contours.enabled and not settings.segment
 
 
+@pytest.mark.long
 def test_resume_does_nothing_only_where_all_is_done(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,6 +194,7 @@ def test_resume_does_nothing_only_where_all_is_done(
     assert works()
 
 
+@pytest.mark.long
 def test_a_video_in_other_pixels_than_its_calibration(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -241,6 +244,7 @@ def test_a_camera_that_moves(tmp_path: Path, perfcap: Command) -> None:
     assert np.linalg.norm(found - truth, axis=-1).mean() < 0.02
 
 
+@pytest.mark.long
 def test_two_views_of_another_person(tmp_path: Path, perfcap: Command) -> None:
     """Everything by name, views given in another order than the camera file's; bones solved."""
     files = write_take(tmp_path, 20, lifted=False)

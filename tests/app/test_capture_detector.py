@@ -62,6 +62,7 @@ def call(dots: TakeFiles, network: Path | str, out: Path, *more: str) -> list[st
     return ["capture", str(dots.folder / "images"), *options, *UNTIL, *alone, *more]
 
 
+@pytest.mark.long
 def test_images_and_a_network_are_enough(
     dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -121,6 +122,7 @@ def test_several_views(tmp_path: Path, network: Path, dots: TakeFiles, perfcap: 
     assert error.mean() < 25
 
 
+@pytest.mark.long
 def test_more_people_than_there_are(
     tmp_path: Path, network: Path, dots: TakeFiles, perfcap: Command
 ) -> None:
@@ -157,6 +159,7 @@ def test_a_damaged_actor_is_told_before_anybody_is_looked_for(
     assert "me.glb" in perfcap(arguments).refused()
 
 
+@pytest.mark.long
 def test_people_who_are_not_there(
     dots: TakeFiles,
     network: Path,
@@ -210,6 +213,7 @@ def test_nobody_in_the_images(
     assert "nobody is found in any frame" in perfcap(line).refused()
 
 
+@pytest.mark.long
 def test_what_was_detected_before_a_kill_is_not_detected_again(
     dots: TakeFiles,
     network: Path,

@@ -37,6 +37,7 @@ def test_what_is_asked_for_in_vain_is_told(
     assert any("--lifter: is not used" in line for line in told)
 
 
+@pytest.mark.long
 def test_joints_named_after_another_camera(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -66,6 +67,7 @@ def test_exchanged_axes_and_other_frames(take: TakeFiles, tmp_path: Path, perfca
     assert "10 frames late" in perfcap(line).refused()
 
 
+@pytest.mark.long
 def test_a_black_video_is_refused_where_images_are_needed(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -101,6 +103,7 @@ def test_the_video_is_looked_at_where_joints_come_from_files(
     assert asked == [False]
 
 
+@pytest.mark.long
 def test_frames_that_a_check_names_are_not_trusted(tmp_path: Path, perfcap: Command) -> None:
     files = write_take(tmp_path, 60)
     """Three poses that were not solved, of a camera that moves."""

@@ -67,6 +67,7 @@ def test_a_folder_each_and_what_they_share(captured: Path, pair: CrowdFiles) -> 
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_people_of_other_captures_are_refused(captured: Path, tmp_path: Path) -> None:
     """A folder that was put in the place of a person's."""
     together = shutil.copytree(captured, tmp_path / "both")
@@ -121,6 +122,7 @@ def test_the_overlay_has_a_color_for_everybody(captured: Path) -> None:
     assert yellow.sum() > 50 and magenta.sum() > 50
 
 
+@pytest.mark.long
 def test_actors_in_any_order(
     captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -145,6 +147,7 @@ def test_evaluate_finds_whose_truth_it_is(
     assert "the truth of everybody" in perfcap(["evaluate", captured, "--truth", one]).refused()
 
 
+@pytest.mark.long
 def test_commands_go_from_one_to_the_next(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path]).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
@@ -190,6 +193,7 @@ def test_what_is_said_of_fitted_bodies_is_kept(
     assert said[1].startswith("person 2: --actor auto: a body")
 
 
+@pytest.mark.long
 def test_one_of_them_writes_what_one_person_writes(
     pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -234,6 +238,7 @@ def test_somebody_who_leaves_is_named(tmp_path: Path, perfcap: Command) -> None:
     assert json.loads((tmp_path / "out/run.json").read_text())["complete"] is False
 
 
+@pytest.mark.long
 def test_actors_that_cannot_be_told_apart(
     pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -65,6 +65,7 @@ def test_masks_say_who_is_where(captured: Path) -> None:
             np.testing.assert_array_equal(own, everybody == number)
 
 
+@pytest.mark.long
 def test_each_is_a_whole_result(captured: Path) -> None:
     for number, folder in enumerate(people_of(captured)):
         result = read_result(folder)
@@ -78,6 +79,7 @@ def test_each_is_a_whole_result(captured: Path) -> None:
         assert {"extract_silhouettes", "refine_pose", "refine_surface"} <= set(stages)
 
 
+@pytest.mark.long
 def test_resume_and_what_is_left(
     captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
 ) -> None:

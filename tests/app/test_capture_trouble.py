@@ -109,6 +109,7 @@ def test_frames_without_a_person_are_named(
     assert perfcap([*call, "--frames", "4:", "--resume"]).code == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e200])
 def test_wild_coordinates_are_left_out(
     take: TakeFiles, tmp_path: Path, perfcap: Command, value: float
@@ -155,6 +156,7 @@ def test_a_truncated_video_is_captured_as_far_as_it_goes(
     assert len(motion(tmp_path / "out")["frames"]) == start
 
 
+@pytest.mark.long
 def test_a_few_frames_without_detections_at_the_end_are_named(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -102,6 +102,7 @@ def test_numbers_that_begin_with_1_are_told(
         assert any("begin with 1" in note for note in done.notes) == expected, done.notes
 
 
+@pytest.mark.long
 def test_masks_without_legs_are_told(small: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     for name, share in (("whole", 1.0), ("half", 0.6)):
         masks = {}

@@ -131,6 +131,7 @@ def test_toml_nested_deep(take: TakeFiles, tmp_path: Path, perfcap: Command) -> 
     assert "nested too deep" in line
 
 
+@pytest.mark.long
 def test_a_report_nested_deep(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     for depth in (900, 3000):
         nested = '{"a":' * depth + "1" + "}" * depth

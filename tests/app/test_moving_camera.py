@@ -110,6 +110,7 @@ def test_a_panned_camera_is_found_with_its_lens() -> None:
     assert not kept.rig.cameras.moving and "lens" in lens and not kept.rests
 
 
+@pytest.mark.long
 def test_a_lens_that_is_known_stays() -> None:
     inputs = given(guessed=False)
     found, views = settled(inputs, sync=False, refine=False, assumed=True)
@@ -130,6 +131,7 @@ def unmoved(inputs: Inputs) -> str:
     return "\n".join(found.warnings)
 
 
+@pytest.mark.long
 def test_a_way_that_is_too_long_is_not_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(moving_camera, "_LONGEST", 40)
     assert "40 frames at most, of 45" in unmoved(given())
@@ -148,6 +150,7 @@ def test_a_picture_that_is_moved_in_a_program_has_no_lens(monkeypatch: pytest.Mo
     assert moving_camera.find_motion(known)[0] is not None
 
 
+@pytest.mark.long
 def test_a_video_that_cuts_is_captured_in_shots() -> None:
     """It was said to need a tripod."""
     inputs = given()
@@ -187,6 +190,7 @@ def test_a_lens_that_zooms_is_not_taken_for_a_camera_that_walks() -> None:
     assert "the lens zooms" in unmoved(inputs)
 
 
+@pytest.mark.long
 def test_no_corner_is_followed_at_bars_beside_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their edges stand still: the lens of a pillarboxed clip came out longer still."""
     inputs = given()

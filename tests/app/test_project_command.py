@@ -35,6 +35,7 @@ def error(out: Path, take: Take) -> float:
     return float(1000 * np.linalg.norm(joints - true, axis=-1).mean())
 
 
+@pytest.mark.long
 def test_a_project_of_pose2sim_is_captured(take: Take, tmp_path: Path, perfcap: Command) -> None:
     project = write_pose2sim(tmp_path / "walk", take)
     outcome = perfcap(["capture", project, "--out", tmp_path / "out", *MORE])
@@ -51,6 +52,7 @@ def test_a_project_of_pose2sim_is_captured(take: Take, tmp_path: Path, perfcap: 
     assert error(tmp_path / "named", take) == error(tmp_path / "out", take)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("old", [False, True])
 def test_a_recording_of_freemocap_is_captured(
     take: Take, tmp_path: Path, perfcap: Command, old: bool

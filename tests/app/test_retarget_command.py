@@ -77,6 +77,7 @@ def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Co
     assert any("retarget: rate is 0.12 frames a second" in line for line in outcome.notes)
 
 
+@pytest.mark.long
 def test_a_root_in_another_unit_than_the_bones_is_told(tmp_path: Path, perfcap: Command) -> None:
     person = actor()
     motion = sway(person, 60, 30.0)

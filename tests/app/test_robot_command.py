@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 import robots
 import torch
 from runs import Command
@@ -53,6 +54,7 @@ def test_a_capture_on_a_robot(captured: Path, tmp_path: Path, perfcap: Command) 
         assert max(apart) < 2e-6  # bones are kept in float32
 
 
+@pytest.mark.long
 def test_feet_stay_above_the_floor(tmp_path: Path) -> None:
     """Corners of the robot's own soles, while the shipped demo's man dances."""
     man = load_actor("sam")

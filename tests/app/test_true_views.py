@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 import torch
 from numpy.typing import NDArray
 from takes import make_take
@@ -63,6 +64,7 @@ def alone(guessed: bool) -> Inputs:
     return Inputs(Clip([Numbered("a")], 30.0), rig, take.detections, whole, ())
 
 
+@pytest.mark.long
 def test_a_guessed_lens_becomes_the_one_that_is_shown() -> None:
     given = alone(guessed=True)
     found, views = settled(given, sync=False, refine=False, assumed=True)
@@ -77,6 +79,7 @@ def test_a_guessed_lens_becomes_the_one_that_is_shown() -> None:
     assert (replace(found, rests=False), views) == (kept, {}) and found.rests
 
 
+@pytest.mark.long
 def test_images_say_how_late_they_are() -> None:
     given = filmed()
     found, views = settled(given, sync=True, refine=False)

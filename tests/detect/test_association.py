@@ -28,6 +28,7 @@ def check(crowd: Crowd, found: Association, least: float = 1.0) -> None:
         assert got.sum() >= least * own.sum(), (person, np.argwhere(own & ~got)[:5])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [2, 3, 5])
 @pytest.mark.parametrize("count", [2, 3])
 def test_shuffled_people_are_put_together(count: int, views: int) -> None:
@@ -40,6 +41,7 @@ def test_shuffled_people_are_put_together(count: int, views: int) -> None:
         assert apart.nanmedian() < 0.03
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(12))
 def test_identity_survives_planted_mistakes(seed: int) -> None:
     """Where two views are right, whatever the others say."""
@@ -48,6 +50,7 @@ def test_identity_survives_planted_mistakes(seed: int) -> None:
     check(crowd, associate(crowd.cameras, crowd.candidates, RATE), least=0.995)
 
 
+@pytest.mark.long
 def test_order_of_slots_does_not_matter() -> None:
     crowd = make_crowd(3, spoil=0.2)
     one = associate(crowd.cameras, crowd.candidates, RATE)
@@ -67,6 +70,7 @@ def test_people_are_what_their_slots_hold() -> None:
         assert (person.confidence2d[slots < 0] == 0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [2, 4])
 def test_limbs_come_back(views: int) -> None:
     """Arms and legs that are exchanged, or listed of both, for a few frames in one view."""
@@ -120,6 +124,7 @@ def test_a_candidate_listed_twice_counts_once() -> None:
     assert found.notes == ()
 
 
+@pytest.mark.long
 def test_somebody_comes_back() -> None:
     """Known again by bone lengths, although unseen for longer than places are remembered."""
     crowd = make_crowd(7, frames=120, away=[slice(0), slice(40, 85)])
@@ -128,6 +133,7 @@ def test_somebody_comes_back() -> None:
     assert any("known again by bone lengths" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_people_who_come_later_are_somebody_else() -> None:
     """The one who comes has other bones than the one who has left."""
     crowd = make_crowd(8, count=3, frames=160, away=[slice(0), slice(70, 160), slice(0, 115)])
@@ -135,6 +141,7 @@ def test_people_who_come_later_are_somebody_else() -> None:
     check(crowd, found)
 
 
+@pytest.mark.long
 def test_the_best_seen_are_kept_of_more_than_are_wanted() -> None:
     crowd = make_crowd(9, count=3, away=[slice(0), slice(0), slice(15, 40)])
     found = associate(crowd.cameras, crowd.candidates, RATE, people=2)
@@ -149,6 +156,7 @@ def test_fewer_people_than_are_wanted() -> None:
         associate(crowd.cameras, crowd.candidates, RATE, people=3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [2, 3, 5])
 def test_exchanged_views_are_named(views: int) -> None:
     crowd = make_crowd(1, views=views)
@@ -219,6 +227,7 @@ def test_views_of_different_people_are_refused() -> None:
         associate(crowd.cameras.select([0, 1]), candidates, RATE)
 
 
+@pytest.mark.long
 def test_bones_tell_who_is_taller() -> None:
     crowd = make_crowd(1, count=3)
     found = associate(crowd.cameras, crowd.candidates, RATE)

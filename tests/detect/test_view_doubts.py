@@ -10,6 +10,7 @@ from perfcap.detect.association.sightings import AssociationConfig
 from perfcap.detect.association.view_doubts import view_doubts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("views", [2, 4])
 @pytest.mark.parametrize("noise", [6.0, 10.0])
@@ -27,6 +28,7 @@ def test_a_few_frames_say_nothing() -> None:
     assert "look exchanged" in view_doubts(crowd.cameras, exchanged.frames(slice(0, 12)), config)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("scale", "size"), [(0.5, "half"), (2.0, "twice")])
 @pytest.mark.parametrize("view", [0, 2])
 def test_one_view_of_other_pixels_is_named(view: int, scale: float, size: str) -> None:

@@ -21,6 +21,7 @@ def test_views_are_called_by_name_or_counted() -> None:
     assert view_words([1], None) == "view 1, counted from 0,"
 
 
+@pytest.mark.long
 def test_notes_name_the_views() -> None:
     crowd = make_crowd(1, views=3)
     joints = crowd.candidates.joints2d.clone()

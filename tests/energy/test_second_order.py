@@ -54,6 +54,7 @@ def energies(distorted: bool) -> dict[str, Energy]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", [False, True])
 @pytest.mark.parametrize("distorted", [False, True])
 def test_closed_form_agrees_with_automatic(shape: bool, distorted: bool) -> None:

@@ -60,6 +60,7 @@ def test_scripts_are_no_longer_than_a_page_or_three(name: str) -> None:
     assert re.match(r'"""[A-Z]', (FOLDER / f"{name}.py").read_text())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TINY)
 def test_sweeps_run_and_repeat(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "RESULTS", tmp_path)

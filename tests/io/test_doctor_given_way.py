@@ -30,6 +30,7 @@ def examined(room: Room, camera: Camera | None = None, first: int = 0) -> list[F
     return examine_way(room, ["phone"], camera or room.camera, RATE, room.seen, first)
 
 
+@pytest.mark.long
 def test_a_right_file_and_where_nothing_shows_a_wrong_one() -> None:
     assert examined(ROOM) == []
     assert examine_way(ROOM, ["phone"], ROOM.camera, RATE) == []  # nobody is known

@@ -184,6 +184,7 @@ def pose3d() -> Tensor:
     return local - local[..., hips, :].mean(-2, keepdim=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -283,6 +284,7 @@ def test_rendered_views_are_quiet(sequence: str) -> None:
     assert findings == []
 
 
+@pytest.mark.long
 @needs_data
 @pytest.mark.parametrize("sequence", ["dev_tight", "dev_skirt"])
 def test_rendered_single_views_are_quiet(sequence: str) -> None:

@@ -102,6 +102,7 @@ def scene(source: Pair) -> Scene:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("later", "named"), [(None, False), (texture(1, 100, 125), True)])
 def test_inputs_of_several_people_are_judged_together(later: Image | None, named: bool) -> None:
     """By ``perfcap capture`` of files, and by ``capture`` of what is given in Python."""

@@ -186,6 +186,7 @@ def demonstrated() -> tuple[Clip, Detections]:
     return clip, read_detections([DEMO / "detections.npz"], views=cameras.names)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "scale", "shift"),
     [
@@ -207,6 +208,7 @@ def test_joints_of_another_picture(
     assert finding.severity is Severity.ERROR
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "turns"), [("a quarter", 1), ("three quarters", 3)])
 def test_joints_of_a_video_that_was_turned(name: str, turns: int) -> None:
     """Turned by cv2.rotate after its joints were found."""

@@ -67,6 +67,7 @@ def test_one_writer_at_a_time(performance: Performance, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_lock_ends_with_its_process(tmp_path: Path) -> None:
     code = (
         "import sys, time, pathlib\nfrom perfcap.io.result_folder import locked\n"

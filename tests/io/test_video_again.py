@@ -73,6 +73,7 @@ def test_far_ahead_seeks_where_a_key_frame_is_nearer(
     assert seeks == [3, 130, 20]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["video", "keyed"])
 def test_any_order_gives_the_same_frames(

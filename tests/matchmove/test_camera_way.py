@@ -87,6 +87,7 @@ def test_frames_between_key_frames_follow_their_own_sightings() -> None:
     assert degrees(found, shaken)[14] < 0.2  # of 1.1
 
 
+@pytest.mark.long
 def test_the_same_sightings_give_the_same_bits() -> None:
     truth = filmed(walk=0.5, wild=0.2)
     one, two = (find_way(truth.sightings, truth.frames, LENS, RATE) for _ in range(2))

@@ -30,6 +30,7 @@ def test_frames_of_a_motion_as_clips() -> None:
     assert "24 clips of 1 frame follow one another" in line and "(F, C, J, 2)" in line
 
 
+@pytest.mark.long
 def test_exchanged_axes() -> None:
     clips = PIXELS.reshape(3, 8, *PIXELS.shape[1:])
     (line,) = said(clips.transpose(0, 1))
@@ -87,6 +88,7 @@ def shuffled_images(exchanged: float, *, bones: float = 0.0) -> list[str]:
     return [str(each.message) for each in found]
 
 
+@pytest.mark.long
 def test_single_images_of_several_views_are_examined_together() -> None:
     """Each was said to have hardly any joint that two views see, and nothing else was looked at."""
     assert shuffled_images(0.0) == []
@@ -94,16 +96,19 @@ def test_single_images_of_several_views_are_examined_together() -> None:
     assert "24 clips together: detections: left and right look exchanged: the feet" in line
 
 
+@pytest.mark.long
 def test_sides_that_are_exchanged_in_half_of_the_images() -> None:
     (line,) = shuffled_images(0.5)
     assert "left and right look exchanged in" in line and "of 24 images" in line
 
 
+@pytest.mark.long
 def test_bones_show_in_several_images() -> None:
     (line,) = shuffled_images(0.0, bones=0.3)
     assert "24 clips together: the actor's legs are 1.3" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.0, 0.35])
 def test_poses_of_which_some_are_mirror_images(share: float) -> None:
     """As where an augmentation mirrors images and 2D joints, and forgets the poses."""

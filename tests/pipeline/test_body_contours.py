@@ -92,6 +92,7 @@ def scene() -> Scene:
     return Scene(model, cameras, truth, detections, torch.stack(masks))
 
 
+@pytest.mark.long
 def test_girths_are_recovered_from_edges(scene: Scene) -> None:
     found, alone = scene.fitted((200, 40)), scene.fitted(None)
     true = scene.girths()
@@ -125,6 +126,7 @@ def test_heights_are_those_of_every_view_in_pixels(scene: Scene, heights: list[f
         BodyContours(Images(Shown(scene.masks), scene.cameras), torch.tensor(heights))
 
 
+@pytest.mark.long
 def test_images_are_those_of_the_frames(scene: Scene) -> None:
     images = Images(Shown(scene.masks[:2]), scene.cameras)
     edges = BodyContours(images, torch.full((2,), 250.0, dtype=torch.float64))

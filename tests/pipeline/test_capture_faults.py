@@ -84,6 +84,7 @@ def far_away(take: Take) -> Detections:
     return replace(take.detections, joints2d=pixels)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "allowed"),
     [

@@ -38,6 +38,7 @@ def run(take: Any, config: PoseConfig | None = None, **options: Any) -> Performa
 ONE_VIEW, TWO_VIEWS = 20.0, 4.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "allowed"),
     [
@@ -68,6 +69,7 @@ def test_a_turning_person_turns_without_a_jump() -> None:
     assert speed < 1.3 * true_speed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", [1, 2, 3, 17, 49, 50, 51, 89, 90, 91])
 def test_any_length_of_clip(frames: int) -> None:
     take = make_take(frames, views=2, lifted=False)
@@ -86,6 +88,7 @@ def test_one_view_without_3d_stays_close_where_the_start_is_good() -> None:
     assert (pixels - take.detections.joints2d).norm(dim=-1).mean() < 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("until", [s for s in Stage if not s.needs_images])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_angles_never_leave_their_limits(until: Stage, dtype: torch.dtype) -> None:
@@ -104,6 +107,7 @@ def test_angles_never_leave_their_limits(until: Stage, dtype: torch.dtype) -> No
     assert at_limit.any()  # or the test would say nothing
 
 
+@pytest.mark.long
 def test_the_same_call_gives_the_same_bits() -> None:
     take = make_take(55)
     first, second = run(take).motion, run(take).motion
@@ -129,6 +133,7 @@ def test_published_constants_run_too() -> None:
     assert take.error_mm(performance.joints()).mean() < 40
 
 
+@pytest.mark.long
 def test_clavicles_turn_unless_the_constants_are_published() -> None:
     actor = Actor(clavicled())
     assert actor.skeleton.rig.clavicles
@@ -179,6 +184,7 @@ def test_frames_of_the_start_do_not_know_each_other() -> None:
     assert torch.allclose(whole.translation[5:9], part.translation, atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_caller_s_actor_stays_as_it_is() -> None:
     take = make_take(3)
     like = torch.zeros((), dtype=torch.float32)

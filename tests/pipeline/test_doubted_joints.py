@@ -69,6 +69,7 @@ def test_joints_that_the_others_bear_out_change_little() -> None:
     assert (doubted.trust.value <= plain.trust.value).all() and not doubted.trust.doubtful
 
 
+@pytest.mark.long
 def test_frames_without_a_joint_that_is_not_doubted_are_named() -> None:
     take = make_take(FRAMES, views=2)
     trust = captured(take, marked(take.detections, (0, 1))).trust
@@ -112,6 +113,7 @@ def test_a_view_that_is_wrong_throughout() -> None:
     assert fine.trust is not None and not fine.trust.doubtful
 
 
+@pytest.mark.long
 def test_joints_of_one_view_that_are_held() -> None:
     """As where one who is lost stays where they were last seen: nothing shows the motion then."""
     take = make_take(FRAMES)

@@ -93,6 +93,7 @@ def test_silhouettes_alone_carry_the_pose(found: tuple[Performance, ...]) -> Non
         assert errors(each, k).max() < 45
 
 
+@pytest.mark.long
 def test_surfaces_stay_with_their_silhouettes(found: tuple[Performance, ...]) -> None:
     for each in found:
         assert each.refinement is not None and each.refinement.surface is not None

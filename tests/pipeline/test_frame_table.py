@@ -43,6 +43,7 @@ def test_columns_are_the_motion(found: Performance) -> None:
     np.testing.assert_allclose(right, standing.contact[:, 1])
 
 
+@pytest.mark.long
 def test_a_frame_of_pandas(found: Performance) -> None:
     pytest.importorskip("pandas", reason="needs pandas: install the extra dev")
     table = found.to_pandas(first_frame=100)

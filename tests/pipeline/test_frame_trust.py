@@ -30,6 +30,7 @@ def shaken(detections: Detections, noise: float) -> Detections:
     return replace(detections, joints2d=detections.joints2d + shift)
 
 
+@pytest.mark.long
 def test_exact_detections_are_trusted() -> None:
     for views in (1, 2):
         trust = captured(views).trust
@@ -38,6 +39,7 @@ def test_exact_detections_are_trusted() -> None:
         assert float(trust.error.min()) > 0 and float(trust.error.max()) < 80
 
 
+@pytest.mark.long
 def test_frames_in_which_nobody_is_seen_are_named() -> None:
     found = captured(hidden=slice(20, 45))
     trust = found.trust

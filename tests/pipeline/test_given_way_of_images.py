@@ -1,5 +1,6 @@
 """Images that are given in Python show the way of the cameras that come with them."""
 
+import pytest
 import torch
 from filmed_room import FRAMES, RATE, Room
 from synthetic import actor
@@ -10,6 +11,7 @@ from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.people import Person, Scene
 
 
+@pytest.mark.long
 def test_poses_in_reverse_are_named() -> None:
     room = Room()
     places, sure = (torch.from_numpy(part) for part in room.seen)

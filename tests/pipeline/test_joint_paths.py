@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from takes import make_take
 
@@ -32,6 +33,7 @@ def test_the_published_two_stages_find_the_motion() -> None:
     assert "paths" in found.report()["windows"][0]["terms"]
 
 
+@pytest.mark.long
 def test_legs_exchanged_in_one_view_are_undone() -> None:
     take = make_take(45, views=3, lifted=False)
     wrong = swapped(take.detections, 1, slice(20, 23))

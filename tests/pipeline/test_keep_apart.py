@@ -84,6 +84,7 @@ def test_one_in_the_middle_of_another_stays(sam: Actor) -> None:
         assert torch.equal(old.translation, new.translation)
 
 
+@pytest.mark.long
 def test_three_people(sam: Actor) -> None:
     first, second = beside(sam)
     third = replace(second, translation=2 * second.translation)

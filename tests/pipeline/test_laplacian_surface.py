@@ -78,6 +78,7 @@ def test_nothing_flies_away() -> None:
     assert np.abs(found - REST).max() < 0.05
 
 
+@pytest.mark.long
 def test_solve_is_that_of_the_normal_equations() -> None:
     """Against a dense solve of Eq. 10 of the first round."""
     truth = REST * [1.05, 1.0, 1.05]

@@ -21,6 +21,7 @@ def error(take: Take, lasting: float = PositionConfig().lasting) -> float:
     return float(take.error_mm(capture(*parts, replace(settings, pose=pose)).joints()).mean())
 
 
+@pytest.mark.long
 def test_a_lasting_error_of_3d_poses_moves_two_views_little() -> None:
     """Joints that a lifter sees 12 cm off all the time; pixels are off by two, at random."""
     take = make_take(45, views=2)

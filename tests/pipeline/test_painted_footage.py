@@ -49,6 +49,7 @@ def shown(path: Path) -> np.ndarray:
     return np.array(grey).round() / 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [1, 2])
 def test_every_frame_once_and_in_order(
     tmp_path: Path, clips: Callable[[int], Clip], views: int
@@ -71,6 +72,7 @@ def test_a_part_of_the_clip(tmp_path: Path, clips: Callable[[int], Clip]) -> Non
     assert len(shown(tmp_path / "a.mp4")) == 65
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop_at", [0, 48, 64, 80])
 def test_interrupted_and_gone_on_with(
     tmp_path: Path, clips: Callable[[int], Clip], stop_at: int, monkeypatch: pytest.MonkeyPatch

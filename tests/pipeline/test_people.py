@@ -44,6 +44,7 @@ def test_one_person_is_a_tuple_of_one_with_the_same_bits() -> None:
     assert [s.name for s in found.stages] == [s.name for s in alone.stages]
 
 
+@pytest.mark.long
 def test_everybody_is_where_they_were(tmp_path: Path) -> None:
     told: list[str] = []
     kept = Checkpoint(tmp_path)
@@ -121,6 +122,7 @@ def test_detections_of_people_have_one_type() -> None:
         perfcap.Scene(CROWD.cameras, (one, nowhere), RATE)
 
 
+@pytest.mark.long
 def test_exchanged_actors_and_seconds_of_a_frame_are_told() -> None:
     whole = scene()
     one, other = whole.people

@@ -91,6 +91,7 @@ def test_where_people_meet_they_are_looked_for_from_refined_surfaces(
     assert (other != PAINTED.labels)[there].mean() < 0.001
 
 
+@pytest.mark.long
 def test_a_refined_surface_is_drawn_and_believed_more(found: tuple[Performance, ...]) -> None:
     each = found[0]
     moved = StoredSurface(each.actor.surface(each.motion) + torch.tensor([0.0, 0.1, 0.0]))
@@ -216,6 +217,7 @@ def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> No
     ]
 
 
+@pytest.mark.long
 def test_what_was_done_is_not_done_again(folder: Path, found: tuple[Performance, ...]) -> None:
     told: list[str] = []
     again = perfcap.capture(

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 import robots
 import torch
 
@@ -54,6 +55,7 @@ def _narrow(tmp_path: Path) -> Actor:
     return load_robot(path)
 
 
+@pytest.mark.long
 def test_hinges_keep_their_pace_and_what_nothing_shows_rests(tmp_path: Path) -> None:
     man, joints, rate = _demo(40)
     actor = _narrow(tmp_path)
@@ -63,6 +65,7 @@ def test_hinges_keep_their_pace_and_what_nothing_shows_rests(tmp_path: Path) -> 
     assert len(twists) == 2 and angles[:, twists].abs().max() < 1
 
 
+@pytest.mark.long
 def test_hinges_do_not_jump_and_limbs_follow(tmp_path: Path) -> None:
     man, joints, rate = _demo(24)
     actor = load_robot(robots.write(tmp_path)["xml"])

@@ -159,6 +159,7 @@ def test_batch_equals_loop() -> None:
     assert torch.equal(listed.joints[1, 8:], listed.joints[1, 7:8].expand(FRAMES - 8, -1, -1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("twice", [False, True])
 def test_gradients_agree_with_differences(twice: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through initialisation, windows of a batch, blending and kinematics.

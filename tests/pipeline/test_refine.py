@@ -102,6 +102,7 @@ def test_every_stage_comes_nearer_to_the_masks(performance: Performance) -> None
     assert surface.folded.max() < 0.01
 
 
+@pytest.mark.long
 def test_the_surface_is_finite_and_near_the_skin(performance: Performance) -> None:
     assert performance.surface is not None
     vertices = performance.surface[0 : performance.frames]
@@ -159,6 +160,7 @@ def test_nothing_to_see_leaves_the_motion_alone(take: dict[str, object]) -> None
     assert float(shift.mean()) < 0.001
 
 
+@pytest.mark.long
 def test_a_person_outside_the_image_is_said_to_be(take: dict[str, object]) -> None:
     cameras = take["cameras"]
     aside = cameras.intrinsics.clone()  # type: ignore[attr-defined]

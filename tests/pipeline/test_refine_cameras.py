@@ -66,6 +66,7 @@ def apart(cameras: Camera, real: Camera) -> float:
     return float((pairs[0] - pairs[1]).norm())
 
 
+@pytest.mark.long
 def test_cameras_are_found_where_they_stand(tmp_path: Path) -> None:
     truth, problem, sight, evidence = filmed()
     real = sight.cameras

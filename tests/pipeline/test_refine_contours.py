@@ -158,6 +158,7 @@ def test_threads_read_a_video_in_order(take: Take) -> None:
     assert torch.equal(two.motion.angles, one.motion.angles)
 
 
+@pytest.mark.long
 def test_a_person_outside_of_the_images(take: Take) -> None:
     lens = take.cameras.intrinsics.clone()
     lens[:, 0, 2] += 5 * SIZE

@@ -15,6 +15,7 @@ from perfcap.pipeline.jobs import capture
 DEMO, FRAMES, RATE = models_folder() / "demo", slice(20, 50), 30.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [0.6, 1.7])
 def test_a_wrong_focal_length_costs_little(factor: float) -> None:
     """The shipped clip with its detections: 3 mm of PA-MPJPE at most, distances follow the lens."""

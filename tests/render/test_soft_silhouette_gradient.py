@@ -128,6 +128,7 @@ def test_twins_agree_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_twins_agree(SoftSilhouette(faces, SIZE), pixels[None], depth[None])
 
 
+@pytest.mark.long
 def test_twins_agree_on_a_person(sam: Actor) -> None:
     motion = synthetic.random_motion(sam.skeleton, frames=3, seed=1)
     cameras = synthetic.cameras(1, IMAGE, 2.6)

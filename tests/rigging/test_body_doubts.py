@@ -73,6 +73,7 @@ def test_masks_of_others_are_told(model: BodyModel) -> None:
     warn_of_inputs(cameras, detections, small)
 
 
+@pytest.mark.long
 def test_what_speaks_against_a_body_is_told(model: BodyModel) -> None:
     """`actor fit` said so; bodies fitted in Python were as wrong without a word."""
     cameras = synthetic.cameras(2, size=160, distance=3.0)

@@ -216,6 +216,7 @@ def test_extents_of_unseen_people_are_finite() -> None:
     assert bool((extents(nothing) > 0).all())
 
 
+@pytest.mark.long
 def test_the_median_of_frames_is_near_the_shared_shape(model: BodyModel) -> None:
     cameras = synthetic.cameras(4, size=400, distance=4.0)
     truth = person(model)

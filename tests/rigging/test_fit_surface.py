@@ -91,6 +91,7 @@ def test_starts_have_the_stature_of_the_mesh(fitter: BodyFitter) -> None:
         assert np.ptp(fitter.surface(sized)[0].numpy()[:, 1]) == pytest.approx(height, abs=0.02)
 
 
+@pytest.mark.long
 def test_what_is_no_person_is_refused(model: BodyModel) -> None:
     import trimesh
 
@@ -109,6 +110,7 @@ def test_what_is_no_person_is_refused(model: BodyModel) -> None:
         auto_rig(BareMesh(*pair), model)
 
 
+@pytest.mark.long
 def test_a_scan_that_is_inside_out_is_turned_round(fitter: BodyFitter) -> None:
     surface, faces = fitter.surface(person(fitter))[0].numpy(), fitter.model.rig.faces
     right, inside_out = (

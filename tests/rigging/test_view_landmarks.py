@@ -129,6 +129,7 @@ def test_a_texture_that_cannot_be_read_is_told(person: tuple[BareMesh, Tensor]) 
         see_landmarks(spoiled, Knowing(places), SMALL)
 
 
+@pytest.mark.long
 def test_bodies_follow_what_the_detector_sees(
     model: BodyModel, person: tuple[BareMesh, Tensor]
 ) -> None:

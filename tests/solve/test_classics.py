@@ -118,6 +118,7 @@ def test_answers_in_boxes_are_those_of_another_solver(problem):
     assert float(found.energy) <= 2 * other.cost * (1 + 1e-9) + 1e-20
 
 
+@pytest.mark.long
 def test_nothing_moves_where_nothing_is_seen():
     found = solve(lambda x: x[:1] - 3, torch.tensor([0.0, 7.0]), TEXTBOOK)
     torch.testing.assert_close(found.state, torch.tensor([3.0, 7.0]))

@@ -168,6 +168,7 @@ def test_rotations_are_smoothed_as_rotations():
         )
 
 
+@pytest.mark.long
 def test_smoothing_differentiates():
     values = torch.randn(7, 2, 3, dtype=F64, requires_grad=True)
     assert torch.autograd.gradcheck(smooth_vectors, (values,))

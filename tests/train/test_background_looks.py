@@ -30,6 +30,7 @@ def places(folder: Path, count: int) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_places_are_fine(tmp_path: Path, finder: OnnxFinder) -> None:
     assert not doubts(places(tmp_path / "places", 12), finder)
 

@@ -163,6 +163,7 @@ class Killed(Exception):
     pass
 
 
+@pytest.mark.long
 def test_parts_of_a_killed_call_are_taken_for_those_of_its_settings_alone(
     scenes: Scenes, tmp_path: Path
 ) -> None:

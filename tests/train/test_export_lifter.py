@@ -43,6 +43,7 @@ def test_export_is_whole_valid_and_says_nothing_of_this_machine(folder: Path) ->
     assert not re.search(rb"\.py\b|/home|/tmp|site-packages", (folder / "model.onnx").read_bytes())
 
 
+@pytest.mark.long
 def test_lifting_equals_torch(network: Lifter, folder: Path) -> None:
     take = make_take(40, views=2)
     found = take.detections

@@ -84,6 +84,7 @@ def test_a_planted_bias_is_learned_directly(take: Take, exchanged: bool) -> None
     assert LANDMARKS[moved] == ("r_wrist" if exchanged else "l_wrist")
 
 
+@pytest.mark.long
 def test_disagreement_of_views_moves_the_head_the_right_way(take: Take) -> None:
     study = task(take, answers(take))
     before = study.evaluate(study.model)

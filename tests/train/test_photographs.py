@@ -142,6 +142,7 @@ def test_bad_pictures(tmp_path: Path) -> None:
         Photographs(tmp_path, 64, 1.8)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not LSPET.is_dir(), reason="needs shared/data/lspet")
 def test_sports_people() -> None:
     photographs = Photographs(LSPET, 128, 1.8)
