@@ -136,6 +136,7 @@ def test_an_energy_that_breaks_on_the_way_keeps_the_last_finite_state():
         assert (solution.energy.isfinite() & (solution.energy <= 2)).all()
 
 
+@pytest.mark.long
 def test_float32_stops_by_its_own_rule():
     objective, state = toy(windows=1, frames=30, data=1e-4, groups=6)
     exact = solve(objective, state, STRICT, box(state))

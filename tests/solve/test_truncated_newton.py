@@ -123,6 +123,7 @@ def test_plain_torch_takes_the_same_way():
     torch.testing.assert_close(plain.state.values, compiled.state.values, rtol=0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_float32_stops_by_its_own_rule():
     objective, state = block_toy(chain=StiffChain)
     exact = solve(objective, state, STRICT)
