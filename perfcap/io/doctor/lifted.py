@@ -23,9 +23,9 @@ MIRRORED = 0.7  # of 40 frames of six recordings and of lifters on six more it i
 # 0.01 at most of 14 sound recordings, 0.29 to 0.47 of such of which half are mirrored
 _MISSED, _PARTLY, _SOME = 0.06, 0.15, 4
 # Degrees that poses are turned back by, and what may be left then. Of sound views 24 fit best
-# within 5 degrees, and parts of them have 0.83, 0.88 and 0.93 left (10, 20 and 40 frames); turned
+# within 5 degrees, and parts of them have 0.79, 0.88 and 0.93 left (10, 20 and 40 frames); turned
 # by 20 to 30 they have 0.3 to 0.84 left of real and rendered people
-_TURNS, _TURNED, _TURNED_SHORT, _LONG = (10, 15, 20, 30, 40), 0.88, 0.75, 30
+_TURNS, _TURNED, _TURNED_SHORT, _LONG = (10, 15, 20, 30, 40), 0.88, 0.7, 30
 SHIFTS = 30  # frames looked at, both ways
 _COARSE = (2, 3, 5, 8, 12, 16, 20, 25, SHIFTS)
 _FRAMES = 240  # looked at, evenly spread
