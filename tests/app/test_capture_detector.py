@@ -62,7 +62,6 @@ def call(dots: TakeFiles, network: Path | str, out: Path, *more: str) -> list[st
     return ["capture", str(dots.folder / "images"), *options, *UNTIL, *alone, *more]
 
 
-@pytest.mark.long
 def test_images_and_a_network_are_enough(
     dots: TakeFiles, network: Path, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -159,7 +158,6 @@ def test_a_damaged_actor_is_told_before_anybody_is_looked_for(
     assert "me.glb" in perfcap(arguments).refused()
 
 
-@pytest.mark.long
 def test_people_who_are_not_there(
     dots: TakeFiles,
     network: Path,

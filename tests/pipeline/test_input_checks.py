@@ -307,7 +307,6 @@ def test_images_that_are_not_those_of_their_cameras(
         capture(*call, images=given)
 
 
-@pytest.mark.long
 def test_what_the_doctor_knows_is_told_in_python() -> None:
     """Mistakes that robust energies get along with: told with the result, not refused."""
     take = make_take(24, views=3)

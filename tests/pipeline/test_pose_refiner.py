@@ -159,7 +159,6 @@ def test_batch_equals_loop() -> None:
     assert torch.equal(listed.joints[1, 8:], listed.joints[1, 7:8].expand(FRAMES - 8, -1, -1))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("twice", [False, True])
 def test_gradients_agree_with_differences(twice: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through initialisation, windows of a batch, blending and kinematics.
@@ -244,7 +243,6 @@ def test_state_dict_and_copies() -> None:
     assert torch.equal(copy.deepcopy(layer)(VIEWS, PIXELS).joints, expected)
 
 
-@pytest.mark.long
 def test_precision_follows_the_module() -> None:
     layer = refiner().eval()
     expected = layer(VIEWS, PIXELS).joints
