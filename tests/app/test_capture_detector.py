@@ -278,7 +278,7 @@ def test_a_lifter_gives_3d_poses_to_one_view(
             weights.mul_(0.7)
     export_lifter(lifter, tmp_path / "lifter", 30.0, "untrained", "none")
     outcome = perfcap(call(dots, network, tmp_path / "out", "--lifter", str(tmp_path / "lifter")))
-    assert outcome.code == 0, outcome
+    assert outcome.code == 3, outcome  # poses of a lifter that has learned nothing
     found, _ = read_detections(tmp_path / "out" / "detections.npz")
     expected = OnnxLifter(tmp_path / "lifter")(found, dots.take.cameras, 30.0)
     assert found.joints3d is not None and expected.joints3d is not None

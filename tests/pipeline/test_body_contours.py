@@ -145,5 +145,6 @@ def test_polarity_does_not_matter(scene: Scene) -> None:
 
 @pytest.mark.long
 def test_images_without_edges_say_so(scene: Scene) -> None:
-    found = scene.fitted((90, 90))
+    with pytest.warns(UserWarning, match="body fit: edges of the images explain"):
+        found = scene.fitted((90, 90))
     assert found.support is not None and found.support < 0.05
