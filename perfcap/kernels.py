@@ -34,8 +34,9 @@ def kernel(**options: Any) -> Callable[[Function], Any]:
 
 
 def inner(**options: Any) -> Callable[[Function], Any]:
-    """Compile a function that other kernels alone call: there is no way in from Python, which
-    takes a fifth of the time of compiling.
+    """Compile a function that other kernels alone call.
+
+    There is no way in from Python, which would take long to compile.
 
     Args:
         **options: of ``numba.njit``, as ``fastmath``.

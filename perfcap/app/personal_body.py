@@ -31,14 +31,7 @@ from perfcap.io.result_folder import BODY
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.render import OverlayStyle, draw_overlay, rasterize
 from perfcap.rigging import BodyFit, PersonMasks, ViewFitSettings
-from perfcap.rigging.fit_doubts import (
-    height_doubts,
-    mask_doubts,
-    overlap_of,
-    pose_doubts,
-    size_doubts,
-    support_doubts,
-)
+from perfcap.rigging.fit_doubts import FittedTo, fit_doubts
 from perfcap.rigging.mask_checks import limb_doubts
 
 # --- A fitted body drawn over the frames it was fitted to -----------------------------------------
@@ -215,34 +208,23 @@ class PersonalBody:
         elif fit.deviations.height > _DOUBTFUL:
             known = f"the height is known to {100 * fit.deviations.height:.0f} cm only"
             yield f"{known}; give --height" if alone else known
-        yield from size_doubts(fit.measurements)
-        yield from self._beside()
-        if self.height is not None:
-            seen = self.chosen.cameras, self.chosen.detections
-            body = fit.measurements, self.template
-            yield from height_doubts(*body, *seen, self.height, "--height")
         if views == 2 and _opposite(self.chosen.cameras, fit.motion.translation):
             yield (
                 "the two cameras look at each other and see the same outline; depths are told by "
                 "sizes alone, a view from the side would help most"
             )
-        yield from support_doubts(fit.support, "give --masks")
+        yield from fit_doubts(self.model, fit, self._given, option="--")
         if self.masks is not None:
-            given, clip = (self.chosen.detections, self.masks), self.chosen.clip
-            found = overlap_of(self.model, fit.motion, *given)
-            yield from mask_doubts(found, clip.names, self._numbers)
-            yield from limb_doubts(clip.names, *given)
+            yield from limb_doubts(self.chosen.clip.names, self.chosen.detections, self.masks)
             yield from outline_doubts(self.chosen, self.masks)
 
-    def _beside(self) -> Iterator[str]:
-        """Frames in which the body is not where its joints are."""
-        given = self.chosen.cameras, self.chosen.detections
-        yield from pose_doubts(self.model, self.fit.motion, *given, self._numbers)
-
     @property
-    def _numbers(self) -> list[int]:
-        """Of the chosen frames in their video, for messages."""
-        return [self.chosen.clip.start + frame for frame in self.chosen.frames]
+    def _given(self) -> FittedTo:
+        """What it was fitted to, its frames numbered as in their video."""
+        clip, seen = self.chosen.clip, self.chosen.detections
+        masked = None if self.masks is None else (seen, self.masks)
+        numbers = [clip.start + frame for frame in self.chosen.frames]
+        return FittedTo(self.chosen.cameras, seen, self.height, masked, clip.names, numbers)
 
 
 def find_body(

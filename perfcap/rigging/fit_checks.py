@@ -1,4 +1,4 @@
-"""Whether what a body is fitted to is of the right kind and size; else it is refused."""
+"""Whether what a body is fitted to is sound, else refused or told, and what came of it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.given import examine_given
 from perfcap.rigging.build_body import Person
-from perfcap.rigging.fit_doubts import (
-    height_doubts,
-    mask_doubts,
-    overlap_of,
-    pose_doubts,
-    size_doubts,
-    support_doubts,
-)
+from perfcap.rigging.fit_doubts import FittedTo, fit_doubts
 from perfcap.rigging.mask_checks import limb_doubts, others_doubts
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.rigging.view_fit import ViewFitSettings
@@ -122,18 +115,12 @@ def warn_of_result(
     masks: PersonMasks | None,
 ) -> None:
     """Warn of what speaks against a fitted body; ``warn_of_inputs`` knows masks of others."""
-    cameras, detections = cameras.map(_plain), detections.map(_plain)
-    told = [*size_doubts(fit.measurements)]
-    if height is not None:
-        told += height_doubts(fit.measurements, fit.template, cameras, detections, height)
-    motion, numbers = fit.motion.map(_plain), range(fit.motion.frames)
-    told += pose_doubts(model, motion, cameras, detections, numbers)
-    told += support_doubts(fit.support)
-    if masks is not None:
-        there = _seen_in(masks, cameras, detections)
-        names, found = _views(cameras), overlap_of(model, motion, *there)
-        known = {*others_doubts(names, *there)}
-        told += [x for x in mask_doubts(found, names, numbers) if x not in known]
+    masked = None if masks is None else _seen_in(masks, cameras, detections)
+    seen, names = (cameras.map(_plain), detections.map(_plain)), _views(cameras)
+    given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
+    known = set() if masked is None else {*others_doubts(names, *masked)}
+    plain = replace(fit, motion=fit.motion.map(_plain))
+    told = [line for line in fit_doubts(model, plain, given) if line not in known]
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -23,6 +24,54 @@ from perfcap.io.doctor.legs import leg_ratio
 from perfcap.render.projected_mesh import ProjectedMesh
 from perfcap.rigging.mask_checks import LEAST_INSIDE, joints_inside
 from perfcap.rigging.person_masks import PersonMasks
+
+if TYPE_CHECKING:
+    from perfcap.rigging.fit_body import BodyFit
+
+
+@dataclass(frozen=True)
+class FittedTo:
+    """What a body was fitted to.
+
+    Attributes:
+        cameras: C views, (C,) or (F, C).
+        detections: (F, C).
+        height: as it was given, metres; None if it was not.
+        masked: detections in pixels of the masks, and these; None without masks.
+        names: of the views, for messages.
+        numbers: of the frames, for messages.
+    """
+
+    cameras: Camera
+    detections: Detections
+    height: float | None
+    masked: tuple[Detections, PersonMasks] | None
+    names: Sequence[str]
+    numbers: Sequence[int]
+
+
+def fit_doubts(
+    model: BodyModel, fit: BodyFit, given: FittedTo, *, option: str = ""
+) -> Iterator[str]:
+    """Sentences about a body that its size, the views, edges or masks speak against.
+
+    Args:
+        model: of the body.
+        fit: the body, and its motion.
+        given: what it was fitted to.
+        option: what stands before names of arguments where they are given.
+    """
+    seen = given.cameras, given.detections
+    yield from size_doubts(fit.measurements)
+    yield from pose_doubts(model, fit.motion, *seen, given.numbers)
+    if given.height is not None:
+        body, asked = (fit.measurements, fit.template), f"{option}height"
+        yield from height_doubts(*body, *seen, given.height, asked)
+    yield from support_doubts(fit.support, f"give {option}masks")
+    if given.masked is not None:
+        found = overlap_of(model, fit.motion, *given.masked)
+        yield from mask_doubts(found, given.names, given.numbers)
+
 
 # --- Sizes ----------------------------------------------------------------------------------------
 

@@ -135,24 +135,21 @@ def test_rest_poses_far_from_a_and_t_are_told(
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), [("l_elbow", "l_wrist"), ("l_elbow", "r_elbow"), ("r_knee", "r_hip")]
+    ("part", "one", "other"),
+    [
+        ("limbs", "l_elbow", "l_wrist"),
+        ("limbs", "l_elbow", "r_elbow"),
+        ("limbs", "r_knee", "r_hip"),
+        ("trunk", "spine", "neck"),
+        ("trunk", "neck", "head"),
+    ],
 )
-def test_limbs_put_together_wrongly_are_told(one: str, other: str) -> None:
+def test_limbs_and_necks_put_together_wrongly_are_told(part: str, one: str, other: str) -> None:
     template = joined()
-    assert "limbs" not in told(template)
+    assert part not in told(template)
     bones = dict(template.joint_bones)
     bones[one], bones[other] = bones[other], bones[one]
-    severity, what = told(replace(template, joint_bones=bones))["limbs"]
-    assert severity is Severity.ERROR and "does not hang on" in what
-
-
-@pytest.mark.parametrize(("one", "other"), [("spine", "neck"), ("neck", "head")])
-def test_necks_put_together_wrongly_are_told(one: str, other: str) -> None:
-    template = joined()
-    assert "trunk" not in told(template)
-    bones = dict(template.joint_bones)
-    bones[one], bones[other] = bones[other], bones[one]
-    severity, what = told(replace(template, joint_bones=bones))["trunk"]
+    severity, what = told(replace(template, joint_bones=bones))[part]
     assert severity is Severity.ERROR and "does not hang on" in what
 
 

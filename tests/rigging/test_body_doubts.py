@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import synthetic
 import torch
-from bodies import QUICK, few_shapes, person, seen
+from bodies import QUICK, person, seen
 from torch import Tensor
 
 from perfcap.actor.body_model import BodyModel
@@ -17,12 +17,6 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.rigging.fit_body import fit_body
 from perfcap.rigging.fit_checks import warn_of_inputs
 from perfcap.rigging.person_masks import PersonMasks
-
-
-@pytest.fixture(scope="module")
-def model() -> BodyModel:
-    """The first components of the shipped body."""
-    return few_shapes()
 
 
 def test_joints_of_smaller_videos_are_told(model: BodyModel) -> None:

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 import synthetic
 import torch
-from bodies import QUICK, few_shapes, person, seen
+from bodies import QUICK, person, seen
 from checks import check_jacobian, check_shapes, check_value
 from torch import Tensor
 
@@ -25,12 +25,6 @@ from perfcap.render.soft_silhouette import SoftSilhouette
 from perfcap.rigging.fit_body import Stature, extents, fit_body
 from perfcap.rigging.person_masks import PersonMasks
 from perfcap.solve import Implicit, LevenbergMarquardt, Step
-
-
-@pytest.fixture(scope="module")
-def model() -> BodyModel:
-    """The first components of the shipped body."""
-    return few_shapes()
 
 
 def test_energies_have_the_derivatives_they_state(model: BodyModel) -> None:
