@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import pytest
 
+from perfcap.app import personal_body
 from perfcap.app.auto_actor import Casting
 from perfcap.app.capture_request import casting_of
 from perfcap.app.personal_body import PersonalBody
@@ -13,12 +14,9 @@ from perfcap.commands.capture import Capture
 
 
 def body() -> PersonalBody:
-    fit: Any = SimpleNamespace(
-        deviations=SimpleNamespace(height=0.04),
-        measurements=SimpleNamespace(height=1.7),
-        support=None,
-    )
-    chosen: Any = SimpleNamespace(clip=SimpleNamespace(views=3))
+    fit: Any = SimpleNamespace(deviations=SimpleNamespace(height=0.04))
+    clip = SimpleNamespace(views=3, start=0, names=())
+    chosen: Any = SimpleNamespace(clip=clip, cameras=None, detections=None, frames=())
     return PersonalBody(cast(Any, None), fit, chosen, None)
 
 
@@ -26,7 +24,7 @@ def body() -> PersonalBody:
 def test_a_height_that_is_not_known(
     alone: bool, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(PersonalBody, "_beside", lambda self: ())
+    monkeypatch.setattr(personal_body, "fit_doubts", lambda *_, **__: ())
     (line,) = body().doubts(alone=alone)
     assert line.endswith(said)
 
