@@ -7,9 +7,13 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from perfcap.solve import Coupling, Energy, State, Step, WindowEnergy
+from perfcap.geometry.plain import torch_only
+from perfcap.solve import Coupling, Energy, Objective, State, Step, WindowEnergy
+from perfcap.solve.assembly import assemble
 from perfcap.solve.energy import seen_columns
 
+_BLOCKS = ("curvature", "frame_gradient", "border", "shared_curvature", "shared_gradient")
+_WINDOW = ("features", "jacobian")
 Pick = Callable[[int], tuple[Energy, State]]
 
 
@@ -23,7 +27,7 @@ def check_energy(
     pick: Pick | None = None,
     inputs: Sequence[Tensor] = (),
 ) -> None:
-    """Check an energy at a float64 state: shapes, value, derivatives, coupling, batch.
+    """Check an energy at a float64 state: shapes, value, derivatives, coupling, batch, twins.
 
     Args:
         energy: what to check.
@@ -43,6 +47,7 @@ def check_energy(
     check_coupling(energy, state)
     check_jacobian(energy, state, atol=atol, rtol=rtol, step=step)
     check_gradient(energy, state, step=step)
+    check_twins(energy, state)
     if pick is not None:
         check_batch(energy, state, pick)
     if inputs:
@@ -155,6 +160,26 @@ def check_gradient(energy: Energy, state: State, *, step: float = 1e-5) -> None:
         assert error <= 1e-5 * (abs(float(numeric)) + float(value.detach().sum())), (
             f"{_name(energy)}: gradient of forward along a random direction is {float(slope):.8g}, "
             f"central differences give {float(numeric):.8g}"
+        )
+
+
+def check_twins(energy: Energy, state: State) -> None:
+    """What a solver gets from compiled loops is what torch alone computes, as on a card."""
+    with torch.no_grad():
+        own = assemble(Objective({"energy": energy}), state)
+        with torch_only():
+            other = assemble(Objective({"energy": energy}), state)
+    parts = [(name, getattr(own, name), getattr(other, name)) for name in _BLOCKS]
+    for one, two in zip(own.windows, other.windows, strict=True):
+        parts += [(name, getattr(one, name), getattr(two, name)) for name in _WINDOW]
+    for name, actual, expected in parts:
+        size = float(expected.abs().max()) if expected.numel() else 0.0
+        torch.testing.assert_close(
+            actual,
+            expected,
+            rtol=0,
+            atol=1e-9 * size,
+            msg=lambda text, name=name: f"{_name(energy)}: {name} without kernels differs. {text}",
         )
 
 

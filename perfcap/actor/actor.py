@@ -53,7 +53,7 @@ class Actor(nn.Module):
         self.register_buffer("vertices", _rest_vertices(template, self._bent).to(like))
         # skinning weights of joints rather than bones: bones of one joint move as one
         joints = torch.tensor(self.bone_joints)[torch.tensor(template.weight_bones)]
-        self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints)
+        self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints.to(like.device))
 
     @property
     def landmarks(self) -> Landmarks:

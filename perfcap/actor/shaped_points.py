@@ -122,7 +122,7 @@ class ShapedPoints(nn.Module):
         """Some of the points, (N,)."""
         some = copy(self)  # shares the skeleton and the joints
         some._buffers = dict(self._buffers)
-        rows = torch.from_numpy(index)
+        rows = torch.from_numpy(index).to(self.mean.device)
         for name, axis in (("mean", 0), ("basis", 1), ("weights", 0), ("offsets", 1)):
             known = self._buffers[name]
             some.register_buffer(name, None if known is None else known.index_select(axis, rows))
@@ -213,7 +213,7 @@ class ChosenPoints:
     def linearize(self, motion: Motion) -> Linearized:
         """Points (F, N, 3), frame (F, N, 3, 6 + A), shared (F, N, 3, S + O)."""
         each = [
-            self.points.at(index.numpy()).linearize(motion[frame : frame + 1])
+            self.points.at(index.numpy(force=True)).linearize(motion[frame : frame + 1])
             for frame, index in enumerate(self.index)
         ]
         points, frames, shared = zip(*each, strict=True)

@@ -115,5 +115,5 @@ def _foot_vertices(actor: Actor, ankle: int) -> Tensor:
     foot = [ankle]
     for joint, parent in enumerate(actor.skeleton.rig.parents):
         foot += [joint] if parent in foot else []
-    owned = torch.where(torch.isin(bones, torch.tensor(foot)), weights, 0).sum(-1) > _OWNED
+    owned = torch.where(torch.isin(bones, bones.new_tensor(foot)), weights, 0).sum(-1) > _OWNED
     return actor.vertices[owned].to(actor.skeleton.rig.positions)

@@ -66,6 +66,10 @@ class Trajectory(WindowEnergy[Motion]):
 
     def features(self, motion: Motion) -> Tensor:
         """(*b, F, 3 + 4 + A)."""
+        return self._features(motion)
+
+    def _features(self, motion: Motion) -> Tensor:
+        """Of a motion itself, whatever a subclass makes of them."""
         quaternion = aligned(rotvec_to_quaternion(motion.rotation))
         return torch.cat(
             (
@@ -83,7 +87,7 @@ class Trajectory(WindowEnergy[Motion]):
             from perfcap.energy import _trajectory_numba
 
             return _trajectory_numba.linearize_features(scales, motion)
-        features = self.features(motion)
+        features = self._features(motion)
         count = motion.angles.shape[-1]
         jacobian = features.new_zeros(*features.shape, 6 + count)
         moving = self.translation.to(features).expand(*motion.translation.shape)
@@ -150,11 +154,11 @@ class TrajectoryChange(Trajectory):
             angles=angles,
             keep=keep,
         )
-        self.register_buffer("given", super().features(given))
+        self.register_buffer("given", self._features(given))
 
     def features(self, motion: Motion) -> Tensor:
         """(*b, F, 3 + 4 + A)."""
-        features = super().features(motion)
+        features = self._features(motion)
         return features * self._sign(features) - self.given
 
     def linearize_features(self, motion: Motion) -> tuple[Tensor, Tensor]:
@@ -165,7 +169,7 @@ class TrajectoryChange(Trajectory):
 
     def second_order(self, motion: Motion, pull: Tensor) -> SecondOrder:
         """Closed form; see ``Trajectory``."""
-        return super().second_order(motion, pull * self._sign(super().features(motion)))
+        return super().second_order(motion, pull * self._sign(self._features(motion)))
 
     def _sign(self, features: Tensor) -> Tensor:
         """-1 for the quaternions of windows whose hemisphere is not that of the given motion's."""

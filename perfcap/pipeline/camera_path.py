@@ -92,7 +92,7 @@ def orbit(
     middle = (torch.minimum(heights.min(), heights.new_tensor(around.ground)) + heights.max()) / 2
     place = shown.mean(1)
     place = _calm(place - (place @ up)[:, None] * up, _CALM * rate) + middle * up
-    turn = math.radians(degrees) * torch.arange(len(shown), dtype=torch.float64) / len(shown)
+    turn = math.radians(degrees) * torch.arange(len(shown)).to(shown) / len(shown)
     side = torch.linalg.cross(up, ahead)
     level = turn.cos()[:, None] * ahead + turn.sin()[:, None] * side
     towards = math.cos(_ELEVATION) * level + math.sin(_ELEVATION) * up
@@ -101,9 +101,8 @@ def orbit(
     distance = reach / math.sin(_ANGLE / 2)
     rotation, translation = look_at(place + distance * towards, place, up)
     focal = 0.5 * min(size) / math.tan(_ANGLE / 2)
-    intrinsics = torch.tensor(
-        [[focal, 0, (size[1] - 1) / 2], [0, focal, (size[0] - 1) / 2], [0, 0, 1]],
-        dtype=torch.float64,
+    intrinsics = shown.new_tensor(
+        [[focal, 0, (size[1] - 1) / 2], [0, focal, (size[0] - 1) / 2], [0, 0, 1]]
     ).expand(len(shown), 1, 3, 3)
     cameras = Camera(intrinsics, rotation[:, None], translation[:, None], None, (size,))
     return CameraPath(torch.tensor(list(frames)), cameras)

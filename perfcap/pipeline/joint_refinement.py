@@ -224,7 +224,8 @@ class _Terms:
         template = self.surface.actor.template
         faces, weld = torch.as_tensor(template.faces.copy()), torch.as_tensor(template.weld()[0])
         height, width = self.masks.shape[-2:]
-        return SoftSilhouette(faces, (height, width), max(band, 1.0), weld)
+        drawn = SoftSilhouette(faces, (height, width), max(band, 1.0), weld)
+        return drawn.to(self.masks.device)
 
     def _bounds(self) -> Bounds:
         limits, free = angle_bounds(self.surface.actor), 6 * len(self.surface.graph)

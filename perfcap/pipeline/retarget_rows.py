@@ -121,4 +121,6 @@ class _RowList:
         """All of them."""
         points = PointDifferences(Landmarks(self.skeleton), self.ends, self.starts)
         aim = torch.stack(self.aims, 1)
-        return Rows(points, aim, torch.stack(self.sure, 1), aim.new_tensor(self.units))
+        return Rows(
+            points.to(aim.device), aim, torch.stack(self.sure, 1), aim.new_tensor(self.units)
+        )

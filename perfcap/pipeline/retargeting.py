@@ -253,7 +253,8 @@ def _solved(
     bounds: Bounds | None = None,
 ) -> Motion:
     method = LevenbergMarquardt(config.steps, 1e-4, 1e-2)
-    return solve(Objective(energies), begun, method, bounds or angle_bounds(target)).state
+    objective = Objective(energies).to(begun.angles.device)
+    return solve(objective, begun, method, bounds or angle_bounds(target)).state
 
 
 # --- Feet of robots out of the floor, with the whole of their shapes ------------------------------
@@ -272,7 +273,7 @@ def above_floor(actor: Actor, motion: Motion, rate: float) -> Motion:
         motion: (F,).
         rate: frames a second.
     """
-    depth = (-_lowest(actor, motion) - _ALLOWED).clamp(min=0).double().numpy()
+    depth = (-_lowest(actor, motion) - _ALLOWED).clamp(min=0).double().numpy(force=True)
     if not depth.any():
         return motion
     width = max(1, round(_TIME * rate))

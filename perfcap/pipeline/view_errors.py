@@ -110,8 +110,8 @@ class ViewErrors:
         if self.late is None:
             return None
         whole = self.late.round()
-        index = torch.tensor(clip)[:, None] + whole
-        there = (index >= 0) & (index < torch.tensor(counts))
+        index = torch.tensor(clip).to(whole)[:, None] + whole
+        there = (index >= 0) & (index < torch.tensor(counts).to(whole))
         lag = torch.where(there, whole - self.late, torch.nan)
         return None if bool((lag == 0).all()) else lag
 

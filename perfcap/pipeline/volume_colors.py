@@ -46,7 +46,8 @@ def color_volume(volume: Volume, points: GaussianCentres, motion: Motion, images
         for view in range(views):
             camera = _one(cameras, view)
             (image,) = images.reader.read_view(view, frame, frame + 1)
-            candidates.append(_seen(volume, camera, centres[frame], torch.tensor(image)))
+            pixels = torch.tensor(image).to(centres.device)
+            candidates.append(_seen(volume, camera, centres[frame], pixels))
     colors = trimmed_means(torch.stack(candidates))
     return replace(volume, colors=colors.to(volume.centres))
 
@@ -86,7 +87,7 @@ def _one(cameras: Camera, view: int) -> Camera:
 
 def _seen(volume: Volume, camera: Camera, centres: Tensor, image: Tensor) -> Tensor:
     """Mean linear colour of the pixels that see each Gaussian, (Q, 3)."""
-    none = torch.full((volume.count, 3), torch.nan, dtype=torch.float64)
+    none = centres.new_full((volume.count, 3), torch.nan, dtype=torch.float64)
     pixels = camera.project(centres)[0]
     size = pixels.new_tensor(image.shape[1::-1])
     low = pixels.amin(0).clamp(min=0).floor()
@@ -96,7 +97,7 @@ def _seen(volume: Volume, camera: Camera, centres: Tensor, image: Tensor) -> Ten
     step = max(1, math.ceil(float((high - low).prod() / _PIXELS) ** 0.5))
     columns, rows = (torch.arange(int(a), int(b) + 1, step) for a, b in zip(low, high, strict=True))
     y, x = torch.meshgrid(rows, columns, indexing="ij")
-    where = torch.stack((x, y), -1).reshape(-1, 2)
+    where = torch.stack((x, y), -1).reshape(-1, 2).to(centres.device)
     widths = volume.deviations, volume.densities
     seen, _ = visibilities(camera, centres, *widths, where.to(centres))
     light = to_linear(image[where[:, 1], where[:, 0]]).double()

@@ -47,11 +47,11 @@ class Scales:
 
     def values(self, shape: Floats) -> Floats:
         """What a body measures, in the order of the names."""
-        coefficients = torch.from_numpy(shape)
-        vertices = self.model.vertices(coefficients).numpy()
+        coefficients = torch.from_numpy(shape).to(self.model.surface.mean)
+        vertices = self.model.vertices(coefficients).numpy(force=True)
         known: dict[str, float] = {}
         if set(self.names) & set(LENGTHS):
-            bones = self.model.joints(coefficients).numpy()
+            bones = self.model.joints(coefficients).numpy(force=True)
             joints = {name: bones[index] for name, index in self.index.items()}
             known |= asdict(take(vertices, self.model.rig.faces, self.arm, joints))
         if "weight" in self.names:

@@ -253,7 +253,7 @@ class _Problem:
         small = masks.shrunk(factor)
         size = (small.inside.shape[-2], small.inside.shape[-1])
         faces = torch.from_numpy(self.model.rig.faces)
-        silhouette = SoftSilhouette(faces, size, self.settings.band)
+        silhouette = SoftSilhouette(faces, size, self.settings.band).to(self.unit.device)
         weight = self.settings.silhouettes
         return SilhouetteOverlap(
             self.surface,

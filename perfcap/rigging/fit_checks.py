@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -120,7 +121,8 @@ def warn_of_result(
     given = FittedTo(*seen, height, masked, names, range(fit.motion.frames))
     known = set() if masked is None else {*others_doubts(names, *masked)}
     plain = replace(fit, motion=fit.motion.map(_plain))
-    told = [line for line in fit_doubts(model, plain, given) if line not in known]
+    body = model if model.surface.mean.device.type == "cpu" else deepcopy(model).cpu()
+    told = [line for line in fit_doubts(body, plain, given) if line not in known]
     for line in told:
         warnings.warn(f"body fit: {line}", stacklevel=3)
 

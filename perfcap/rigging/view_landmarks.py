@@ -142,7 +142,7 @@ def agreed_points(
         Points (N, 3), zero where views do not agree, and the share of the confidence that agrees,
         (N,), zero there: fewer than ``fewest`` views, or than half of the confidence.
     """
-    pairs = torch.combinations(torch.arange(cameras.views))
+    pairs = torch.combinations(torch.arange(cameras.views, device=plane.device))
     member = torch.zeros(len(pairs), cameras.views).to(plane).scatter_(1, pairs, 1.0)
     weights = member[:, None, :, None] * confidence  # P 1 C N
     points, _ = triangulate(cameras, plane.expand(len(pairs), 1, -1, -1, -1), weights, rounds=0)
