@@ -64,7 +64,7 @@ def warn_of_other_joints(given: Detections, kept: Detections, height: Tensor) ->
 
 
 class Doubts(NamedTuple):
-    """Sentences about a capture, and those findings of its joints and cameras that some say."""
+    """Sentences about a capture, and the findings of its inputs that some of them say."""
 
     sentences: tuple[str, ...]
     findings: tuple[Finding, ...]
@@ -89,7 +89,9 @@ def scene_doubts(scene: Scene, person: Person, looked_at: bool) -> Doubts:
         found = examine_given(cameras, joints)
         told += _input_sentences(joints, found)
     if images is not None and looked_at and not images.examined:
-        told += _image_doubts(images, scene, joints)
+        seen = _image_doubts(images, scene, joints)
+        found += tuple(seen)
+        told += tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in seen)
     return Doubts(told, found)
 
 
@@ -210,8 +212,8 @@ def _solved(*people: Person) -> bool:
 _REMEDY = "give the frames that were detected in, or end at Stage.TRACK_MOTION"
 
 
-def _image_doubts(images: Images, scene: Scene, detections: Detections) -> tuple[str, ...]:
-    """Sentences about images that show little, or something else.
+def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[Finding]:
+    """Findings of images that show little, or something else.
 
     Args:
         images: as they are given to a capture.
@@ -244,7 +246,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> tuple
     elif not given.moving:
         moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
         found += moved or examine_footage(images.reader, shown.size, detections, pixels)
-    return tuple(f"{each.subject}: {each.what}; {each.remedy}" for each in found)
+    return found
 
 
 def _shown_at(given: Camera, shown: Camera, detections: Detections) -> Tensor:

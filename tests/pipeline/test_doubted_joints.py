@@ -9,9 +9,16 @@ from takes import Take, make_take
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.io import models_folder
+from perfcap.io.calibration import read_cameras
+from perfcap.io.clip import Clip
+from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.finding import doubting
+from perfcap.pipeline.images import Images
+from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.jobs import capture
+from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.trust import THRESHOLD
 
@@ -125,3 +132,18 @@ def test_joints_of_one_view_that_are_held() -> None:
     assert (start, stop) == (21, 45) and "a check of the inputs" in why
     third = captured(take, take.detections.frames(frame // 3 * 3)).trust
     assert third is not None and not third.doubtful
+
+
+@pytest.mark.parametrize("late", [0, 8])
+def test_joints_of_other_frames_of_the_images_are_doubted(late: int) -> None:
+    """Nothing but the images is against them."""
+    demo = models_folder() / "demo"
+    clip, rig = Clip.open(demo / "video.mp4"), read_cameras(demo / "camera.json")
+    seen, _ = read_detections([demo / "detections.npz"], views=rig.names)
+    seen = seen.frames((torch.arange(seen.frame_count) - late).clamp(min=0))
+    person = Person(make_take(1).actor, seen)
+    scene = Scene(rig.cameras, (person,), clip.fps, Images(clip, rig.cameras))
+    told = scene_doubts(scene, person, looked_at=True)
+    assert any("frames late" in line for line in told.sentences) == bool(late)
+    doubted = doubting(seen, told.findings).doubted
+    assert late == 0 if doubted is None else bool(doubted[late:].all())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import cv2
@@ -99,7 +100,8 @@ def examine_footage(
     """Whether joints lie on what moves in their frame, in others, or in another picture of it.
 
     Cameras are at rest. What differs from the median image of a stretch of video moves; a person
-    who stays in one place for all of it says nothing.
+    who stays in one place for all of it says nothing. Joints of other frames or another picture
+    are wrong in every view: views can agree on them all the same.
 
     Args:
         clip: C views.
@@ -127,6 +129,7 @@ def examine_footage(
             turned[name] += hits / len(views)
         moves = moves and _deviation(places[index], seen[index]) > _MOVES
     found = _late(scores, most) or _turned(turned, scores[most])
+    found = [replace(each, views=tuple(range(detections.views))) for each in found]
     little = _LITTLE if len(index) * step >= _LONG else _LITTLE_SHORTLY
     return found or (_foreign(scores[most]) if moves and scores[most] < little else [])
 
