@@ -28,6 +28,7 @@ from perfcap.io.doctor.one_view import examine_one_view
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.sides import examine_exchange, examine_sides
 from perfcap.io.doctor.stretches import examine_stretches
+from perfcap.io.doctor.turned_camera import LIKELIER, TurnedCamera, turned_camera
 from perfcap.io.doctor.turned_parts import examine_turned_limbs
 
 # Shares of the person's height in the image. Good calibrations with real detectors disagree by
@@ -100,7 +101,7 @@ def examine_agreement(
     )
     return [
         *_behind(given.sampled(), rig.names),
-        Finding(Severity.ERROR, "cameras", what, remedy),
+        Finding(Severity.ERROR, "cameras", what, remedy, views=tuple(range(len(rig.names)))),
     ]
 
 
@@ -132,7 +133,12 @@ def _explain(
         ]
         finding = Finding(Severity.ERROR, late.subject, late.what, late.remedy, views=tuple(off))
         return finding, late.undo(scene), names
-    if left < min(BETTER * now, PREFERRED * without):
+    explained = left < min(BETTER * now, PREFERRED * without)
+    turned = turned_camera(scene) if len(names) == 2 and (explained or now > BAD * height) else None
+    if turned is not None and turned.rest < min(BETTER * now, left / LIKELIER):
+        finding = _turned(turned, names, now, height)
+        return finding, turned.undo(scene), names
+    if explained:
         what = f"{best.what} (that leaves {left:.0f} of {now:.0f} px disagreement)"
         # of two views it is unknown which one is wrong
         at_fault = best.views if best.views and len(names) > 2 else tuple(range(len(names)))
@@ -237,6 +243,20 @@ def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding
     )
     severity = Severity.ERROR if share > HOPELESS else Severity.WARNING
     return Finding(severity, name, what, remedy, views=(outcast.view,))
+
+
+def _turned(turned: TurnedCamera, names: Sequence[str], now: float, height: float) -> Finding:
+    """Of two views, one of which no longer looks where it was calibrated."""
+    what = (
+        f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height, and by "
+        f"{turned.rest:.0f} px if {names[turned.view]} is turned by {turned.degrees:.1f} degrees"
+    )
+    remedy = (
+        "was one of them moved after it was calibrated, or is its video of another size? Calibrate "
+        "again, or let --refine-cameras turn them a little (solve_views with refine=True)"
+    )
+    subject = "cameras" if now > BAD * height else " and ".join(names)
+    return Finding(Severity.ERROR, subject, what, remedy, views=tuple(range(len(names))))
 
 
 def _behind(scene: Scene, names: Sequence[str]) -> list[Finding]:
