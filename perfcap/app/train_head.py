@@ -16,7 +16,14 @@ from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import Casting, cast
 from perfcap.app.capture_checks import examined, made_up, refuse_wrong, wants_bones
 from perfcap.app.console import PlainConsole, progress_bars
-from perfcap.app.head_checks import describe, image_doubts, misses_of, require_same
+from perfcap.app.head_checks import (
+    describe,
+    image_doubts,
+    lags_of,
+    late_doubts,
+    misses_of,
+    require_same,
+)
 from perfcap.app.inputs import Inputs, read_inputs
 from perfcap.app.networks import DETECTORS, find_model
 from perfcap.app.project import in_project
@@ -91,7 +98,9 @@ def _adapt(request: TrainHead, network: FrozenNetwork, inputs: Inputs) -> None:
     with progress_bars() as tell:
         crops = look_at_crops(network, watched, config.crops, config.loop.seed, tell)
         require_same(request, describe(request, digest_of(watched, crops)))
-        for line in image_doubts(misses_of(crops), inputs.clip.names):
+        names = inputs.clip.names
+        late = late_doubts(lags_of(crops, watched), names, step)
+        for line in (*late, *image_doubts(misses_of(crops), names)):
             _LOG.warning("%s", line)
         refine = refiner(performance.actor, watched.rate)
         taught = _teach(request, network, crops, watched, refine, tell)

@@ -20,7 +20,7 @@ from takes import (
 )
 from tiny_networks import write_tiny
 
-from perfcap.app.head_checks import LEARNED, image_doubts, misses_of
+from perfcap.app.head_checks import LEARNED, image_doubts, lags_of, late_doubts, misses_of
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.video_writer import VideoWriter
 
@@ -180,6 +180,30 @@ def test_images_in_which_the_network_sees_the_person_elsewhere_are_said() -> Non
     assert not [*image_doubts([0.03, 0.07, 0.05], names)]
     (line,) = image_doubts([0.1, 0.2, 0.3], names)
     assert "left 10 %, middle 20 %, right 30 % of the person (medians)" in line
+
+
+def test_joints_that_are_late_against_the_images_are_said() -> None:
+    """Crops were cut around the late joints, and the head learned to be late."""
+    take = make_take(24, views=3)
+    joints = take.actor.joints(take.truth)
+    pixels = take.cameras.project(joints).transpose(0, 1)
+    size = float(pixels[..., 1].amax(-1).sub(pixels[..., 1].amin(-1)).median())
+    noise = torch.randn(pixels.shape, generator=torch.Generator().manual_seed(0))
+    to_image = torch.eye(3)[:2].expand(3, 24, 1, 2, 3)
+
+    def lags(late: tuple[int, ...], noisy: float) -> list[int]:
+        shown = torch.stack([p.roll(-by, 0) for p, by in zip(pixels, late, strict=True)])
+        seen = (shown + noisy * size * noise)[:, :, None]
+        crops = SimpleNamespace(joints2d=seen.float(), to_image=to_image)
+        return lags_of(crops, SimpleNamespace(cameras=take.cameras, joints=joints))
+
+    assert lags((0, 0, 0), 0.0) == lags((0, 0, 0), 0.03) == [0, 0, 0]
+    assert lags((0, 0, 0), 0.3) == [0, 0, 0]  # a network that sees nobody
+    found = lags((5, 0, -4), 0.01)
+    assert found == [5, 0, -4]
+    (line,) = late_doubts(found, ("left", "middle", "right"), 2)
+    assert "left 10 frames late, right 8 frames early; check" in line
+    assert not [*late_doubts([0, 0, 0], ("left", "middle", "right"))]
 
 
 def test_a_head_that_gains_nothing_is_said() -> None:
