@@ -95,7 +95,9 @@ class PoseRefiner(nn.Module):
     Of the first batch that it sees, 16 clips at most, it says in warnings what ``perfcap doctor``
     would: exchanged axes and sides, units, views that disagree, frames that do not follow one
     another; and where the solved person is far from the joints, as in the order of another joint
-    set, or has other bones than several views show.
+    set, or has other bones than several views show. It looks again at the 10th, 100th, ... batch,
+    as the first one may be of a network that has learned nothing yet; and counts batches of each
+    mode and of each kind of input on their own, as those to test with are often read otherwise.
 
     Attributes:
         names: of the energies whose weights can be learned.
@@ -131,7 +133,7 @@ class PoseRefiner(nn.Module):
         self.config = _without(config or PoseConfig(), self.joint_set)
         self.adjoint = adjoint or Implicit()
         self.energies = own_terms(energies)
-        self._examined = False
+        self._batches: dict[tuple[object, ...], int] = {}  # by mode and kind
         self.names = TERMS
         like = actor.skeleton.lower
         self.log_weights = nn.Parameter(
@@ -185,7 +187,7 @@ class PoseRefiner(nn.Module):
             given = [each.detections for each in estimates]
             told = [] if self.training else [*lost_gradients(given)]
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
-            odd = self._examine(estimates)
+            odd = self._examine(estimates) if self._due(estimates) else []
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
@@ -195,17 +197,25 @@ class PoseRefiner(nn.Module):
             self._examine_fit(estimates[: len(odd)], refined, odd)
         return refined if batched else _single(refined)
 
+    def _due(self, clips: Sequence[ClipEstimate]) -> bool:
+        """Whether to examine this batch: a training loop has no time for all of them."""
+        first = clips[0]
+        placed, posed = first.targets is not None, first.detections.joints3d is not None
+        kind = self.training, first.detections.views, first.has_pixels, posed, placed
+        count = self._batches.get(kind, 0) + 1
+        due: bool = count == 10 ** (len(str(count)) - 1)
+        if due and not all(is_plain(each.detections.joints2d.detach().cpu()) for each in clips):
+            return False
+        self._batches[kind] = count
+        return due
+
     def _examine(self, clips: Sequence[ClipEstimate]) -> list[bool]:
-        """Warn of mistakes that the first clips show: once, as a training loop has no time.
+        """Warn of mistakes that clips show.
 
         Returns:
             Whether there was one, of each clip that was looked at.
         """
-        if self._examined or not all(
-            is_plain(each.detections.joints2d.detach().cpu()) for each in clips
-        ):
-            return []
-        self._examined, told = True, []
+        told: list[bool] = []
         for line in batch_doubts(clips):
             warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
         missing = self.joint_set.missing()

@@ -1,0 +1,44 @@
+"""A layer examines its first batch, and later ones now and then, of each mode and kind."""
+
+from __future__ import annotations
+
+import warnings
+
+import torch
+from takes import make_take
+
+from perfcap.pipeline import PoseRefiner
+from perfcap.pipeline.config import PoseConfig
+
+TAKE = make_take(12, views=2)
+ONE = TAKE.cameras.select([0])
+PIXELS = TAKE.detections.joints2d
+EXCHANGED = PIXELS.flip(-1)  # y before x
+SHORT = PoseConfig(max_steps=2)
+
+
+def told(layer: PoseRefiner, *given: object, **more: object) -> bool:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        with torch.no_grad():
+            layer(*given, **more)  # type: ignore[arg-type]
+    return any("x and y" in str(each.message) for each in found)
+
+
+def test_later_batches_are_examined_now_and_then() -> None:
+    """A first batch of a network that knew nothing yet was all that it ever looked at."""
+    layer = PoseRefiner(TAKE.actor, config=SHORT)
+    assert not told(layer, ONE, PIXELS[:, :1])
+    later = [told(layer, ONE, EXCHANGED[:, :1]) for _ in range(2, 12)]
+    assert later == [batch == 10 for batch in range(2, 12)]
+
+
+def test_each_mode_and_kind_is_examined() -> None:
+    layer = PoseRefiner(TAKE.actor, config=SHORT)
+    poses = TAKE.detections.joints3d
+    assert poses is not None
+    assert not told(layer, ONE, PIXELS[:, :1])
+    assert told(layer, TAKE.cameras, EXCHANGED)
+    assert told(layer, ONE, EXCHANGED[:, :1], joints3d=poses[:, :1])
+    layer.eval()
+    assert told(layer, ONE, EXCHANGED[:, :1]) and not told(layer, ONE, EXCHANGED[:, :1])
