@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from typing import Self
+import warnings
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from perfcap.actor.template import Template
 from perfcap.errors import InputError
 
 _LARGER = 20.0  # than itself, of an actor with other vertices
+_OTHER = 1e-3  # m, of landmarks at rest: another actor, not another precision
 
 
 class Actor(nn.Module):
@@ -54,6 +56,23 @@ class Actor(nn.Module):
         # skinning weights of joints rather than bones: bones of one joint move as one
         joints = torch.tensor(self.bone_joints)[torch.tensor(template.weight_bones)]
         self.skin = SkinWeights(torch.tensor(template.weights).to(like), joints.to(like.device))
+
+    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
+        """Load, and warn where the state is of another actor: a template is no part of it."""
+        own = self.skeleton.rest_landmarks.detach().cpu().double()
+        given = state_dict.get(f"{prefix}skeleton.rest_landmarks")
+        if isinstance(given, Tensor) and given.shape == own.shape:
+            apart = float((given.detach().cpu().double() - own).norm(dim=-1).max())
+            if not apart <= _OTHER:
+                without = f", or leave out its keys ({prefix}*), with strict=False"
+                warnings.warn(
+                    f"the state_dict is of another actor than {self.template.name!r}: joints at "
+                    f"rest lie up to {apart:.2g} m apart; bones and surface are now the other "
+                    "one's, the template, which files are written of, is not. Make the module of "
+                    f"that actor first{without if prefix else ''}",
+                    stacklevel=2,
+                )
+        super()._load_from_state_dict(state_dict, prefix, *args)
 
     @property
     def landmarks(self) -> Landmarks:
