@@ -30,6 +30,9 @@ _WAYS: dict[str, Callable[[Tensor], Tensor]] = {
     "transposed": lambda masks: masks.mT,  # of square ones
 }
 _BETTER = 0.2  # of the same: more than a pose that is solved already is off
+# Of the person's height, and of the overlap: that of bodies with the masks of three people whom a
+# capture finds is the best where they are, of another actor's as well
+_BESIDE, _FITS_BESIDE, _FEW = 0.03, 0.03, 2.5  # the last: pixels
 _LARGER = 1.25  # areas of the captured person: masks that are drawn too wide, or of a coat
 
 
@@ -75,6 +78,21 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
             stacklevel=3,
         )
         return
+    shifts = [_shift(found[:, view], model[:, view]) for view in range(found.shape[1])]
+    height = model.any(-1).sum(-1).amax(0).tolist()  # C
+    beside = [
+        f"{view} (by {x:+d}, {y:+d} pixels, {now:.0%} as given and {best:.0%} without)"
+        for view, (x, y, now, best) in enumerate(shifts)
+        if math.hypot(x, y) > max(_BESIDE * height[view], _FEW) and best - now > _FITS_BESIDE
+    ]
+    if beside:
+        warnings.warn(
+            "masks lie beside the captured person, to the right and down, and overlap better "
+            f"without that, of views {', '.join(beside)}; check that cameras are in pixels of the "
+            "masks: were these cropped or padded, or are they of other frames?",
+            stacklevel=3,
+        )
+        return
     area, own = (each.sum((0, 2, 3)).clamp(min=1) for each in (found, model))
     sizes = torch.where(there, area / own, 1.0)
     other = ((sizes > _LARGER) | (sizes < 1 / _LARGER)).nonzero().flatten().tolist()
@@ -92,6 +110,25 @@ def _overlap(found: Tensor, model: Tensor) -> tuple[Tensor, Tensor]:
     """Intersection over union (C,) of masks (F, C, H, W), and whether there is anything."""
     both, either = ((each.sum((0, 2, 3))) for each in (found & model, found | model))
     return both / either.clamp(min=1), either > 0
+
+
+def _shift(found: Tensor, model: Tensor) -> tuple[int, int, float, float]:
+    """How far right and down masks (F, H, W) lie of others, pixels, and overlap as is and without.
+
+    The shift is common to all frames, that of the largest overlap.
+    """
+    height, width = found.shape[-2:]
+    size = 2 * height, 2 * width  # no part comes in on the other side
+    one, other = (torch.fft.rfft2(each.float(), s=size) for each in (found, model))
+    both = torch.fft.irfft2(one * other.conj(), s=size).sum(0)
+    down, right = divmod(int(both.argmax()), size[1])
+    total = found.sum() + model.sum()
+    now, best = (float(each / (total - each).clamp(min=1)) for each in (both[0, 0], both.amax()))
+    back = (
+        right - size[1] if right >= width else right,
+        down - size[0] if down >= height else down,
+    )
+    return *back, now, best
 
 
 # --- How well a surface overlaps the masks of a clip ----------------------------------------------

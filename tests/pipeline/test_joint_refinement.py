@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -128,6 +129,17 @@ def test_masks_that_are_transposed_are_warned_of() -> None:
     warn_of_masks_elsewhere(drawn, drawn)
     with pytest.warns(UserWarning, match=r"masks of views \[0\] would overlap .* transposed"):
         warn_of_masks_elsewhere(drawn.mT, drawn)
+
+
+def test_masks_beside_the_person_are_warned_of(start: Performance, masks: torch.Tensor) -> None:
+    """As of images that were padded: the person went there, with most of the overlap as before."""
+    aside = masks.clone()
+    aside[:, 1] = aside[:, 1].roll((3, -2), (-1, -2))
+    with pytest.warns(UserWarning, match=r"beside the captured .* of views 1 \(by \+3, -2 pixels"):
+        refine_jointly(start, aside, config=QUICK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_masks_elsewhere(masks, masks.roll(1, -1))  # a pixel is nothing
 
 
 def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
