@@ -24,6 +24,7 @@ from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.io.doctor.legs import triangulated
+from perfcap.io.doctor.looked import examine_looks
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.images import Images
@@ -241,11 +242,14 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
             torch.stack([each.confidence2d for each in people]).numpy(),
         )
     take = images.reader, names
+    late: list[Finding] = []
     if shown.moving:
         found += examine_way(*take, shown, scene.rate, crowd or seen)
     elif not given.moving:
         moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
-        found += moved or examine_footage(images.reader, shown.size, detections, pixels)
+        late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
+        found += moved
+    found += late or examine_looks(images.reader, detections.confidence2d, pixels)
     return found
 
 

@@ -110,9 +110,7 @@ def examine_footage(
         joints2d: the same joints in pixels of the videos, (F, C, 16, 2).
     """
     count = min(len(clip), detections.frame_count)
-    start = _liveliest(joints2d[:count], detections.confidence2d[:count])
-    step = max(1, min(_STEP, count // _ENOUGH))
-    index = list(range(start, min(count, start + _STRETCH), step))
+    index, step = lively_frames(joints2d[:count], detections.confidence2d[:count])
     most = min(SHIFTS, count // 2)
     scores, turned = np.zeros(2 * most + 1), dict.fromkeys(_TURNS, 0.0)
     views, moves = range(min(len(sizes), _VIEWS)), True
@@ -132,6 +130,18 @@ def examine_footage(
     found = [replace(each, views=tuple(range(detections.views))) for each in found]
     little = _LITTLE if len(index) * step >= _LONG else _LITTLE_SHORTLY
     return found or (_foreign(scores[most]) if moves and scores[most] < little else [])
+
+
+def lively_frames(joints2d: Tensor, confidence: Tensor) -> tuple[list[int], int]:
+    """Frames that are looked at, of the stretch in which joints move farthest, and their distance.
+
+    Args:
+        joints2d: (F, C, 16, 2), pixels.
+        confidence: (F, C, 16).
+    """
+    count, start = len(joints2d), _liveliest(joints2d, confidence)
+    step = max(1, min(_STEP, count // _ENOUGH))
+    return list(range(start, min(count, start + _STRETCH), step)), step
 
 
 def _foreign(now: float) -> list[Finding]:

@@ -27,6 +27,7 @@ from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
+from perfcap.io.doctor.looked import examine_looks
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_notes, of_others
 
@@ -105,9 +106,11 @@ def examine_take(
         everybody: all people who are seen, (P, F, C), where there are more than this one.
     """
     findings = examine_agreement(rig, detections, alone=alone)
-    fits = rig.cameras.views == detections.views and not rig.cameras.moving
-    if clip is not None and pixel_map is not None and fits and clip.views == detections.views:
-        there = pixel_map.to_video(detections.joints2d)
+    if clip is None or pixel_map is None or not rig.cameras.views == detections.views == clip.views:
+        return findings
+    there = pixel_map.to_video(detections.joints2d)
+    late: list[Finding] = []
+    if not rig.cameras.moving:
         seen = there.numpy(), detections.confidence2d.numpy()
         crowd = None
         if everybody is not None:
@@ -118,8 +121,10 @@ def examine_take(
         # what else pixels show supposes a camera at rest
         findings += moved
         if not moved and not detected:
-            findings += examine_footage(clip, clip.sizes, detections, there)
-    return findings
+            late = examine_footage(clip, clip.sizes, detections, there)
+    if not detected:
+        late = late or examine_looks(clip, detections.confidence2d, there)
+    return findings + late
 
 
 def examine_ways(

@@ -1,0 +1,67 @@
+"""Joints that are late against the video, as a network sees the person in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from perfcap.detect.detections import Detections
+from perfcap.io.actor import models_folder
+from perfcap.io.calibration import PixelMap, read_cameras
+from perfcap.io.clip import Clip
+from perfcap.io.detections import read_detections
+from perfcap.io.doctor import Severity
+from perfcap.io.doctor.inputs import examine_take
+from perfcap.io.doctor.looked import examine_looks
+
+DEMO = models_folder() / "demo"
+CLIP = Clip.open([DEMO / "video.mp4"])
+RIG = read_cameras(DEMO / "camera.json", CLIP.sizes)
+SEEN = read_detections([DEMO / "detections.npz"], views=RIG.names)[0]
+
+
+def late(frames: int) -> Detections:
+    count = SEEN.frame_count
+    return SEEN.map(lambda part: part[(torch.arange(count) - frames).clamp(0, count - 1)])
+
+
+def said(frames: int, pixels: Tensor | None = None) -> list[str]:
+    given = late(frames)
+    pixels = given.joints2d if pixels is None else pixels
+    found = examine_looks(CLIP, given.confidence2d, pixels)
+    assert all(each.severity is Severity.WARNING for each in found)
+    return [each.what for each in found]
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"), [(3, "3 or so frames late"), (-4, "4 or so frames e")]
+)
+def test_joints_of_other_frames(frames: int, words: str) -> None:
+    (line,) = said(frames)
+    assert words in line
+
+
+def test_right_joints() -> None:
+    assert said(0) == said(1) == []
+
+
+def test_where_the_network_sees_nobody() -> None:
+    """Elsewhere in the image, or never: nothing is nearer than anything else."""
+    assert said(5, late(5).joints2d * 0.3) == []
+    assert said(5, torch.full_like(SEEN.joints2d, torch.nan)) == []
+
+
+def test_whatever_the_camera_does() -> None:
+    """Before a camera that moves, or is said to, no check of moving pixels says anything."""
+    count = SEEN.frame_count
+    cameras = RIG.cameras.every_frame(count)
+    moving = replace(RIG, cameras=cameras)
+    there = PixelMap(torch.eye(3, dtype=torch.float64)[None])
+    for frames, told in ((0, False), (5, True)):
+        found = examine_take(moving, late(frames), CLIP, there)
+        assert any("frames late against the video" in each.what for each in found) == told
+    found = examine_take(moving, late(5), CLIP, there, detected=True)
+    assert not any("against the video" in each.what for each in found)
