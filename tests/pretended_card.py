@@ -3,7 +3,8 @@
 ``CARD`` holds tensors that compute on the CPU and say that they do not: they refuse other tensors
 of the CPU as operands, and ``numpy`` and compiled loops cannot read them. So tests show on any
 machine whether code follows the device of what it is given. Numbers of a real card differ in their
-last bits, and its random generators, limits and speed are its own: tests marked ``gpu`` use one.
+last bits, and its random generators, limits and speed are its own: tests marked ``gpu`` use one,
+and where there is one, ``CARD`` is that.
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ class _Backend(backend_registration._DummyBackendModule):
         return [torch.float16, torch.bfloat16]
 
 
-backend_registration._setup_privateuseone_for_python_backend("card", _Backend())
-CARD = torch.device("card", 0)
+_REAL = torch.cuda.is_available()  # whose gradients fail in a process that pretends another
+if not _REAL:
+    backend_registration._setup_privateuseone_for_python_backend("card", _Backend())
+CARD = torch.device("cuda" if _REAL else "card", 0)
 
 
 class CardTensor(Tensor):
@@ -123,24 +126,25 @@ def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Te
     return target
 
 
-# before there is a tensor of the device to dispatch on
-_library = torch.library.Library("aten", "IMPL")
-_library.impl("_copy_from", _copy_from, "PrivateUse1")
-_library.impl("_efficientzerotensor", partial(_make, aten.zeros.default), "PrivateUse1")
-for _name in (
-    "empty.memory_format",
-    "empty_strided",
-    "arange",
-    "arange.start",
-    "arange.start_step",
-    "eye",
-    "eye.m",
-    "linspace",
-    "randperm",
-    "randperm.generator",
-    "tril_indices",
-    "triu_indices",
-):
-    _packet, _, _overload = _name.partition(".")
-    _operation = getattr(getattr(aten, _packet), _overload or "default")
-    _library.impl(_name, partial(_make, _operation), "PrivateUse1")
+if not _REAL:
+    # what is called before there is a tensor of the device to dispatch on
+    _library = torch.library.Library("aten", "IMPL")
+    _library.impl("_copy_from", _copy_from, "PrivateUse1")
+    _library.impl("_efficientzerotensor", partial(_make, aten.zeros.default), "PrivateUse1")
+    for _name in (
+        "empty.memory_format",
+        "empty_strided",
+        "arange",
+        "arange.start",
+        "arange.start_step",
+        "eye",
+        "eye.m",
+        "linspace",
+        "randperm",
+        "randperm.generator",
+        "tril_indices",
+        "triu_indices",
+    ):
+        _packet, _, _overload = _name.partition(".")
+        _operation = getattr(getattr(aten, _packet), _overload or "default")
+        _library.impl(_name, partial(_make, _operation), "PrivateUse1")

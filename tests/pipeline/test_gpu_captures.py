@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
-from synthetic import actor, cameras, random_motion
+from synthetic import actor, cameras
+from takes import sway
 from torch import Tensor
 
 import perfcap
@@ -21,7 +22,7 @@ needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a C
 def seen() -> Tensor:
     """Pixels of 14 frames in two views."""
     person = actor()
-    pixels = cameras(2).project(person.joints(random_motion(person.skeleton, 14)))
+    pixels = cameras(2).project(person.joints(sway(person, 14)))
     noise = torch.randn(pixels.shape, generator=torch.Generator().manual_seed(7), dtype=F64)
     return pixels + noise
 
