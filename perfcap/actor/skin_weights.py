@@ -49,7 +49,10 @@ class SkinWeights(nn.Module):
         pairs, column = torch.unique(pairs, return_inverse=True)
         self.register_buffer("pivots", pairs // self.least_bones, persistent=False)
         self.register_buffer("bones", pairs % self.least_bones, persistent=False)
-        values = weights[row, slot]
+        # once each: a graphics card multiplies rows wrongly that name a column twice
+        entries, place = torch.unique(row * len(pairs) + column, return_inverse=True)
+        values = weights.new_zeros(len(entries)).index_add(0, place, weights[row, slot])
+        row, column = entries // len(pairs), entries % len(pairs)
         self._register("matrix", row, column, values, (self.vertices, len(pairs)))
         self._register("transpose", column, row, values, (len(pairs), self.vertices))
 

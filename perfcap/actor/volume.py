@@ -13,7 +13,7 @@ from perfcap.actor.points import Landmarks, Linearized
 from perfcap.actor.rig import Rig
 from perfcap.actor.skeleton import Skeleton
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.geometry.record import Record
 from perfcap.solve.second_order import SecondOrder
 
@@ -65,7 +65,7 @@ class Volume(Record):
         centres, width, density = (
             each.detach() for each in (self.centres, self.deviations, self.densities)
         )
-        if not is_plain(centres, width, density) or not self.count:
+        if not all(map(is_readable, (centres, width, density))) or not self.count:
             return
         sound = bool(centres.isfinite().all() & (width.isfinite() & density.isfinite()).all())
         if not sound or not (float(width.min()) > 0 and float(density.min()) >= 0):

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 
 
 def require_unit(unit: float | Tensor, name: str = "unit") -> None:
@@ -33,7 +33,7 @@ def require_scale(scale: float | Tensor, name: str) -> None:
 def _require(given: float | Tensor, name: str, wanted: str, *, above: bool) -> None:
     if isinstance(given, Tensor):
         given = given.detach()
-        if not is_plain(given):
+        if not is_readable(given):
             return
         sound = bool((given > 0 if above else (given >= 0) & (given < math.inf)).all())
         given = float(given.min())
@@ -50,7 +50,7 @@ def require_confidence(confidence: Tensor, name: str = "confidence") -> None:
         InputError: one is.
     """
     confidence = confidence.detach()
-    if is_plain(confidence) and not bool((confidence >= 0).all()):
+    if is_readable(confidence) and not bool((confidence >= 0).all()):
         raise InputError(
             f"{name} is {float(confidence.min()):.3g} at least, expected numbers from 0 on; take "
             "the sigmoid of logits, and 0 for what is unseen (of Detections, finite() does)"
@@ -63,7 +63,7 @@ def known_places(places: Tensor, confidence: Tensor, name: str) -> Tensor:
     Raises:
         InputError: others are none.
     """
-    if not is_plain(places.detach()):
+    if not is_readable(places):
         return places
     lost = ~places.detach().isfinite().all(-1)
     if not bool(lost.any()):
@@ -119,7 +119,7 @@ def require_radians(angles: Tensor, name: str) -> None:
         InputError: one is beyond two turns, or no number.
     """
     angles = angles.detach()
-    if not is_plain(angles):
+    if not is_readable(angles):
         return
     if bool(angles.isnan().any()):
         raise InputError(f"{name} holds NaN, expected radians")
@@ -138,7 +138,7 @@ def require_metres(places: Tensor, confidence: Tensor) -> None:
         InputError: they do.
     """
     places, confidence = places.detach(), confidence.detach()
-    if not is_plain(places) or not places.numel():
+    if not is_readable(places) or not places.numel():
         return
     known = (places.isfinite().all(-1) & (confidence > 0)).unsqueeze(-1)
     high = torch.where(known, places, -math.inf).amax(-2)

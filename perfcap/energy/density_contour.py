@@ -187,7 +187,7 @@ class DensityContour(Majorized[Any]):
         else:
             with torch.enable_grad():
                 value = self.values(free)
-                total = value.sum()
+                total = value.sum() + 0 * free.sum()  # also where nothing is seen
             curved = self._curved(splats.detach())
         (gradient,) = torch.autograd.grad(total, free)
         _, slope = self.cameras.linearize(points[..., :3].detach())

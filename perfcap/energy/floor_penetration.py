@@ -10,7 +10,7 @@ from perfcap.actor.points import Points
 from perfcap.energy._arguments import require_confidence, require_unit, seen_by
 from perfcap.energy._point_curvature import point_curvature
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 from perfcap.solve.second_order import SecondOrder
@@ -64,7 +64,7 @@ class FloorPenetration(Energy[Motion]):
             )
         require_confidence(confidence)
         level = torch.as_tensor(height).to(normal)
-        if is_plain(level) and not bool(level.isfinite().all()):
+        if is_readable(level) and not bool(level.isfinite().all()):
             raise InputError(f"height is {height}; expected finite metres along the normal")
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees

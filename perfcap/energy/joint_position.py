@@ -107,6 +107,7 @@ class JointPosition(Energy[Motion]):
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: centred joint derivatives, the same for every view."""
         joints, frame, shared = self.points.linearize(motion)
+        require_moved(joints, frame, motion.frame_dim)
         return Linearization(
             self._residual(joints),
             self._derivative(joints, frame),

@@ -9,7 +9,7 @@ from perfcap.actor.motion import Motion
 from perfcap.actor.points import Points
 from perfcap.energy._arguments import known_places, require_confidence, require_unit, seen_by
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
 
@@ -133,7 +133,7 @@ def _require_lines(count: int, direction: Tensor, moment: Tensor, confidence: Te
             f"confidence {tuple(confidence.shape)}; give (*b, F, {count}, 3) twice and "
             f"(*b, F, {count})"
         )
-    if not is_plain(direction.detach()):
+    if not is_readable(direction):
         return
     require_confidence(confidence)
     length = torch.linalg.vector_norm(direction.detach(), dim=-1)[confidence > 0]

@@ -9,7 +9,7 @@ from perfcap.actor.motion import BODY, BONES, Motion
 from perfcap.actor.pose_statistics import Mixture
 from perfcap.energy._arguments import require_frames, require_radians, require_unit
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_plain, is_readable
 from perfcap.setting_checks import require_count, require_number, require_size
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 
@@ -52,7 +52,7 @@ class PosePrior(Energy[Motion]):
         lower, upper = (-free, free) if usual is None else (each.to(mean) for each in usual)
         for name, angles in (("mean", mean), ("usual", lower), ("usual", upper)):
             require_radians(angles, name)
-        if is_plain(lower, upper) and not bool((lower <= upper).all()):
+        if is_readable(lower) and is_readable(upper) and not bool((lower <= upper).all()):
             raise InputError("usual: a lower end is above its upper end; expected radians")
         self.register_buffer("mean", mean)
         self.register_buffer("scale", 1 / torch.as_tensor(deviation).to(mean).expand_as(mean))

@@ -72,6 +72,7 @@ class Reprojection(Energy[Motion]):
     def linearize(self, motion: Motion) -> Linearization:
         """Closed form: camera derivative times joint derivative."""
         joints, frame, shared = self.points.linearize(motion)
+        require_moved(joints, frame, motion.frame_dim)
         pixels, camera = self.cameras.linearize(joints)  # *b F C J 2 3
         camera = camera * self.scale[..., None, None, None]
         of_frame = multiply_views(camera, frame).flatten(-4, -3)

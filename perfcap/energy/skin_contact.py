@@ -8,7 +8,7 @@ from torch import Tensor
 from perfcap.actor.surface_points import SkinnedPoints
 from perfcap.energy._arguments import require_confidence, require_unit
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.solve.compound import Compound
 from perfcap.solve.energy import Coupling, Energy, Linearization, Residual
 from perfcap.solve.kernels import Kernel
@@ -101,7 +101,7 @@ def _require_normals(normals: Tensor, confidence: Tensor | None) -> None:
     """Refuse normals of another length than one where they count, and negative confidences."""
     if confidence is not None:
         require_confidence(confidence)
-    if not is_plain(normals.detach()):
+    if not is_readable(normals):
         return
     length = torch.linalg.vector_norm(normals.detach(), dim=-1)
     length = length if confidence is None else length[confidence > 0]

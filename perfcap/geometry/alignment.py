@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.geometry.rotation import quaternion_to_matrix
 
 # Newton steps at the solution: one a derivative order, so first and second derivatives are exact.
@@ -164,7 +164,7 @@ def _check(source: Tensor, target: Tensor, weights: Tensor | None) -> None:
             f"weights have shape {tuple(weights.shape)} for points {tuple(source.shape)}; give "
             "one weight a point"
         )
-    if weights is not None and is_plain(weights.detach()) and bool((weights < 0).any()):
+    if weights is not None and is_readable(weights) and bool((weights < 0).any()):
         raise InputError(
             f"weights are {float(weights.min()):.3g} at least, expected numbers from 0 on; take "
             "the sigmoid of logits"

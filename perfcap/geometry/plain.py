@@ -59,5 +59,20 @@ def is_plain(*tensors: Tensor | None) -> bool:
     return dtype in _FLOATS
 
 
+def is_readable(tensor: Tensor) -> bool:
+    """Whether a check may look at a tensor's numbers, on whatever device they are.
+
+    False inside ``torch.func`` transforms, where torch compiles or traces, and of tensors that hold
+    none.
+    """
+    return (
+        type(tensor) in _PLAIN_TYPES
+        and not tensor.is_meta
+        and not torch.compiler.is_compiling()
+        and torch._C._functorch.maybe_current_level() is None
+        and not torch._C._functorch.is_functorch_wrapped_tensor(tensor)
+    )
+
+
 def _has_tangent(tensor: Tensor) -> bool:
     return forward_ad.unpack_dual(tensor).tangent is not None  # type: ignore[no-untyped-call]

@@ -295,4 +295,5 @@ def _contact(
 
 def _put(motion: Motion, frames: Tensor, part: Motion) -> Motion:
     """A motion (F,) with some of its frames replaced."""
-    return motion.map(lambda whole, some: whole.index_copy(0, frames, some.detach()), part)
+    index = frames.to(motion.angles.device)
+    return motion.map(lambda whole, some: whole.index_copy(0, index, some.detach()), part)

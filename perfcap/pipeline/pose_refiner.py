@@ -20,7 +20,7 @@ from perfcap.detect.joint_set import (
 )
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.batch_doubts import batch_doubts, together_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
@@ -204,7 +204,7 @@ class PoseRefiner(nn.Module):
         kind = self.training, first.detections.views, first.has_pixels, posed, placed
         count = self._batches.get(kind, 0) + 1
         due: bool = count == 10 ** (len(str(count)) - 1)
-        if due and not all(is_plain(each.detections.joints2d.detach().cpu()) for each in clips):
+        if due and not all(is_readable(each.detections.joints2d.detach().cpu()) for each in clips):
             return False
         self._batches[kind] = count
         return due

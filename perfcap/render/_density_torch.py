@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+_FAR = 1e9  # px from the image, where nothing is seen: squares of more overflow in float32 beyond
+
 
 def draw(
     centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int], least: float
@@ -40,7 +42,16 @@ def gather(centre: Tensor, form: Tensor, thickness: Tensor, images: Tensor, leas
 def _values(
     centre: Tensor, form: Tensor, thickness: Tensor, size: tuple[int, int], least: float
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Optical depth (B, H, W) of one Gaussian, and minus the slope of its logarithm in x and y."""
+    """Optical depth (B, H, W) of one Gaussian, and minus the slope of its logarithm in x and y.
+
+    What is no ellipse, or no number, has none.
+    """
+    xx, xy, yy = form.detach().unbind(-1)
+    real = (xx > 0) & (xx * yy - xy * xy > 0) & (thickness.detach() > least)  # and numbers
+    real = (real & (centre.detach().abs() < _FAR).all(-1))[:, None]
+    centre = torch.where(real, centre, 0)
+    form = torch.where(real, form, form.new_tensor([1.0, 0, 1]))
+    thickness = torch.where(real[:, 0], thickness, 0)
     rows = torch.arange(size[0], dtype=centre.dtype, device=centre.device)
     columns = torch.arange(size[1], dtype=centre.dtype, device=centre.device)
     x, y = (part[:, None, None] for part in centre.unbind(-1))

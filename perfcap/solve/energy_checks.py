@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
-from perfcap.geometry.plain import is_plain
+from perfcap.geometry.plain import is_readable
 from perfcap.solve.kernels import Kernel
 
 
@@ -24,7 +24,7 @@ def require_settings(weight: object, kernel: object) -> None:
         raise InputError(
             f"kernel is {kernel!r:.80}, expected one such as Huber(0.1), or None for squares"
         )
-    known = is_plain(weight.detach()) if isinstance(weight, Tensor) else True
+    known = is_readable(weight) if isinstance(weight, Tensor) else True
     if not isinstance(weight, Tensor | float | int) or (
         known and not _all((weight >= 0) & (weight < math.inf))
     ):

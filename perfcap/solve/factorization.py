@@ -280,7 +280,7 @@ def _shared_part(
     schur = equations.shared_curvature - border.flatten(1, 2).mT @ solved.flatten(1, 2)
     schur.diagonal(dim1=-2, dim2=-1).add_(damping)
     root, info = torch.linalg.cholesky_ex(schur)
-    valid = info == 0
+    valid = (info == 0) & root.diagonal(dim1=-2, dim2=-1).isfinite().all(-1)
     return SharedPart(border, solved, identity_where(~valid, root)), valid
 
 

@@ -32,9 +32,10 @@ def factorize_frames(
     stacked = torch.cat((jacobian, curvature), -2)
     stacked[..., features:, :].diagonal(dim1=-2, dim2=-1).add_(damping)
     cholesky, info = torch.linalg.cholesky_ex(stacked[..., features:, :] + jacobian.mT @ jacobian)
-    valid = info == 0
+    valid = (info == 0) & cholesky.diagonal(dim1=-2, dim2=-1).isfinite().all(-1)
     identity = torch.eye(dim, dtype=cholesky.dtype, device=cholesky.device)
     cholesky = torch.where(valid[..., None, None], cholesky, identity)
+    stacked = torch.where(valid[..., None, None], stacked, 0)
     solved = torch.cholesky_solve(jacobian.mT, cholesky)
     # one product for J Y and A Y, one for the two of G: fewer, larger products run faster
     product = stacked @ solved

@@ -145,6 +145,9 @@ def test_bone_named_twice_counts_once():
         dual_quaternion_blend(vertices, weights, rotation, translation, index),
         dual_quaternion_blend(vertices, dense(weights, index), rotation, translation),
     )
+    _, shares, _ = SkinWeights(weights, index).rows()  # a card's products want each bone once
+    assert shares.shape == (VERTICES, 2)
+    assert torch.allclose(shares.sort(-1).values, weights.new_tensor([0.4, 0.6]))
 
 
 @pytest.mark.parametrize("blend", BLENDS)

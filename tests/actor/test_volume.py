@@ -138,6 +138,7 @@ def test_grids_of_no_size_are_refused(spacing: float) -> None:
         interior(actor(), spacing)
 
 
+@pytest.mark.usefixtures("both_twins")
 @pytest.mark.parametrize(
     ("part", "value"),
     [("deviations", -0.05), ("deviations", 0.0), ("densities", -1.0), ("centres", math.nan)],

@@ -27,6 +27,7 @@ from perfcap.errors import InputError
 from perfcap.pipeline import TrajectoryConfig, trajectory_prior
 from perfcap.solve import Objective, solve
 
+pytestmark = pytest.mark.usefixtures("both_twins")
 F64 = torch.float64
 NAN = float("nan")
 

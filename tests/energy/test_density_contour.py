@@ -220,6 +220,7 @@ def test_support_tells_edges_from_texture_and_from_nothing() -> None:
     assert float(energy.support(points(near(truth(), 0.1))).max()) < 0.35
 
 
+@pytest.mark.usefixtures("both_twins")
 def test_an_empty_field_costs_nothing() -> None:
     energy, points = seen(truth())
     none = Seen(np.zeros((2, 0, 0), np.float32), np.zeros((0, 0), np.float32), (0, 0))

@@ -12,6 +12,7 @@ from perfcap.energy.prior import PosePrior
 from perfcap.errors import InputError
 from perfcap.solve import Bounds, Objective, solve
 
+pytestmark = pytest.mark.usefixtures("both_twins")
 F64 = torch.float64
 ACTOR, FRAMES = actor(), 4
 MOTION = random_motion(ACTOR.skeleton, FRAMES)

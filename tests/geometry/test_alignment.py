@@ -234,6 +234,7 @@ def test_float32_far_from_the_origin():
     torch.testing.assert_close(found.rotation.double(), truth.rotation, rtol=0, atol=3e-6)
 
 
+@pytest.mark.usefixtures("both_twins")
 def test_negative_weights_are_refused():
     with pytest.raises(InputError, match="weights are -1 at least, expected numbers from 0 on"):
         procrustes(points(5), points(5), -torch.ones(5))

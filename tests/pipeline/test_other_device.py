@@ -16,6 +16,7 @@ from torch import Tensor
 
 import perfcap
 from perfcap.pipeline.joint_motion import JointMotion
+from perfcap.pipeline.keep_apart import ApartConfig, keep_apart
 from perfcap.pipeline.pose_refiner import PoseRefiner
 from perfcap.pipeline.retargeting import above_floor, retarget
 
@@ -79,6 +80,24 @@ def test_people_are_told_apart() -> None:
         return perfcap.associate(*given, RATE).people[0].joints2d
 
     compare(run)
+
+
+def test_people_are_kept_apart() -> None:
+    still = actor().skeleton.rest_motion(1)
+    beside = replace(still, translation=still.translation + still.angles.new_tensor([1.1, 0, 0]))
+
+    def run(like: Tensor) -> Tensor:
+        people = [actor().to(like) for _ in range(2)]
+        apart = keep_apart(
+            people,
+            [still.to(like), beside.to(like)],
+            ApartConfig(rounds=1, steps=(0.04,), max_steps=3),
+        )
+        moved = apart[0].angles - still.to(like).angles
+        assert moved.abs().max() > 1e-2
+        return moved
+
+    compare(run, 1e-4)
 
 
 def test_another_build() -> None:

@@ -152,6 +152,7 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         background(Splats(centre, form, thickness), (0, 5))
 
 
+@pytest.mark.usefixtures("both_twins")
 @pytest.mark.parametrize("form", [(0.0, 0, 0), (-1.0, 0, -1), (1.0, 5, 1), (torch.nan,) * 3])
 @pytest.mark.parametrize("place", [(9.0, 9.0), (torch.nan, 0.0), (1e300, -torch.inf)])
 def test_what_is_no_gaussian_or_nowhere_is_not_drawn(

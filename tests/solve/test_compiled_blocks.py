@@ -95,6 +95,7 @@ def test_small_defects_keep_their_digits():
     torch.testing.assert_close(defect, exact.expand_as(defect), rtol=1e-9, atol=1e-24)
 
 
+@pytest.mark.usefixtures("both_twins")
 def test_frames_that_are_not_positive_definite_are_marked_and_finite():
     curvature = torch.eye(5, dtype=torch.float64).repeat(1, 4, 1, 1)
     curvature[0, 1, 3, 3] = -2

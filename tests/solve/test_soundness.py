@@ -20,6 +20,7 @@ from perfcap.solve import (
     solve,
 )
 
+pytestmark = pytest.mark.usefixtures("both_twins")
 F64 = torch.float64
 
 
@@ -135,6 +136,8 @@ def test_a_learned_weight_below_zero_is_refused():
         weight -= 1
     with pytest.raises(InputError, match=r"energy 'own' has a weight of -0\.9"):
         solve(objective, start())
+    with pytest.raises(InputError, match="weight is"):
+        Own(lambda s: rows(s.frame), weight.detach())
 
 
 def test_filters_of_other_frames_are_refused():
