@@ -1,0 +1,124 @@
+"""Joints that are late or early against their video: how often a network that looks sees it.
+
+Stretches of 24 frames and whole clips, each view alone, joints of a network or simulated ones with
+the frames of other times: as they are, and some frames late and early. What is named of the first
+is a false alarm. The network is the one that ``perfcap doctor`` and captures look with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import report
+import torch
+from numpy.typing import NDArray
+from recordings import Recording, balancing, demo, rendered, rendered_views
+from report import Report, Table
+from torch import Tensor
+
+from perfcap.io.calibration.pixel_map import read_pixel_map
+from perfcap.io.doctor.looked import examine_looks
+from perfcap.io.video import VideoFile
+
+_SEVERAL = (("dev_views", 1), ("dev_dance", 1), ("dev_duo", 2), ("dev_trio", 3), ("dev_twins", 2))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to run."""
+
+    data: Path = report.DATA
+    """Folder of the recordings."""
+    stretch: int = 24
+    """Frames of the stretches."""
+    late: tuple[int, ...] = (3, 5, 10)
+    """Frames by which joints are late, and early."""
+    views: int = 4
+    """Most views of a recording."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """The video of one view from some frame on; ``Frames`` of one view."""
+
+    file: VideoFile
+    start: int
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+        return self.file.read(self.start + start, self.start + stop)
+
+
+def run(config: Experiment) -> Report:
+    """A row for each recording."""
+    torch.set_num_threads(1)
+    rows = [_row(clip, config) for clip in _recordings(config.data)]
+    counts = np.array([row[1:] for row in rows]).sum(0).tolist()
+    columns = ["recording", "inputs", "named of right ones"]
+    columns += [f"{count} frames off: named" for count in config.late]
+    columns += [f"{count} off: the right way" for count in config.late]
+    title = "joints late or early against the video"
+    return Report((Table(title, tuple(columns), (*rows, ("all", *counts)), 0),))
+
+
+def _recordings(data: Path) -> Iterator[Recording]:
+    yield from (rendered(data, name) for name in ("dev_tight", "dev_skirt", "dev_coat"))
+    yield demo()
+    for name, people in _SEVERAL:
+        yield from (rendered_views(data, name, person) for person in range(1, people + 1))
+    yield balancing(data)
+
+
+def _row(clip: Recording, config: Experiment) -> tuple[str | int, ...]:
+    right, named, way = [], {n: 0 for n in config.late}, {n: 0 for n in config.late}
+    for file, joints, confidence in _views(clip, config.views):
+        count = len(joints)
+        least = max(config.late) + config.stretch
+        parts = [range(a, a + config.stretch) for a in range(0, count - least, config.stretch)]
+        for part in (*parts, range(count)):
+            right.append(bool(_said(file, joints, confidence, part, 0)))
+            for late in config.late:
+                for shift in (late, -late):
+                    said = _said(file, joints, confidence, part, shift)
+                    named[late] += bool(said)
+                    way[late] += ("late" if shift > 0 else "early") in said
+    return (clip.name, len(right), sum(right), *named.values(), *way.values())
+
+
+def _views(clip: Recording, most: int) -> Iterator[tuple[VideoFile, Tensor, Tensor]]:
+    """Video, joints in its pixels (F, 1, 16, 2) and their confidence (F, 1, 16), of each view."""
+    own = [clip.folder / name for name in ("views", "videos")]
+    folders = [*own, clip.folder.parent / "views"]
+    files = [path for folder in folders for path in sorted(folder.glob("*.mp4"))]
+    known = clip.folder / "video_to_native.json"
+    maps = [each for _, each in sorted(read_pixel_map(known).items())] if known.is_file() else []
+    if not files:
+        files = [clip.folder / "video.mp4"]
+    for view, path in enumerate(files[:most]):
+        seen = clip.detections.select([view])
+        joints = seen.joints2d.double()
+        if maps:
+            back = torch.linalg.inv(torch.as_tensor(maps[view]).double())
+            joints = joints @ back[:2, :2].mT + back[:2, 2]
+        yield VideoFile(path), joints, seen.confidence2d
+
+
+def _said(file: VideoFile, joints: Tensor, confidence: Tensor, part: range, shift: int) -> str:
+    """What is said of a part of a clip whose joints are late by some frames."""
+    first, stop = max(part.start, -shift), min(part.stop, len(joints) - shift)  # of the joints
+    if part.start + shift >= 0 and part.stop + shift <= len(joints):
+        first, stop = part.start, part.stop
+    index = slice(first, stop)
+    shown = _View(file, first + shift, stop - first)
+    found = examine_looks(shown, confidence[index], joints[index])
+    return found[0].what if found else ""
+
+
+if __name__ == "__main__":
+    report.main(run, Experiment, "late_joints")
