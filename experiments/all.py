@@ -61,7 +61,7 @@ LONG = (
     "given_cameras",
     "hand_held", "held_out_masks", "image_memory", "joint_places",
     "joint_refinement", "learned_edges", "lens",
-    "late_joints", "lifter_films", "lifter_motion",
+    "looked_joints", "lifter_films", "lifter_motion",
     "lifter_real", "long_clip", "long_surface", "lost_limbs", "mask_corruption", "mask_doubt",
     "moved_cameras", "orbit_frames", "paired_or_soft", "people_detected", "people_labels",
     "people_memory", "people_prior", "people_real", "people_tracker", "planted_mistakes",

@@ -249,7 +249,8 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
         moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
         late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
         found += moved
-    found += late or examine_looks(images.reader, detections.confidence2d, pixels)
+    sure, alone = detections.confidence2d, crowd is None
+    found += late or examine_looks(images.reader, sure, pixels, alone=alone)
     return found
 
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
+from perfcap.detect.known_person import OPPOSITE
 from perfcap.io.actor import models_folder
 from perfcap.io.calibration import PixelMap, read_cameras
 from perfcap.io.clip import Clip
@@ -46,6 +47,24 @@ def test_joints_of_other_frames(frames: int, words: str) -> None:
 
 def test_right_joints() -> None:
     assert said(0) == said(1) == []
+
+
+def test_joints_of_the_other_side() -> None:
+    other = SEEN.joints2d[..., OPPOSITE, :], SEEN.confidence2d[..., OPPOSITE]
+    (found,) = examine_looks(CLIP, other[1], other[0])
+    assert "left and right look exchanged" in found.what
+    assert (found.severity, found.views) == (Severity.ERROR, (0,))
+    some = torch.cat((other[0][:10], SEEN.joints2d[10:]))
+    assert examine_looks(CLIP, SEEN.confidence2d, some) == []
+
+
+def test_joints_of_another_video() -> None:
+    """Upside down they are in the right place."""
+    middle = SEEN.joints2d.mean(-2, keepdim=True)
+    (line,) = said(0, 2 * middle - SEEN.joints2d)
+    assert "of another video or person, or others stand before them" in line
+    upside = 2 * middle - SEEN.joints2d
+    assert examine_looks(CLIP, SEEN.confidence2d, upside, alone=False) == []
 
 
 def test_where_the_network_sees_nobody() -> None:

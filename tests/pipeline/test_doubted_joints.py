@@ -9,6 +9,7 @@ from takes import Take, make_take
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
+from perfcap.detect.known_person import OPPOSITE
 from perfcap.io import models_folder
 from perfcap.io.calibration import read_cameras
 from perfcap.io.clip import Clip
@@ -134,16 +135,22 @@ def test_joints_of_one_view_that_are_held() -> None:
     assert third is not None and not third.doubtful
 
 
-@pytest.mark.parametrize("late", [0, 8])
-def test_joints_of_other_frames_of_the_images_are_doubted(late: int) -> None:
+@pytest.mark.parametrize(
+    ("late", "other", "words"),
+    [(0, False, ""), (8, False, "frames late"), (0, True, "left and right look exchanged")],
+)
+def test_joints_that_images_contradict_are_doubted(late: int, other: bool, words: str) -> None:
     """Nothing but the images is against them."""
     demo = models_folder() / "demo"
     clip, rig = Clip.open(demo / "video.mp4"), read_cameras(demo / "camera.json")
     seen, _ = read_detections([demo / "detections.npz"], views=rig.names)
-    seen = seen.frames((torch.arange(seen.frame_count) - late).clamp(min=0))
+    seen = seen.frames((torch.arange(seen.frame_count) - late).clamp(min=0)).without_poses()
+    if other:
+        sides = seen.joints2d[:, :, OPPOSITE], seen.confidence2d[:, :, OPPOSITE]
+        seen = replace(seen, joints2d=sides[0], confidence2d=sides[1])
     person = Person(make_take(1).actor, seen)
     scene = Scene(rig.cameras, (person,), clip.fps, Images(clip, rig.cameras))
     told = scene_doubts(scene, person, looked_at=True)
-    assert any("frames late" in line for line in told.sentences) == bool(late)
+    assert (words in " ".join(told.sentences)) and bool(told.findings) == bool(words)
     doubted = doubting(seen, told.findings).doubted
-    assert late == 0 if doubted is None else bool(doubted[late:].all())
+    assert not words if doubted is None else bool(doubted[late:].all())

@@ -123,7 +123,9 @@ def examine_take(
         if not moved and not detected:
             late = examine_footage(clip, clip.sizes, detections, there)
     if not detected:
-        late = late or examine_looks(clip, detections.confidence2d, there)
+        late = late or examine_looks(
+            clip, detections.confidence2d, there, alone=alone and everybody is None
+        )
     return findings + late
 
 

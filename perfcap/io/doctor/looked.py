@@ -1,19 +1,21 @@
-"""Whether a network sees the person where the joints are, or where they are some frames later.
+"""Whether a network sees the person where the joints are, or where others of theirs are.
 
 What moves in a video shows late joints of a person who goes somewhere, before cameras at rest. A
 network that looks at the person shows them in place as well, and whatever the camera does: of the
-joints of all frames, those of the image are the nearest to what it sees there.
+joints of all frames, those of the image are the nearest to what it sees there; and of both sides,
+those of the same one, which nothing else shows of one view without 3D poses.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from perfcap.detect.known_person import JUDGED, look_at_known
+from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
 from perfcap.detect.look import CropNetwork
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import Frames, lively_frames
@@ -24,20 +26,33 @@ _SHIFTS = 12  # frames, both ways
 _CONFIDENT, _JOINTS = 0.3, 8
 # Shares of the person, medians of joints: how near joints of another frame must be, and how much
 # nearer than those of the same. No right stretch of 24 frames in one view comes near both at once:
-# none of 101 is named, and of those 3 to 10 frames off two thirds (``late_joints.py``).
+# none of 101 is named, and of those 3 to 10 frames off two thirds (``looked_joints.py``).
 _SEEN, _NEARER, _LATE = 0.06, 0.8, 2
+_OPPOSITE = 0.4  # of the distance, left with left and right exchanged; right ones keep 0.6 and more
+# Of joints that the network is sure of, the share that lies near those given: 0.69 and more of one
+# person alone, less where others pass; of joints of other videos most often below 0.3.
+_SURE, _ENOUGH, _ELSEWHERE = 0.4, 20, 0.35
+
+Array = NDArray[np.float64]
 
 
 def examine_looks(
-    clip: Frames, confidence: Tensor, joints2d: Tensor, network: CropNetwork | None = None
+    clip: Frames,
+    confidence: Tensor,
+    joints2d: Tensor,
+    network: CropNetwork | None = None,
+    alone: bool = True,
 ) -> list[Finding]:
-    """Whether joints are late or early against the images in which a network sees the person.
+    """Whether joints are late or early, of the other side, or not of who is seen at all.
+
+    Networks that look from behind take one side for the other in some frames, not in most.
 
     Args:
         clip: C views.
         confidence: of the joints, (F, C, 16).
         joints2d: in pixels of the videos, (F, C, 16, 2).
         network: that looks; the shipped one if not given.
+        alone: whether the person is; of several, a network may see the one in front.
     """
     count = min(len(clip), len(joints2d))
     if count < _FEWEST:
@@ -49,13 +64,20 @@ def examine_looks(
     network = network or _shipped()
     if network is None:
         return []
-    off = [
-        _apart(network, clip.read_view(view, frame, frame + 1)[0], places[:, view], frame)
+    looks = [
+        _look(network, clip.read_view(view, frame, frame + 1)[0], places[:, view], frame)
         for view in range(min(places.shape[1], _VIEWS))
         for frame in frames
         if np.isfinite(places[frame, view]).all(-1).sum() >= _JOINTS
     ]
-    return _late(np.stack(off)) if len(off) >= _FEWEST else []
+    if len(looks) < _FEWEST:
+        return []
+    apart, opposite, sure = (np.stack(each) for each in zip(*looks, strict=True))
+    same = apart[:, _SHIFTS]
+    found = _late(apart) or _exchanged(same, opposite)
+    views = tuple(range(joints2d.shape[1]))  # wrong in every view: they can agree all the same
+    found = [replace(each, views=views) for each in found]
+    return found or (_elsewhere(same, sure) if alone else [])
 
 
 @cache
@@ -67,28 +89,31 @@ def _shipped() -> CropNetwork | None:
     return OnnxDetector(folder) if folder.is_dir() else None
 
 
-def _apart(
-    network: CropNetwork, image: NDArray[np.uint8], places: NDArray[np.float64], frame: int
-) -> NDArray[np.float64]:
+def _look(
+    network: CropNetwork, image: NDArray[np.uint8], places: Array, frame: int
+) -> tuple[Array, Array, Array]:
     """Distances of what is seen in an image from joints (F, 16, 2) of frames around it.
 
     Returns:
-        Shares of the person, (2 S + 1, J), of ``_SHIFTS`` S frames before to as many behind; NaN
-        where unknown.
+        Shares of the person, (2 S + 1, J), of ``_SHIFTS`` S frames before to as many behind, and
+        (J,) of the other side's joints of its own frame, NaN where unknown; how sure the network
+        is, (J,).
     """
+    nothing = np.full(len(JUDGED), np.nan)
     found = np.full((2 * _SHIFTS + 1, len(JUDGED)), np.nan)
     known = places[frame]
     looked = look_at_known(network, np.ascontiguousarray(image), known)
     if looked is None:
-        return found
-    size = float((np.nanmax(known, 0) - np.nanmin(known, 0)).max())
+        return found, nothing, np.zeros(len(JUDGED))
+    size = max(float((np.nanmax(known, 0) - np.nanmin(known, 0)).max()), 1e-6)
     first, last = max(0, frame - _SHIFTS), min(len(places), frame + _SHIFTS + 1)
     apart = np.linalg.norm(places[first:last] - looked[0], axis=-1)[:, JUDGED]
-    found[first - frame + _SHIFTS : last - frame + _SHIFTS] = apart / max(size, 1e-6)
-    return found
+    found[first - frame + _SHIFTS : last - frame + _SHIFTS] = apart / size
+    opposite = np.linalg.norm(known[OPPOSITE] - looked[0], axis=-1)[JUDGED] / size
+    return found, opposite, looked[1][JUDGED]
 
 
-def _late(off: NDArray[np.float64]) -> list[Finding]:
+def _late(off: Array) -> list[Finding]:
     """A finding where joints of other frames are clearly nearer, by distances (N, 2 S + 1, J)."""
     known = np.isfinite(off).any(-1).sum(0) * 2 >= len(off)
     if not known[_SHIFTS]:
@@ -106,4 +131,36 @@ def _late(off: NDArray[np.float64]) -> list[Finding]:
         "those of the same frame"
     )
     remedy = "detect in this very video, and count frames from its first"
+    return [Finding(Severity.WARNING, "detections", what, remedy)]
+
+
+def _exchanged(same: Array, opposite: Array) -> list[Finding]:
+    """A finding where joints of the other side are far nearer, by distances (N, J)."""
+    known = np.isfinite(same) & np.isfinite(opposite)
+    if not known.any():
+        return []
+    now, other = float(np.median(same[known])), float(np.median(opposite[known]))
+    if other > min(_SEEN, _OPPOSITE * now):
+        return []
+    what = (
+        f"left and right look exchanged: a network sees the person's joints {other:.1%} of their "
+        f"size from those of the other side, {now:.1%} from their own"
+    )
+    remedy = "exchange them: left is the person's own, also where they face the camera"
+    return [Finding(Severity.ERROR, "detections", what, remedy)]
+
+
+def _elsewhere(same: Array, sure: Array) -> list[Finding]:
+    """A finding where joints are not where the network surely sees them, by distances (N, J)."""
+    known = np.isfinite(same) & (sure > _SURE)
+    if known.sum() < _ENOUGH:
+        return []
+    share = float((same[known] < NEAR).mean())
+    if share >= _ELSEWHERE:
+        return []
+    what = (
+        "joints look to be of another video or person, or others stand before them: of those that "
+        f"a network surely sees, {share:.0%} lie within a tenth of the person of the ones given"
+    )
+    remedy = "check that they were detected in this very video, and are in its pixels"
     return [Finding(Severity.WARNING, "detections", what, remedy)]

@@ -1,14 +1,16 @@
-"""Joints that are late or early against their video: how often a network that looks sees it.
+"""Joints that are late, or of the other side, in their video: how often looks of a network show it.
 
 Stretches of 24 frames and whole clips, each view alone, joints of a network or simulated ones with
-the frames of other times: as they are, and some frames late and early. What is named of the first
-is a false alarm. The network is the one that ``perfcap doctor`` and captures look with.
+the frames of other times: as they are, some frames late and early, and with left and right
+exchanged. What is named of the first is a false alarm. And joints of the other recordings whose
+images are as large. The network is the one that ``perfcap doctor`` and captures look with.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +21,12 @@ from recordings import Recording, balancing, demo, rendered, rendered_views
 from report import Report, Table
 from torch import Tensor
 
+from perfcap.detect.known_person import OPPOSITE
 from perfcap.io.calibration.pixel_map import read_pixel_map
 from perfcap.io.doctor.looked import examine_looks
 from perfcap.io.video import VideoFile
 
+_Seen = tuple[VideoFile, Tensor, Tensor]
 _SEVERAL = (("dev_views", 1), ("dev_dance", 1), ("dev_duo", 2), ("dev_trio", 3), ("dev_twins", 2))
 
 
@@ -58,13 +62,15 @@ class _View:
 def run(config: Experiment) -> Report:
     """A row for each recording."""
     torch.set_num_threads(1)
-    rows = [_row(clip, config) for clip in _recordings(config.data)]
+    clips = [(clip, list(_views(clip, config.views))) for clip in _recordings(config.data)]
+    rows = [_row(clip.name, views, config) for clip, views in clips]
     counts = np.array([row[1:] for row in rows]).sum(0).tolist()
-    columns = ["recording", "inputs", "named of right ones"]
+    columns = ["recording", "inputs", "named of right ones", "exchanged: named"]
     columns += [f"{count} frames off: named" for count in config.late]
     columns += [f"{count} off: the right way" for count in config.late]
-    title = "joints late or early against the video"
-    return Report((Table(title, tuple(columns), (*rows, ("all", *counts)), 0),))
+    title = "joints of other frames or sides than the video shows"
+    seen = Table(title, tuple(columns), (*rows, ("all", *counts)), 0)
+    return Report((seen, _of_others(clips)))
 
 
 def _recordings(data: Path) -> Iterator[Recording]:
@@ -75,23 +81,41 @@ def _recordings(data: Path) -> Iterator[Recording]:
     yield balancing(data)
 
 
-def _row(clip: Recording, config: Experiment) -> tuple[str | int, ...]:
-    right, named, way = [], {n: 0 for n in config.late}, {n: 0 for n in config.late}
-    for file, joints, confidence in _views(clip, config.views):
+def _of_others(clips: Sequence[tuple[Recording, Sequence[_Seen]]]) -> Table:
+    """How often joints of another recording are named in the first views of each."""
+    rows = []
+    for clip, views in clips:
+        said = []
+        for (file, *_), other in product(views[:2], clips):
+            if other[0].folder == clip.folder:
+                continue  # somebody else of the same video
+            for theirs, joints, confidence in other[1][:2]:
+                if theirs.size == file.size:
+                    count = range(min(len(joints), 36))
+                    said.append(bool(_said(file, joints, confidence, count, 0)))
+        rows.append((clip.name, len(said), sum(said)))
+    return Table("joints of other recordings", ("video", "inputs", "named"), tuple(rows), 0)
+
+
+def _row(name: str, views: Sequence[_Seen], config: Experiment) -> tuple[str | int, ...]:
+    right, sides, named, way = [], [], {n: 0 for n in config.late}, {n: 0 for n in config.late}
+    for file, joints, confidence in views:
         count = len(joints)
         least = max(config.late) + config.stretch
         parts = [range(a, a + config.stretch) for a in range(0, count - least, config.stretch)]
         for part in (*parts, range(count)):
             right.append(bool(_said(file, joints, confidence, part, 0)))
+            other = joints[..., OPPOSITE, :], confidence[..., OPPOSITE]
+            sides.append("left and right" in _said(file, *other, part, 0))
             for late in config.late:
                 for shift in (late, -late):
                     said = _said(file, joints, confidence, part, shift)
                     named[late] += bool(said)
                     way[late] += ("late" if shift > 0 else "early") in said
-    return (clip.name, len(right), sum(right), *named.values(), *way.values())
+    return (name, len(right), sum(right), sum(sides), *named.values(), *way.values())
 
 
-def _views(clip: Recording, most: int) -> Iterator[tuple[VideoFile, Tensor, Tensor]]:
+def _views(clip: Recording, most: int) -> Iterator[_Seen]:
     """Video, joints in its pixels (F, 1, 16, 2) and their confidence (F, 1, 16), of each view."""
     own = [clip.folder / name for name in ("views", "videos")]
     folders = [*own, clip.folder.parent / "views"]
@@ -121,4 +145,4 @@ def _said(file: VideoFile, joints: Tensor, confidence: Tensor, part: range, shif
 
 
 if __name__ == "__main__":
-    report.main(run, Experiment, "late_joints")
+    report.main(run, Experiment, "looked_joints")
