@@ -2,15 +2,16 @@
 
 Stretches of 24 frames and whole clips, each view alone, joints of a network or simulated ones with
 the frames of other times: as they are, some frames late and early, and with left and right
-exchanged. What is named of the first is a false alarm. And joints of the other recordings whose
-images are as large. The network is the one that ``perfcap doctor`` and captures look with.
+exchanged. What is named of the first is a false alarm. Joints of other recordings whose images are
+as large; all views, the videos of two of them exchanged. The network is the one that ``perfcap
+doctor`` and captures look with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,19 @@ class _View:
         return self.file.read(self.start + start, self.start + stop)
 
 
+@dataclass(frozen=True)
+class _Views:
+    """The videos of several views."""
+
+    files: Sequence[VideoFile]
+
+    def __len__(self) -> int:
+        return min(len(file) for file in self.files)
+
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+        return self.files[view].read(start, stop)
+
+
 def run(config: Experiment) -> Report:
     """A row for each recording."""
     torch.set_num_threads(1)
@@ -70,7 +84,7 @@ def run(config: Experiment) -> Report:
     columns += [f"{count} off: the right way" for count in config.late]
     title = "joints of other frames or sides than the video shows"
     seen = Table(title, tuple(columns), (*rows, ("all", *counts)), 0)
-    return Report((seen, _of_others(clips)))
+    return Report((seen, _of_others(clips), _in_other_order(clips)))
 
 
 def _recordings(data: Path) -> Iterator[Recording]:
@@ -95,6 +109,30 @@ def _of_others(clips: Sequence[tuple[Recording, Sequence[_Seen]]]) -> Table:
                     said.append(bool(_said(file, joints, confidence, count, 0)))
         rows.append((clip.name, len(said), sum(said)))
     return Table("joints of other recordings", ("video", "inputs", "named"), tuple(rows), 0)
+
+
+def _in_other_order(clips: Sequence[tuple[Recording, Sequence[_Seen]]]) -> Table:
+    """How often two of all views are named whose videos are exchanged, and views that are right."""
+    rows = []
+    for clip, views in clips:
+        joints, confidence = (torch.cat(each, 1) for each in list(zip(*views, strict=True))[1:])
+        names = [str(view) for view in range(len(views))]
+        both = one = others = 0
+        pairs = list(combinations(range(len(views)), 2))
+        for pair in pairs:
+            order = list(range(len(views)))
+            order[pair[0]], order[pair[1]] = pair[1], pair[0]
+            files = _Views([views[view][0] for view in order])
+            found = examine_looks(files, confidence, joints, names)
+            told = [each.subject for each in found if "another video" in each.what]
+            low = {int(view) for subject in told for view in subject.split(", ")}
+            both += low >= set(pair)
+            one += len(low & set(pair)) == 1
+            others += len(low - set(pair))
+        if pairs:
+            rows.append((clip.name, len(pairs), both, one, others))
+    columns = ("recording", "pairs of views", "both named", "one named", "others named")
+    return Table("views whose videos are exchanged", columns, tuple(rows), 0)
 
 
 def _row(name: str, views: Sequence[_Seen], config: Experiment) -> tuple[str | int, ...]:

@@ -250,7 +250,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
         late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
         found += moved
     sure, alone = detections.confidence2d, crowd is None
-    found += late or examine_looks(images.reader, sure, pixels, alone=alone)
+    found += late or examine_looks(images.reader, sure, pixels, names, alone=alone)
     return found
 
 

@@ -65,6 +65,10 @@ def test_joints_of_another_video() -> None:
     assert "of another video or person, or others stand before them" in line
     upside = 2 * middle - SEEN.joints2d
     assert examine_looks(CLIP, SEEN.confidence2d, upside, alone=False) == []
+    both = Clip.open([DEMO / "video.mp4"] * 2)
+    joints, sure = torch.cat((SEEN.joints2d, upside), 1), SEEN.confidence2d.expand(-1, 2, -1)
+    (found,) = examine_looks(both, sure, joints, ("left", "right"))
+    assert found.subject == "right" and "in the same order" in found.remedy
 
 
 def test_where_the_network_sees_nobody() -> None:

@@ -124,7 +124,7 @@ def examine_take(
             late = examine_footage(clip, clip.sizes, detections, there)
     if not detected:
         late = late or examine_looks(
-            clip, detections.confidence2d, there, alone=alone and everybody is None
+            clip, detections.confidence2d, there, rig.names, alone=alone and everybody is None
         )
     return findings + late
 

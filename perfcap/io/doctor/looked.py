@@ -8,8 +8,10 @@ those of the same one, which nothing else shows of one view without 3D poses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import Frames, lively_frames
 
 _NETWORK = "lightning"  # the fastest of those shipped
-_VIEWS, _LOOKS, _FEWEST = 2, 16, 6  # most that are looked at; looks that say something
+_LOOKS, _MOST, _FEWEST = 48, 16, 6  # in all views; in one, and the fewest that say something
 _SHIFTS = 12  # frames, both ways
 _CONFIDENT, _JOINTS = 0.3, 8
 # Shares of the person, medians of joints: how near joints of another frame must be, and how much
@@ -40,6 +42,7 @@ def examine_looks(
     clip: Frames,
     confidence: Tensor,
     joints2d: Tensor,
+    names: Sequence[str] = (),
     network: CropNetwork | None = None,
     alone: bool = True,
 ) -> list[Finding]:
@@ -51,6 +54,7 @@ def examine_looks(
         clip: C views.
         confidence: of the joints, (F, C, 16).
         joints2d: in pixels of the videos, (F, C, 16, 2).
+        names: of several views.
         network: that looks; the shipped one if not given.
         alone: whether the person is; of several, a network may see the one in front.
     """
@@ -58,26 +62,31 @@ def examine_looks(
     if count < _FEWEST:
         return []
     index, _ = lively_frames(joints2d[:count], confidence[:count])
-    frames = index[:: max(1, len(index) // _LOOKS)][:_LOOKS]
+    views = range(joints2d.shape[1])
+    most = min(_MOST, max(_FEWEST, _LOOKS // len(views)))
+    frames = index[:: max(1, len(index) // most)][:most]
     places = joints2d[:count].detach().double().cpu().numpy().copy()
     places[confidence[:count].detach().cpu().numpy() <= _CONFIDENT] = np.nan
     network = network or _shipped()
     if network is None:
         return []
-    looks = [
-        _look(network, clip.read_view(view, frame, frame + 1)[0], places[:, view], frame)
-        for view in range(min(places.shape[1], _VIEWS))
-        for frame in frames
-        if np.isfinite(places[frame, view]).all(-1).sum() >= _JOINTS
-    ]
+    looks, shown = [], []
+    for view, frame in product(views, frames):
+        if np.isfinite(places[frame, view]).all(-1).sum() >= _JOINTS:
+            image = clip.read_view(view, frame, frame + 1)[0]
+            looks.append(_look(network, image, places[:, view], frame))
+            shown.append(view)
     if len(looks) < _FEWEST:
         return []
     apart, opposite, sure = (np.stack(each) for each in zip(*looks, strict=True))
-    same = apart[:, _SHIFTS]
+    same, of = apart[:, _SHIFTS], np.array(shown)
     found = _late(apart) or _exchanged(same, opposite)
-    views = tuple(range(joints2d.shape[1]))  # wrong in every view: they can agree all the same
-    found = [replace(each, views=views) for each in found]
-    return found or (_elsewhere(same, sure) if alone else [])
+    # wrong in every view: they can agree all the same
+    found = [replace(each, views=tuple(views)) for each in found]
+    if found or not alone:
+        return found
+    shares = [_share(same[of == view], sure[of == view]) for view in views]
+    return _elsewhere(shares, names if len(views) > 1 else ())
 
 
 @cache
@@ -150,17 +159,24 @@ def _exchanged(same: Array, opposite: Array) -> list[Finding]:
     return [Finding(Severity.ERROR, "detections", what, remedy)]
 
 
-def _elsewhere(same: Array, sure: Array) -> list[Finding]:
-    """A finding where joints are not where the network surely sees them, by distances (N, J)."""
+def _share(same: Array, sure: Array) -> float:
+    """Of joints that the network surely sees in a view, those near the ones given; 1 of too few."""
     known = np.isfinite(same) & (sure > _SURE)
-    if known.sum() < _ENOUGH:
-        return []
-    share = float((same[known] < NEAR).mean())
-    if share >= _ELSEWHERE:
+    return float((same[known] < NEAR).mean()) if known.sum() >= _ENOUGH else 1.0
+
+
+def _elsewhere(shares: Sequence[float], names: Sequence[str]) -> list[Finding]:
+    """A finding where joints are not where the network surely sees them, by view."""
+    low = [view for view, share in enumerate(shares) if share < _ELSEWHERE]
+    if not low:
         return []
     what = (
         "joints look to be of another video or person, or others stand before them: of those that "
-        f"a network surely sees, {share:.0%} lie within a tenth of the person of the ones given"
+        f"a network surely sees, {max(shares[view] for view in low):.0%} or less lie within a "
+        "tenth of the person of the ones given"
     )
     remedy = "check that they were detected in this very video, and are in its pixels"
-    return [Finding(Severity.WARNING, "detections", what, remedy)]
+    if names:
+        remedy += "; and that joints and videos of the views are in the same order"
+    subject = ", ".join(names[view] for view in low) if names else "detections"
+    return [Finding(Severity.WARNING, subject, what, remedy)]
