@@ -155,9 +155,7 @@ def _row(name: str, views: Sequence[_Seen], config: Experiment) -> tuple[str | i
 
 def _views(clip: Recording, most: int) -> Iterator[_Seen]:
     """Video, joints in its pixels (F, 1, 16, 2) and their confidence (F, 1, 16), of each view."""
-    own = [clip.folder / name for name in ("views", "videos")]
-    folders = [*own, clip.folder.parent / "views"]
-    files = [path for folder in folders for path in sorted(folder.glob("*.mp4"))]
+    files = sorted([*clip.folder.glob("views/*.mp4"), *clip.folder.glob("videos/*.mp4")])
     known = clip.folder / "video_to_native.json"
     maps = [each for _, each in sorted(read_pixel_map(known).items())] if known.is_file() else []
     if not files:

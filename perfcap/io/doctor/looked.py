@@ -25,14 +25,16 @@ from perfcap.io.doctor.footage import Frames, lively_frames
 _NETWORK = "lightning"  # the fastest of those shipped
 _LOOKS, _MOST, _FEWEST = 48, 16, 6  # in all views; in one, and the fewest that say something
 _SHIFTS = 12  # frames, both ways
-_CONFIDENT, _JOINTS = 0.3, 8
+_CONFIDENT, _JOINTS = 0.3, 8  # of joints that count; how many of them a look needs
 # Shares of the person, medians of joints: how near joints of another frame must be, and how much
 # nearer than those of the same. No right stretch of 24 frames in one view comes near both at once:
 # none of 101 is named, and of those 3 to 10 frames off two thirds (``looked_joints.py``).
 _SEEN, _NEARER, _LATE = 0.06, 0.8, 2
-_OPPOSITE = 0.4  # of the distance, left with left and right exchanged; right ones keep 0.6 and more
-# Of joints that the network is sure of, the share that lies near those given: 0.69 and more of one
-# person alone, less where others pass; of joints of other videos most often below 0.3.
+# Of the distance, what is left with left and right exchanged: none of these 101 is named, and of
+# exchanged ones 72 %.
+_OPPOSITE = 0.4
+# Of joints that the network is sure of, the share near those given, below which they are others:
+# 96 % of those of other recordings are named, and of right ones none but where others pass.
 _SURE, _ENOUGH, _ELSEWHERE = 0.4, 20, 0.35
 
 Array = NDArray[np.float64]
@@ -172,8 +174,8 @@ def _elsewhere(shares: Sequence[float], names: Sequence[str]) -> list[Finding]:
         return []
     what = (
         "joints look to be of another video or person, or others stand before them: of those that "
-        f"a network surely sees, {max(shares[view] for view in low):.0%} or less lie within a "
-        "tenth of the person of the ones given"
+        f"a network surely sees, at most {max(shares[view] for view in low):.0%} lie within a "
+        "tenth of the person's size of the ones given"
     )
     remedy = "check that they were detected in this very video, and are in its pixels"
     if names:
