@@ -12,6 +12,7 @@ from perfcap.app.console import PlainConsole
 from perfcap.app.network_guess import guess_manifest
 from perfcap.app.network_trial import try_network
 from perfcap.app.networks import DETECTORS, find_model
+from perfcap.app.pose_trial import try_poses
 from perfcap.commands.models import TryNetwork, WriteManifest
 from perfcap.detect.joint_set import JOINT_SETS
 from perfcap.detect.manifest import FILE as MANIFEST
@@ -149,7 +150,7 @@ def run_try(request: TryNetwork) -> int:
     """
     console = PlainConsole()
     lines = [*_tried(find_model(request.model, DETECTORS))]
-    for line in lines or ["has no 2D joints to try"]:
+    for line in lines or ["has no joints to try"]:
         console.print(line, soft_wrap=True)
     return 0
 
@@ -157,7 +158,12 @@ def run_try(request: TryNetwork) -> int:
 def _tried(folder: Path) -> Iterator[str]:
     """What there is to say of a network after a trial."""
     finds = read_manifest(folder).output.kind == PEOPLE
-    yield from try_network(OnnxFinder(folder) if finds else OnnxDetector(folder))
+    if finds:
+        yield from try_network(OnnxFinder(folder))
+        return
+    network = OnnxDetector(folder)
+    yield from try_network(network)
+    yield from try_poses(network)
 
 
 def _quoted(text: str) -> str:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from perfcap.app.known_frames import known_frames
 from perfcap.detect.crop import Frame
 from perfcap.detect.joint_set import LANDMARKS, map_to_landmarks
 from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
@@ -22,13 +21,9 @@ from perfcap.detect.manifest import InputSpec, Manifest
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.detect.people import OnnxFinder
 from perfcap.errors import InputError
-from perfcap.io.actor import models_folder
-from perfcap.io.calibration import read_cameras
-from perfcap.io.video import VideoFile
 
 Floats = NDArray[np.float64]
 
-_EVERY = 6  # frames of the clip
 # Distances of another reading, in those of the manifest's, where that is no surer. Of the shipped
 # networks read rightly it is 0.95 and more. Read wrongly, that of the right reading is 0.6 and less
 # for values of another range and 0.05 for x and y exchanged; for colours in another order it is 0.8
@@ -177,7 +172,9 @@ def _read(network: OnnxDetector | OnnxFinder, manifest: Manifest) -> Reading:
     before = network.manifest
     try:
         network.manifest = manifest
-        seen = [(*_look(network, frame, truth), truth) for frame, truth in _clip()]
+        seen = [
+            (*_look(network, each.image, each.joints2d), each.joints2d) for each in known_frames()
+        ]
     finally:
         network.manifest = before
     judged = [n for n in JUDGED if LANDMARKS[n] not in network.joint_set.missing()]
@@ -211,17 +208,3 @@ def _look(network: OnnxDetector | OnnxFinder, frame: Frame, truth: Floats) -> tu
         return np.zeros((len(LANDMARKS), 2)), np.zeros(len(LANDMARKS))
     points, sure = map_to_landmarks(looks[0].joints2d, looks[0].confidence, network.joint_set)
     return points.double().numpy(), sure.double().numpy()
-
-
-@cache
-def _clip() -> tuple[tuple[Frame, Floats], ...]:
-    """Frames of the shipped clip and its landmarks (16, 2) in them, pixels."""
-    folder = models_folder() / "demo"
-    camera = read_cameras(folder / "camera.json").cameras
-    with np.load(folder / "truth.npz") as data:
-        names = [str(name) for name in data["joint_names"]]
-        joints = torch.from_numpy(data["joints3d"])[:, [names.index(name) for name in LANDMARKS]]
-    pixels = camera.project(joints)[:, 0].numpy()
-    video = VideoFile(folder / "video.mp4")
-    numbers = range(0, len(pixels), _EVERY)
-    return tuple((np.asarray(video.read(n, n + 1)[0]), pixels[n]) for n in numbers)

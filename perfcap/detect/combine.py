@@ -155,7 +155,7 @@ def _to_detections(looks: list[Look | None], network: CropNetwork) -> Detections
     poses = torch.stack(
         [zero3d if look is None or look.joints3d is None else look.joints3d for look in looks]
     )
-    joints3d, complete = _positions(poses, joint_set)
+    joints3d, complete = landmark_positions(poses, joint_set)
     trusted = torch.tensor(seen) & complete
     return Detections(
         joints2d[:, None],
@@ -166,8 +166,13 @@ def _to_detections(looks: list[Look | None], network: CropNetwork) -> Detections
     )
 
 
-def _positions(poses: Tensor, joint_set: JointSet) -> tuple[Tensor, Tensor]:
-    """3D landmarks (F, 16, 3) about the middle of the hips, and which frames have all of them."""
+def landmark_positions(poses: Tensor, joint_set: JointSet) -> tuple[Tensor, Tensor]:
+    """3D landmarks (F, 16, 3) about the middle of the hips, and which frames have all of them.
+
+    Args:
+        poses: joints of the set (F, J, 3), metres, about any point; NaN where unknown.
+        joint_set: names of the J joints.
+    """
     known = poses.isfinite().all(-1)
     mapped, seen = map_to_landmarks(poses, known.to(poses), joint_set)
     hips = [LANDMARKS.index("r_hip"), LANDMARKS.index("l_hip")]

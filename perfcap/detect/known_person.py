@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from perfcap.detect.crop import Crop, Frame, body_box
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16, map_to_landmarks
-from perfcap.detect.look import CropNetwork, look_at
+from perfcap.detect.look import CropNetwork, Look, look_at
 
 Floats = NDArray[np.float64]
 
@@ -35,11 +35,18 @@ def look_at_known(
     Returns:
         None where too few are known for a crop.
     """
+    look = look_around(network, frame, joints)
+    if look is None:
+        return None
+    points, sure = map_to_landmarks(look.joints2d, look.confidence, network.joint_set)
+    return points.double().numpy(), sure.double().numpy()
+
+
+def look_around(network: CropNetwork, frame: Frame, joints: Floats) -> Look | None:
+    """All that a network sees in the crop around known landmarks, as of ``look_at_known``."""
     known = torch.from_numpy(np.isfinite(joints).all(-1)).float()
     box = body_box(torch.from_numpy(np.nan_to_num(joints)), known, 0.5)
     if box is None:
         return None
     spec = network.manifest.input
-    look = look_at(network, frame, [Crop.around(box, spec.size, spec.padding)])[0]
-    points, sure = map_to_landmarks(look.joints2d, look.confidence, network.joint_set)
-    return points.double().numpy(), sure.double().numpy()
+    return look_at(network, frame, [Crop.around(box, spec.size, spec.padding)])[0]

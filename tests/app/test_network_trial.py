@@ -7,7 +7,7 @@ import pytest
 from runs import Command
 
 from perfcap.app.networks import open_networks
-from perfcap.detect.joint_set import COCO17
+from perfcap.detect.joint_set import COCO17, find_joint_set
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
@@ -69,3 +69,31 @@ def test_captures_refuse_networks_that_take_left_for_right(tmp_path: Path) -> No
 
 def test_networks_that_are_not_there_are_refused(perfcap: Command) -> None:
     assert "no such folder" in perfcap(["models", "try", "nothing"]).refused()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("new", "said"),
+    [
+        ("signs3d = [1, 1, -1]", "with signs3d = [1, 1, 1] they are 11"),
+        ("signs3d = [-1, 1, 1]", "with signs3d = [1, 1, 1] they are 11"),
+        ("metres = 1000.0", "times as large as the person; output.metres = 1 fits"),
+        ("metres = 0.001\nsigns3d = [1, -1, 1]", "with signs3d = [1, 1, 1] they are 11"),
+    ],
+)
+def test_3d_poses_with_other_signs_or_units_are_named(
+    perfcap: Command, tmp_path: Path, new: str, said: str
+) -> None:
+    folder = spoilt(tmp_path, "blazepose", 'joints3d = "world"', f'joints3d = "world"\n{new}')
+    assert said in perfcap(["models", "try", folder]).out.partition("to check: ")[2]
+
+
+@pytest.mark.long
+def test_3d_poses_with_sides_exchanged_are_named(perfcap: Command, tmp_path: Path) -> None:
+    names = [
+        {"l_": "r_", "r_": "l_"}.get(name[:2], name[:2]) + name[2:]
+        for name in find_joint_set("BlazePose-33").joints
+    ]
+    folder = spoilt(tmp_path, "blazepose", 'set = "BlazePose-33"', f"names = {names}")
+    said = perfcap(["models", "try", folder]).out
+    assert "left and right in joints.names or joints.set exchanged they are 11" in said
