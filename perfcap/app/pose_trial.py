@@ -39,6 +39,9 @@ def try_poses(network: OnnxDetector) -> Iterator[str]:
     if found is None:
         return
     poses, truth = found
+    if not len(poses):
+        yield "to check: 3D poses are not used; they need joints for all of the 16 landmarks"
+        return
     signs = network.manifest.output.signs3d
     own = _Fit.of(poses, truth)
     others = {
@@ -88,7 +91,10 @@ class _Fit:
 
 
 def _poses(network: OnnxDetector) -> tuple[Tensor, Tensor] | None:
-    """Landmarks that a network sees and true ones, (F, 16, 3) metres; None without 3D poses."""
+    """Landmarks that a network sees and true ones, (F, 16, 3) metres; None without 3D poses.
+
+    Of frames alone in which all landmarks have a place.
+    """
     frames = known_frames()
     looks = [look_around(network, frame.image, frame.joints2d) for frame in frames]
     poses = [look.joints3d for look in looks if look is not None and look.joints3d is not None]
@@ -96,4 +102,4 @@ def _poses(network: OnnxDetector) -> tuple[Tensor, Tensor] | None:
         return None
     found, whole = landmark_positions(torch.stack(poses), network.joint_set)
     truth = torch.stack([torch.from_numpy(frame.joints3d) for frame in frames])
-    return (found.double()[whole], truth[whole]) if bool(whole.any()) else None
+    return found.double()[whole], truth[whole]

@@ -39,11 +39,12 @@ def combined(
 ) -> Detections:
     """What all networks saw of one person, as one."""
     looks = [None if one is None else one.look for one in seen]
-    found = _to_detections(_finished(looks, network, camera), network)
+    own = _turned(_settled(looks, network.joint_set), network, camera)
+    found = _to_detections(own, network)
     if not others:
         return found
     size = torch.tensor([0.0 if look is None else look.crop.height for look in looks])
-    further = [_helped(other, place, seen) for place, other in enumerate(others)]
+    further = [_helped(other, place, seen, camera) for place, other in enumerate(others)]
     for other, marks in zip(others, further, strict=True):
         if sides_differ(_landmarks(marks), _landmarks(found), size.clamp(min=1.0)):
             _LOG.warning(
@@ -54,19 +55,12 @@ def combined(
     return _fused(found, further, size.clamp(min=1.0), poses)
 
 
-def _finished(
-    looks: list[Look | None], network: CropNetwork, camera: Camera | None
-) -> list[Look | None]:
-    settled = _settled(looks, network.joint_set)
-    if camera is not None and network.manifest.output.crop_axes:
-        settled = _in_camera_axes(settled, camera)
-    return settled
-
-
-def _helped(network: CropNetwork, place: int, seen: list[Seen | None]) -> Detections:
+def _helped(
+    network: CropNetwork, place: int, seen: list[Seen | None], camera: Camera | None
+) -> Detections:
     """What another network saw, with the sides as it saw them."""
     looks = [None if one is None else one.others[place] for one in seen]
-    return _to_detections(looks, network)
+    return _to_detections(_turned(looks, network, camera), network)
 
 
 def _fused(
@@ -80,10 +74,10 @@ def _fused(
         joints2d=whole_body.joints2d[:, None],
         confidence2d=whole_body.confidence[:, None],
     )
-    if not poses or found.joints3d is not None:
+    if not poses or bool(found.trusted3d.any()):
         return found
     for other, seen in zip(others, marks[1:], strict=True):
-        if other.joints3d is not None:
+        if other.joints3d is not None and bool(other.trusted3d.any()):
             swapped = other.joints3d[:, :, list(LANDMARKS16.mirrored())]
             wrong = exchanged(seen, marks[0], size)[:, None, None, None]
             right = torch.where(wrong, swapped, other.joints3d)
@@ -127,8 +121,12 @@ def _settle(looks: list[Look], order: tuple[int, ...]) -> list[Look]:
     return settled
 
 
-def _in_camera_axes(looks: list[Look | None], camera: Camera) -> list[Look | None]:
-    """The same looks with 3D joints turned from the ray through their crop to the camera."""
+def _turned(
+    looks: list[Look | None], network: CropNetwork, camera: Camera | None
+) -> list[Look | None]:
+    """The same looks with 3D joints in the camera's axes, where a network gives the crop's."""
+    if camera is None or not network.manifest.output.crop_axes:
+        return looks
     centers = [(0.0, 0.0) if look is None else look.crop.center for look in looks]
     pixels = torch.tensor(centers, dtype=camera.intrinsics.dtype)[:, None, None]
     turns = toward(camera.to_plane(pixels)[:, 0, 0]).float()

@@ -81,6 +81,8 @@ class OnnxDetector:
         missing = self.joint_set.missing()
         name = self.manifest.path.parent
         note = f"{name}: {self.joint_set.name} has no {', '.join(missing)}"
+        if self.sees_poses:
+            note += "; its 3D poses are not used, which need all of the 16 landmarks"
         return (*self.session.warnings, *((note,) if missing else ()))
 
     @property

@@ -8,6 +8,7 @@ from runs import Command
 
 from perfcap.app.networks import open_networks
 from perfcap.detect.joint_set import COCO17, find_joint_set
+from perfcap.detect.onnx import OnnxDetector
 from perfcap.errors import InputError
 from perfcap.io.actor import models_folder
 
@@ -97,3 +98,14 @@ def test_3d_poses_with_sides_exchanged_are_named(perfcap: Command, tmp_path: Pat
     folder = spoilt(tmp_path, "blazepose", 'set = "BlazePose-33"', f"names = {names}")
     said = perfcap(["models", "try", folder]).out
     assert "left and right in joints.names or joints.set exchanged they are 11" in said
+
+
+@pytest.mark.long
+def test_3d_poses_that_lack_landmarks_are_said_to_be_unused(
+    perfcap: Command, tmp_path: Path
+) -> None:
+    names = [name.replace("toe", "claw") for name in find_joint_set("BlazePose-33").joints]
+    folder = spoilt(tmp_path, "blazepose", 'set = "BlazePose-33"', f"names = {names}")
+    assert "to check: 3D poses are not used" in perfcap(["models", "try", folder]).out
+    (words,) = OnnxDetector(folder).warnings
+    assert words.endswith("its 3D poses are not used, which need all of the 16 landmarks")
