@@ -129,6 +129,9 @@ def _otherwise(manifest: Manifest) -> Iterator[tuple[str, Manifest]]:
             f"columns = {list(columns)}",
             replace(manifest, output=replace(output, columns=columns)),
         )
+    if output.kind == "simcc" and spec.size[0] == spec.size[1]:  # else bins show which is which
+        swapped = replace(output, names=output.names[::-1])
+        yield f"names = {list(swapped.names)}", replace(manifest, output=swapped)
     if output.kind in ("heatmaps", "location_maps"):
         for alignment in ("scale", "corners", "centers"):
             if alignment == output.alignment:

@@ -15,6 +15,8 @@ from perfcap.detect.heatmap import DECODERS, argmax2d, map_to_input, soft_argmax
 from perfcap.detect.manifest import PEOPLE, Calibration, Manifest, OutputSpec
 from perfcap.errors import InputError
 
+_ROUNDED = 0.02  # of the bins of a classification, which are a side times a factor
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -61,8 +63,9 @@ def decode(outputs: Mapping[str, NDArray[np.float32]], manifest: Manifest) -> Es
         if spec.kind == "location_maps":
             joints3d = reader.positions(read_locations(heat, maps[1:]))
     elif spec.kind == "simcc":
+        sides = manifest.input.size[::-1]
         points, raw = read_simcc(
-            *(reader.bins(n, m) for n, m in zip(spec.names, maps, strict=True))
+            *(reader.bins(n, m, s) for n, m, s in zip(spec.names, maps, sides, strict=True))
         )
         points = points / spec.split
     elif spec.kind in ("coordinates", PEOPLE):  # of people, each is a row as a crop is
@@ -171,10 +174,17 @@ class _Reader:
             value = value.permute(0, 3, 1, 2)
         return self._first_joints(name, value, f"{self.joints} maps; check output.layout")
 
-    def bins(self, name: str, value: Tensor) -> Tensor:
-        """(N, J, bins)."""
+    def bins(self, name: str, value: Tensor, side: int) -> Tensor:
+        """(N, J, bins), of a crop with so many pixels along this side."""
         if value.dim() != 3:
             self._refuse(name, value, "scores of rank 3, (N, J, bins)")
+        expected = side * self.manifest.output.split
+        if abs(value.shape[2] - expected) > _ROUNDED * expected:
+            self._refuse(
+                name,
+                value,
+                f"{expected:g} bins: output.split of them a pixel, names of x and then of y,",
+            )
         return self._first_joints(name, value, f"bins of {self.joints} joints")
 
     def rows(self, name: str, value: Tensor, columns: int) -> Tensor:

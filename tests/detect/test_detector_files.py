@@ -26,6 +26,9 @@ def refused(folder: Path) -> str:
 FAULTS = {
     "kind": ("vitpose", 'kind = "heatmaps"', 'kind = "heat"', "output.kind is 'heat'"),
     "names": ("rtmpose", '["simcc_x", "simcc_y"]', '["simcc_x"]', "expected 2 for simcc"),
+    "bins": ("rtmpose", "split = 2.0", "split = 1.0", "expected 96 bins: output.split of them"),
+    "x for y": ("rtmpose", '["simcc_x", "simcc_y"]', '["simcc_y", "simcc_x"]',
+                "names of x and then of y"),
     "unknown output": ("vitpose", '["heatmaps"]', '["maps"]', "the model has heatmaps"),
     "unknown 3d": ("mediapipe", '"world"', '"earth"', "output.joints3d names output 'earth'"),
     "size": ("vitpose", "[128, 96]", "[96, 128]", "correct input.size or input.layout"),
