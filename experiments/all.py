@@ -68,7 +68,7 @@ LONG = (
     "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
     "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
-    "trust_video", "trust_wrong_views", "video_alone", "video_speed", "view_stages",
+    "trust_video", "trust_views", "trust_wrong_views", "video_alone", "video_speed", "view_stages",
     "views_sweep", "worst_masks",
 )  # fmt: skip
 

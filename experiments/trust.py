@@ -20,16 +20,12 @@ from fast_motion import observed
 from recordings import Recording, balancing, demo, rendered, rendered_views
 from report import Report, Table
 from torch import Tensor
+from trust_model import LIMBS, bad_frames, shares
 
 from perfcap.detect.detections import Detections
-from perfcap.geometry.alignment import procrustes
-from perfcap.metrics.alignment import root_aligned
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.trust import THRESHOLD
-
-FAR, OFF = 0.12, 0.3  # m
-_HIDDEN = ((8, 9, 10, 11), (12, 13, 14, 15), (2, 3, 4), (5, 6, 7), tuple(range(16)))
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ def _detections(clip: Recording, seed: int) -> Iterator[tuple[str, Detections]]:
     given = clip.detections
     confidence, frames = given.confidence2d.clone(), given.frame_count
     for _ in range(3):
-        start, parts = int(rng.integers(frames)), _HIDDEN[int(rng.integers(len(_HIDDEN)))]
+        start, parts = int(rng.integers(frames)), LIMBS[int(rng.integers(len(LIMBS)))]
         confidence[start : start + int(rng.integers(4, 22)), :, list(parts)] = 0
     trusted = given.trusted3d & (confidence > 0).any(-1)
     yield "parts hidden", replace(given, confidence2d=confidence, trusted3d=trusted)
@@ -94,24 +90,7 @@ def _judged(clip: Recording, detections: Detections) -> tuple[Tensor, Tensor]:
         clip.actor, clip.cameras, detections, clip.rate, until=Stage.TRACK_MOTION, workers=1
     )
     assert found.trust is not None
-    joints, truth = found.joints(), clip.truth
-    known = truth.isfinite().all(-1).all(0)
-    fit = procrustes(joints[:, known], truth[:, known], scale=True)
-    error = (fit.apply(joints[:, known]) - truth[:, known]).norm(dim=-1).mean(-1)
-    apart = (root_aligned(joints) - root_aligned(truth)).norm(dim=-1)
-    worst = apart[:, known].amax(-1)
-    return (error > FAR) | (worst > OFF), found.trust.value < THRESHOLD
-
-
-def shares(bad: Tensor, named: Tensor) -> tuple[int, int, float, float]:
-    """Frames, bad ones, and percent of bad and of good ones that are named; masks of (F,)."""
-    bad, named = bad.bool(), named.bool()
-    return (
-        len(bad),
-        int(bad.sum()),
-        100 * float(named[bad].double().mean()),
-        100 * float(named[~bad].double().mean()),
-    )
+    return bad_frames(found.joints(), clip.truth), found.trust.value < THRESHOLD
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ above 120 mm, or a joint is then 0.3 m off. Recordings are scored alone; nothing
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
@@ -17,24 +17,21 @@ import numpy as np
 import report
 import torch
 from filmed_people import films
-from numpy.typing import NDArray
 from report import Report, Table, data_folder
 from torch import Tensor
-from trust import FAR, OFF, shares
+from trust_model import Fit, Judged, shares, weight_rows
 from video_alone import Experiment as Videos
 from video_alone import videos
 
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
 from perfcap.geometry.alignment import procrustes
-from perfcap.pipeline.trust import FEATURES, THRESHOLD, frame_evidence, judge_frames
+from perfcap.pipeline.trust import frame_evidence
 from perfcap.train.motion_library import MotionLibrary
 
-_NAMED = 0.1  # of the good frames, that may be named by mistake
-_RIDGE = 0.2  # of the variance: features of few videos go together
+# films are harder than what people film; features of few videos go together
+_FIT = Fit(named=0.1, ridge=0.2)
 _FOLDS = 6
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,38 +52,22 @@ class Experiment:
     """Whether to score recordings too."""
 
 
-@dataclass(frozen=True)
-class Judged:
-    """A capture of a video alone: what is known of each frame, and its errors in metres."""
-
-    name: str
-    evidence: Tensor
-    error: Tensor
-    worst: Tensor
-
-    @property
-    def bad(self) -> Tensor:
-        """Frames, (F,), bool."""
-        return (self.error > FAR) | (self.worst > OFF)
-
-
 def run(config: Experiment) -> Report:
     """Weights, how well they do on films that are left out, and on recordings."""
     torch.set_num_threads(1)
     made = list(_films(config))
-    bad, errors = (_fitted(made, kind) for kind in ("bad", "error"))
-    weights: tuple[tuple[object, ...], ...] = tuple(
-        (name, *(float(part) for part in row))
-        for name, *row in zip((*FEATURES, "constant"), bad, errors, strict=True)
-    )
-    left_out = _left_out(made)
-    rows: list[tuple[object, ...]] = [("films left out", *left_out)]
+    weights = weight_rows(_FIT.bad(made), _FIT.error(made))
+    folds = [index % _FOLDS for index in range(len(made))]
+    bad = torch.cat([each.bad for each in made])
+    rows: list[tuple[object, ...]] = [
+        ("films left out", *shares(bad, torch.cat(_FIT.left_out(made, folds))))
+    ]
     if config.recordings:
         settings = Videos(config.data)
         real = [_judged(v.name, v.path, v.truth) for v in videos(settings)]
-        rows += [(each.name, *shares(each.bad, _named(each))) for each in real]
+        rows += [(each.name, *shares(each.bad, each.named)) for each in real]
         bad_ones = torch.cat([each.bad for each in real])
-        named = torch.cat([_named(each) for each in real])
+        named = torch.cat([each.named for each in real])
         rows.append(("all recordings", *shares(bad_ones, named)))
     columns = ("video", "frames", "bad", "bad named %", "good named %")
     return Report(
@@ -128,59 +109,6 @@ def _judged(name: str, video: Path, truth: Tensor) -> Judged:
     joints, truth = joints[:, known], truth[:, known]
     apart = (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1)
     return Judged(name, seen[0][:count], apart.mean(-1), apart.amax(-1))
-
-
-def _left_out(made: Sequence[Judged]) -> tuple[int, int, float, float]:
-    """Shares of films that the weights were not fitted to, at the threshold that they choose."""
-    bad, named = [], []
-    for fold in range(_FOLDS):
-        weights = _fitted([m for i, m in enumerate(made) if i % _FOLDS != fold], "bad")
-        for each in made[fold::_FOLDS]:
-            bad.append(each.bad)
-            above = _rows([each]) @ weights > _log_odds(1 - THRESHOLD)
-            named.append(torch.from_numpy(above))
-    return shares(torch.cat(bad), torch.cat(named))
-
-
-def _fitted(made: Sequence[Judged], kind: str) -> Floats:
-    """Weights of the features and of the constant, by logistic or linear ridge regression.
-
-    The constant of the former is moved so that a tenth of the good frames is named: films are
-    harder than what people film.
-    """
-    rows, bad = _rows(made), torch.cat([each.bad for each in made]).numpy()
-    mean, spread = rows[:, :-1].mean(0), rows[:, :-1].std(0)
-    moving = spread > 1e-6  # the number of views is always one
-    scaled = np.where(moving, (rows[:, :-1] - mean) / np.where(moving, spread, 1), 0)
-    scaled = np.concatenate((scaled, np.ones((len(rows), 1))), 1)
-    ridge = _RIDGE * len(rows) * np.diag([*[1.0] * (scaled.shape[1] - 1), 0.0])
-    ridge += 1e-9 * np.eye(len(ridge))
-    if kind == "error":
-        errors = np.concatenate([each.error.numpy() for each in made])
-        found = np.linalg.solve(scaled.T @ scaled + ridge, scaled.T @ np.log(1e3 * errors))
-    else:
-        found = np.zeros(scaled.shape[1])
-        for _ in range(50):  # Newton's method
-            odds = 1 / (1 + np.exp(-scaled @ found))
-            hessian = (scaled * (odds * (1 - odds))[:, None]).T @ scaled + ridge
-            found = found - np.linalg.solve(hessian, scaled.T @ (odds - bad) + ridge @ found)
-        good = np.quantile((scaled @ found)[~bad], 1 - _NAMED)
-        found[-1] += _log_odds(1 - THRESHOLD) - good
-    weights = np.where(moving, found[:-1] / np.where(moving, spread, 1), 0)
-    return np.append(weights, found[-1] - weights @ mean)
-
-
-def _rows(made: Sequence[Judged]) -> Floats:
-    evidence = torch.cat([each.evidence for each in made]).nan_to_num(np.log(0.15)).numpy()
-    return np.concatenate((evidence, np.ones((len(evidence), 1))), 1)
-
-
-def _log_odds(probability: float) -> float:
-    return float(np.log(probability / (1 - probability)))
-
-
-def _named(each: Judged) -> Tensor:
-    return judge_frames(each.evidence).value < THRESHOLD
 
 
 if __name__ == "__main__":

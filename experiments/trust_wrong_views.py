@@ -19,13 +19,11 @@ import torch
 from recordings import Recording, balancing, rendered_views
 from report import Report, Table
 from torch import Tensor
-from trust import FAR, OFF, shares
+from trust_model import bad_frames, shares
 
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS16
-from perfcap.geometry.alignment import procrustes
-from perfcap.metrics.alignment import root_aligned
 from perfcap.pipeline import move
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.jobs import capture
@@ -117,17 +115,7 @@ def _judged(clip: Recording, throughout: bool) -> Iterator[Tensor]:
             )
         assert found.trust is not None
         named = (each.value < THRESHOLD for each in (seen[-1], found.trust))
-        yield torch.stack((_bad(found.joints(), clip.truth[: detections.frame_count]), *named))
-
-
-def _bad(joints: Tensor, truth: Tensor) -> Tensor:
-    """Frames (F,) as ``trust.py`` has it."""
-    known = truth.isfinite().all(-1).all(0)
-    worst = (root_aligned(joints) - root_aligned(truth)).norm(dim=-1)[:, known].amax(-1)
-    joints, truth = joints[:, known], truth[:, known]
-    error = (procrustes(joints, truth, scale=True).apply(joints) - truth).norm(dim=-1).mean(-1)
-    bad: Tensor = (error > FAR) | (worst > OFF)
-    return bad
+        yield torch.stack((bad_frames(found.joints(), clip.truth), *named))
 
 
 def _spoiled(clip: Recording, throughout: bool) -> Iterator[Detections]:

@@ -16,23 +16,9 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
+from perfcap.pipeline.trust_weights import FEATURES, SEVERAL, weighted
 from perfcap.solve.energy import Energy
 
-FEATURES = (
-    "pixels", "worst_pixels", "support", "least_support", "space", "worst_space", "no_space",
-    "spread", "views", "deviation",
-)  # fmt: skip
-# Logistic regression of bad frames and linear regression of the log error (mm) on the evidence, the
-# last number the constant: 6760 frames of captures of 14 clips of the CMU library, in one, two and
-# six simulated views, with usual and with 2.2 times the errors, parts hidden, without 3D poses.
-# Nothing said there how far 3D poses may be off.
-_BAD = (-0.398, 1.12, -0.111, -0.43, 1.699, 0.086, 2.947, 0.252, -1.724, 0.0, 0.953)
-_ERROR = (-0.196, 0.421, -0.68, -0.112, 0.571, -0.061, 0.749, 0.088, -0.735, 0.0, 5.169)
-# The same where one view sees the person and something says how far its 3D poses may be off: 3024
-# frames of 84 videos of rendered people, captured from the video alone; a tenth of the good frames
-# is named (experiments/trust_video.py).
-_BAD_LIFTED = (0.278, 0.182, -1.126, 0.007, 0.259, 0.661, 0.067, 0.232, -0.874, 1.033, 4.61)
-_ERROR_LIFTED = (0.126, 0.051, -0.368, -0.005, -0.186, 0.238, -0.124, 0.058, 0.688, 0.496, 5.377)
 THRESHOLD = 0.7  # of trust, below which frames are named
 _DOUBTED = "a check of the inputs contradicts joints, and the others do not bear the motion out"
 _BESIDE = "limbs are far from where joints that several views agree on have them"
@@ -44,7 +30,6 @@ _NAMED = 6  # ranges in words
 _FEW = math.log(0.15)  # log of detections that agree
 _FAR_OFF = math.log(4.0)  # log percent of the person's height
 _ELSEWHERE = math.log(0.14)  # log m
-_ONE_VIEW = math.log(2.5)
 _UNSURE = math.log(0.1)  # m
 _STRETCH = 200  # frames whose covariances are held at once
 _AROUND = 0.1  # s, of frames that a frame is judged with
@@ -300,13 +285,7 @@ def _cut(doubtful: tuple[tuple[int, int, str], ...], taken: Tensor) -> list[tupl
 
 def judge_frames(evidence: Tensor) -> Trust:
     """Trust from the evidence of each frame, (F, 10)."""
-    deviation, views = evidence[:, -1:], evidence[:, FEATURES.index("views")]
-    alone = deviation[:, 0].isfinite() & (views < _ONE_VIEW)
-    given = torch.cat((evidence[:, :-1], deviation.nan_to_num(), torch.ones_like(deviation)), -1)
-    bad, error = (
-        torch.where(alone, given @ given.new_tensor(lifted), given @ given.new_tensor(others))
-        for lifted, others in ((_BAD_LIFTED, _BAD), (_ERROR_LIFTED, _ERROR))
-    )
+    bad, error = weighted(evidence)
     value, error = torch.sigmoid(-bad), error.exp()
     spans = ranges(~(value >= THRESHOLD))  # what is no number is not trusted
     doubtful = tuple((a, b, _reason(evidence[a:b].mean(0))) for a, b in spans)
@@ -320,9 +299,9 @@ def _reason(evidence: Tensor) -> str:
         return "joints are not detected, or nothing agrees with their detections"
     if found["pixels"] > _FAR_OFF:
         return "the motion does not project onto the detected joints"
-    if found["no_space"] > 0.5 and found["views"] < _ONE_VIEW:
+    if found["no_space"] > 0.5 and found["views"] < SEVERAL:
         return "one view without 3D poses that can be trusted, where depth is a guess"
-    if found["deviation"] > _UNSURE and found["views"] < _ONE_VIEW:
+    if found["deviation"] > _UNSURE and found["views"] < SEVERAL:
         return "what gave the 3D poses of the one view is not sure of them"
     if found["space"] > _ELSEWHERE:
         return "the 3D poses disagree with the motion"

@@ -10,7 +10,8 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
-from perfcap.pipeline.trust import FEATURES, THRESHOLD, Trust, judge_frames
+from perfcap.pipeline.trust import THRESHOLD, Trust, judge_frames
+from perfcap.pipeline.trust_weights import FEATURES
 
 F64 = torch.float64
 
@@ -84,6 +85,22 @@ def test_poses_that_are_said_to_be_far_off() -> None:
     torch.testing.assert_close(unsure.value[:12], sure.value[:12])
     ((start, stop, reason),) = doubted(1e3).doubtful
     assert 15 <= start <= 22 and 28 <= stop <= 34 and "not sure of them" in reason
+
+
+@pytest.mark.parametrize("views", [2, 4])
+def test_a_joint_that_no_view_bears_out_is_named_in_several(views: int) -> None:
+    """Other joints of many views that agree do not make up for it."""
+    take = make_take(40, views=views)
+    joints = take.detections.joints2d.clone()
+    wrist, span = LANDMARKS.index("r_wrist"), take.detections.person_height()
+    for view in range(views):  # each has it somewhere else
+        aside = torch.tensor([[0.0, 0.4], [0.4, 0.0], [0.0, -0.4], [-0.4, 0.0]], dtype=F64)[view]
+        joints[10:25, view, wrist] += span[view] * aside
+    detections = replace(take.detections, joints2d=joints).without_poses()
+    trust = capture(take.actor, take.cameras, detections, take.rate).trust
+    assert trust is not None
+    assert (trust.value[13:22] < THRESHOLD).all() and (trust.value[:6] > THRESHOLD).all()
+    assert (trust.value[31:] > THRESHOLD).all()
 
 
 @pytest.mark.long
