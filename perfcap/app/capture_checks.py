@@ -20,6 +20,7 @@ from perfcap.io.doctor import (
 )
 from perfcap.io.doctor.finding import doubting
 from perfcap.io.doctor.footage import examine_blank
+from perfcap.io.doctor.halts import examine_halts
 from perfcap.io.doctor.inputs import examine_take, examine_ways
 from perfcap.pipeline.bone_lengths import shows_bone_lengths
 from perfcap.pipeline.performance import Performance
@@ -134,6 +135,7 @@ def doubts(
     for finding in findings:
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+    findings += examine_halts(inputs.clip, inputs.rig.names, inputs.clip.start)
     findings += examine_cameras(inputs.rig, first=inputs.clip.start)
     fitting = detected or not alone
     findings += examine_detections(

@@ -188,6 +188,17 @@ class Clip:
         self._require_one_size()
         return (np.stack(views, 1) for views in self.iter_views(batch))
 
+    def halted(self, view: int) -> NDArray[np.bool_]:
+        """Which frames show the picture of the frame before once more, (F,), as videos tell."""
+        given = self.sources[view]
+        source, late = (given.source, given.late) if isinstance(given, LateSource) else (given, 0)
+        found = np.zeros(len(self), np.bool_)
+        if isinstance(source, VideoFile):
+            rows = np.arange(self.start + late, self._stop + late)
+            there = (rows > 0) & (rows < len(source)) & (np.arange(len(self)) > 0)
+            found[there] = source.halted[rows[there]]
+        return found
+
     def keep(self, frames: Iterable[int]) -> None:
         """Have videos hold some frames of the clip when they are read; see ``VideoFile.keep``."""
         chosen = [self.start + frame for frame in frames]

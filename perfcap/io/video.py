@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from perfcap.errors import InputError
 from perfcap.forks import abandon_after_fork
 from perfcap.io.files import require_file
+from perfcap.io.video_halts import halted
 from perfcap.io.video_index import frame_rate, index_video, open_container, seconds
 
 Frames = NDArray[np.uint8]
@@ -27,7 +28,8 @@ class VideoFile:
     """One video. Opening decodes it once: containers miscount their frames, decoding does not.
 
     That pass costs some milliseconds a full-HD frame and settles the number of frames, their
-    times, and whether the file is damaged, before anything is computed.
+    times, which of them show the picture of the one before (``halted``, (F,)), and whether the
+    file is damaged, before anything is computed.
     """
 
     _container: Any = None
@@ -47,6 +49,7 @@ class VideoFile:
         self.total = self.index.total
         self.film_focal = self.index.film_focal
         self.timestamps = seconds(self.index)
+        self.halted = halted(self.index.steps)
         self.fps, notes = frame_rate(self.timestamps, self.index)
         self.warnings = tuple(f"{path}: {note}" for note in (*self.index.warnings, *notes))
         self._position = {pts: i for i, pts in enumerate(self.index.pts)}

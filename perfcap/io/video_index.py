@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.video_halts import PictureSteps
 
 PIXEL_LIMIT = 2**27  # pixels a frame
 FRAME_LIMIT = 1_000_000  # a file that promises more is not believed
@@ -67,6 +68,7 @@ class VideoIndex:
         warnings: what a user should know about the file.
         film_focal: the lens's focal length in millimetres on 35 mm film, where the file says so.
         keys: which frames are key frames, increasing: those that a seek may land at.
+        steps: how much each frame but the first differs from the one before; see ``PictureSteps``.
     """
 
     pts: tuple[int | None, ...]
@@ -79,6 +81,7 @@ class VideoIndex:
     warnings: tuple[str, ...]
     film_focal: float | None = None
     keys: tuple[int, ...] = ()
+    steps: tuple[float, ...] = ()
 
     @property
     def addressable(self) -> bool:
@@ -111,7 +114,8 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
     """Decode a video once and note what is in it."""
     with open_container(path) as container:
         stream = container.streams.video[0]
-        pts, keys, shape, damage = _decode_all(path, container, stream, stop)
+        steps = PictureSteps()
+        pts, keys, shape, damage = _decode_all(path, container, stream, stop, steps)
         if shape is None:
             raise InputError(
                 f"{path}: yields no frame ({damage or 'no pictures inside'}); expected a video, "
@@ -131,6 +135,7 @@ def index_video(path: Path, stop: int | None = None) -> VideoIndex:
             warnings,
             _film_focal(container),
             tuple(keys),
+            tuple(steps.sizes),
         )
 
 
@@ -144,9 +149,12 @@ def _film_focal(container: Any) -> float | None:
 
 
 def _decode_all(
-    path: Path, container: Any, stream: Any, stop: int | None
+    path: Path, container: Any, stream: Any, stop: int | None, steps: PictureSteps
 ) -> tuple[list[int | None], list[int], tuple[tuple[int, int], Orientation] | None, str]:
-    """Time stamps, key frames, (stored size, orientation) and, if decoding broke off, why."""
+    """Time stamps, key frames, (stored size, orientation) and, if decoding broke off, why.
+
+    ``steps`` looks at every frame.
+    """
     pts: list[int | None] = []
     keys: list[int] = []
     shape: tuple[tuple[int, int], Orientation] | None = None
@@ -164,6 +172,7 @@ def _decode_all(
             if frame.key_frame:
                 keys.append(len(pts))
             pts.append(frame.pts)
+            steps.add(frame)
             if stop is not None and len(pts) >= stop:
                 break
     except av.error.FFmpegError as error:

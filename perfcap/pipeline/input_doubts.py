@@ -23,6 +23,7 @@ from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.given_way import examine_way
+from perfcap.io.doctor.halts import examine_halts
 from perfcap.io.doctor.legs import triangulated
 from perfcap.io.doctor.looked import examine_looks
 from perfcap.io.doctor.shots import examine_standing
@@ -224,8 +225,9 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
     Raises:
         InputError: most images of a view are of one color.
     """
-    images = images.checked()
     names = [f"images of view {view}" for view in range(detections.views)]
+    halts = examine_halts(images.reader, names)
+    images = images.checked()
     plain = torch.zeros((), dtype=torch.float64)
     detections = detections.map(Tensor.detach).to(plain)
     found = examine_blank(images.reader, names)
@@ -241,6 +243,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
             torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
             torch.stack([each.confidence2d for each in people]).numpy(),
         )
+    found += halts
     take = images.reader, names
     late: list[Finding] = []
     if shown.moving:

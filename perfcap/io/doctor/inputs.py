@@ -27,6 +27,7 @@ from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
+from perfcap.io.doctor.halts import examine_halts
 from perfcap.io.doctor.looked import examine_looks
 from perfcap.io.doctor.shots import examine_standing
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_notes, of_others
@@ -68,6 +69,7 @@ def examine_inputs(
         findings += [
             *_warnings("videos", clip.warnings),
             *examine_blank(clip, clip.names, clip.start),
+            *examine_halts(clip, clip.names, clip.start),
         ]
     if rig is None:
         return findings
