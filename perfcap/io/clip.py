@@ -13,6 +13,7 @@ from perfcap.errors import InputError
 from perfcap.io.image_file import ImageFolder
 from perfcap.io.video import KEPT, VideoFile
 from perfcap.io.video_index import UNKNOWN_FPS
+from perfcap.io.view_times import parting
 from perfcap.rates import frame_rate
 from perfcap.setting_checks import require_count
 
@@ -21,7 +22,6 @@ Frames = NDArray[np.uint8]
 # Recordings of one take rarely stop at the same frame: this many may be missing at an end.
 END_SLACK = 5
 RATE_SLACK = 0.01  # share by which frame rates may differ and mean the same
-_APART = 0.5  # frames: views that are farther apart match the wrong frames
 
 
 class FrameSource(Protocol):
@@ -254,26 +254,10 @@ def _common_rate(sources: Sequence[FrameSource], fps: float | None) -> tuple[flo
 
 
 def _parting(sources: Sequence[FrameSource]) -> list[str]:
-    """That frames of one number were not taken at one time, by the times in the files.
-
-    Times decide, not rates: those of one camera's files are rounded differently.
-    """
-    last = min(len(source) for source in sources) - 1
-    times = [(source.timestamps, source.name) for source in sources]
-    ends = [(float(t[last]), name) for t, name in times if t is not None and t[last] > 0]
-    if len(ends) < 2:
-        return []
-    (fast, fast_name), (slow, slow_name) = min(ends), max(ends)
-    rate = last / fast
-    apart = (slow - fast) * rate
-    if apart <= _APART:
-        return []
-    return [
-        f"videos run at different rates ({fast_name} {rate:.5g}, {slow_name} {last / slow:.5g} "
-        f"frames a second): in frame {last} they are {apart:.1f} frames apart, which no constant "
-        f"shift mends; convert them to one rate (ffmpeg -i IN -vf fps={rate:.5g} OUT), unless one "
-        "trigger took their frames"
-    ]
+    """That frames of one number were not taken at one time, by the times in the files."""
+    count = min(len(source) for source in sources)
+    known = [(source.timestamps, source.name) for source in sources]
+    return parting([(times[:count], name) for times, name in known if times is not None])
 
 
 def _check_lengths(sources: Sequence[FrameSource], parting: bool) -> list[str]:

@@ -48,6 +48,24 @@ def test_a_pause_in_one_view_is_named(tmp_path: Path) -> None:
     assert "variable" in told[0] and "in frame 89 they are 3.0 frames apart" in told[1]
 
 
+def test_pauses_at_different_times_are_named(tmp_path: Path) -> None:
+    """The files end at one time; between the pauses their frames were taken at different ones."""
+    paths = [tmp_path / "a.mp4", tmp_path / "b.mp4"]
+    for path, after in zip(paths, (30, 60), strict=True):
+        times = [i + 3 * (i > after) for i in range(90)]
+        write_frames(path, [(PLAIN, time) for time in times], Fraction(1, 30))
+    *rates, told = Clip.open(paths).warnings
+    assert all("variable" in line for line in rates)
+    assert "in frame 31 b and a are 3.0 frames apart" in told and "-vf fps=30" in told
+    assert len(Clip.open(paths[:1] * 2).warnings) == 2  # of one camera
+
+
+def test_one_odd_time_is_no_pause(tmp_path: Path) -> None:
+    plain, path = video(tmp_path / "a.mp4", 30, 90), tmp_path / "b.mp4"
+    write_frames(path, [(PLAIN, 4 * i + 3 * (i == 40)) for i in range(90)], Fraction(1, 120))
+    assert not any("apart" in line for line in Clip.open([plain, path]).warnings)
+
+
 def test_rounded_rates_are_one(tmp_path: Path) -> None:
     """Matroska has whole milliseconds, and some programs write the rate in two digits."""
     paths = [
