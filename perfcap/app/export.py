@@ -15,6 +15,7 @@ from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
 from perfcap.commands.results import Export
 from perfcap.errors import InputError
+from perfcap.io.distrust import distrust
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline.surroundings import axis, up_doubt, upright
@@ -49,7 +50,8 @@ def _export(request: Export) -> int:
         chosen.require(kind)
     _require_use(request, formats)
     name = _name(request)
-    recording = _recording(request, name, read_result(request.folder))
+    result = read_result(request.folder)
+    recording = _recording(request, name, result)
     out = request.out or request.folder / FOLDER
     if request.out is None and out.is_symlink():
         raise InputError(
@@ -67,6 +69,9 @@ def _export(request: Export) -> int:
         for entry in written:
             spare_result(request.folder, out / entry)
     console = PlainConsole(soft_wrap=True)
+    numbers = result.frame_numbers[recording.first : recording.stop]
+    for line in distrust(result.report, int(numbers[0]), int(numbers[-1]) + 1):
+        console.print(f"{request.folder}: {line}")
     if not np.array_equal(recording.upright, np.eye(3)):
         console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
     for entry in written:

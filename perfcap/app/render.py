@@ -13,6 +13,7 @@ from perfcap.app.inputs import parse_frames
 from perfcap.commands.results import Render
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras
+from perfcap.io.distrust import distrust
 from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
@@ -46,6 +47,9 @@ def _render(request: Render) -> int:
     result = read_result(request.folder)
     spare_result(request.folder, request.out)
     rows = _rows(request, result)
+    shown = result.frame_numbers[rows]
+    for line in distrust(result.report, int(shown[0]), int(shown[-1]) + 1):
+        PlainConsole().print(f"{request.folder}: {line}", soft_wrap=True)
     joints = torch.from_numpy(result.joints)
     found = upright(joints, result.level)
     up = found if request.up == "auto" else axis(request.up).to(found)

@@ -18,6 +18,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, rig_character
 from perfcap.io.bvh_read import BvhMotion, joint_positions, load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
+from perfcap.io.distrust import distrust
 from perfcap.io.doctor.finding import Severity, ranges
 from perfcap.io.files import named_path
 from perfcap.io.gltf_clip import sample_clip
@@ -113,16 +114,11 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         _corrected(imported, moved[..., :3, :3], position, result.rate, numbers[chosen]),
         level=False,
         world_to_floor=_floor(result.report),
-        notes=(*_cut_short(folder, frames, int(numbers[-1]) + 1), *_distrust(result.report)),
+        notes=(
+            *_cut_short(folder, frames, int(numbers[-1]) + 1),
+            *distrust(result.report, frames.start or 0, stop),
+        ),
     )
-
-
-def _distrust(report: Mapping[str, Any]) -> tuple[str, ...]:
-    """What a capture said of itself stays true of what is made from it."""
-    quality = report.get("quality")
-    if not isinstance(quality, dict) or quality.get("trusted") is not False:
-        return ()
-    return ("the capture itself is not to be trusted in many frames; see its run.json",)
 
 
 def _floor(report: Mapping[str, Any]) -> Floats | None:
