@@ -40,7 +40,10 @@ from perfcap.io.clip import END_SLACK, Clip
 from perfcap.io.detections import read_candidates, read_detections
 from perfcap.io.doctor.cameras import impossible_cameras
 from perfcap.io.doctor.together import at_rate, camera_frames, camera_notes, of_others
+from perfcap.matchmove import picture_size
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
+
+_LOOKS = 0.0, 1 / 3, 2 / 3, 1.0  # of the clip, where bars beside the picture are looked for
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,7 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     videos = list(request.videos)
     clip = Clip.open(videos, frames=part)
     if request.cameras is None:
-        rig = assumed_rig(clip, request.fov)
+        rig = assumed_rig(clip, request.fov, _picture(clip))
     else:
         rig = read_cameras(request.cameras, clip.sizes)
     clip = at_rate(clip, videos, rig, part)
@@ -185,6 +188,12 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
         # of the frames that the file promises, those count that somebody detected joints in
         lost += min(clip.lost, max(0, read()[0].frame_count - end))
     return Inputs(clip, rig, chosen, pixel_map, (*about, *notes), lost)
+
+
+def _picture(clip: Clip) -> tuple[int, int]:
+    """Height and width of the first view's picture, without bars that a program put beside it."""
+    some = {round(share * (len(clip) - 1)) for share in _LOOKS}
+    return picture_size([clip.read_view(0, each, each + 1)[0] for each in sorted(some)])
 
 
 def _about_networks(detectors: Sequence[OnnxDetector]) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """The way of a camera that moves, from what it films behind a person."""
 
-from perfcap.matchmove.bars import find_bars
+from perfcap.matchmove.bars import find_bars, picture_size
 from perfcap.matchmove.camera_way import CameraWay, WaySettings, find_way
 from perfcap.matchmove.corner_tracks import CornerTracks, Sightings, TrackSettings
 from perfcap.matchmove.ground import Ground, GroundSettings, find_ground
@@ -22,4 +22,5 @@ __all__ = [
     "find_vertical",
     "find_way",
     "find_zoom",
+    "picture_size",
 ]

@@ -49,6 +49,20 @@ def test_the_angle_is_seen_across_the_longer_side(size: tuple[int, int]) -> None
         assert rig.guessed == (fov is None)
 
 
+def test_bars_are_no_part_of_what_a_lens_sees() -> None:
+    """A film of a phone that is held upright, in a wide video."""
+    alone, wide, picture = clip(size=(640, 360)), clip(size=(640, 1138)), (640, 360)
+    between = assumed_rig(wide, None, picture)
+    focal = float(assumed_rig(alone).cameras.intrinsics[0, 0, 0])
+    assert float(between.cameras.intrinsics[0, 0, 0]) == focal and between.guessed
+    words = "60 degrees across the longer side of the picture between bars (92 of the image)"
+    assert words in between.warnings[0]
+    said = assumed_rig(wide, 92.0, picture)
+    assert float(said.cameras.intrinsics[0, 0, 0]) == pytest.approx(focal, rel=0.01)
+    assert "92 degrees, as --fov says of the image with its bars (60 without)" in said.warnings[0]
+    assert assumed_rig(alone, 60.0, picture).warnings[0].endswith("as --fov says")
+
+
 def test_several_views_are_told_what_calibrates_them() -> None:
     with pytest.raises(InputError, match=r"missing for 2 views.*Pose2Sim"):
         assumed_rig(clip(2))

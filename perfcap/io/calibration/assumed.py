@@ -22,16 +22,19 @@ _FILM = 36.0  # mm, the longer side of the frame that equivalent focal lengths r
 _NARROWEST, _WIDEST = 5.0, 150.0
 
 
-def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
+def assumed_rig(
+    clip: Clip, fov: float | None = None, picture: tuple[int, int] | None = None
+) -> CameraRig:
     """A camera without distortion at the origin, x right, y down, z forward, for one view.
 
     Its focal length is the user's, else what the video's metadata say, else that of a lens that
-    sees 60 degrees across the longer side of the image. A pose is known up to a similarity in any
+    sees 60 degrees across the longer side of the picture. A pose is known up to a similarity in any
     case: a wrong focal length moves the person away or nearer, and changes the pose little.
 
     Args:
         clip: one video.
-        fov: degrees across the longer side.
+        fov: degrees across the longer side of the image.
+        picture: (height, width) without bars beside it; that of the image if not given.
 
     Raises:
         InputError: several views, which do need calibration, or an angle that no lens has.
@@ -44,7 +47,7 @@ def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
         )
     height, width = clip.sizes[0]
     longer = max(height, width)
-    focal, note, guessed = _focal(clip, fov, longer)
+    focal, note, guessed = _focal(clip, fov, longer, max(picture or (height, width)))
     intrinsics = torch.tensor(
         [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]],
         dtype=torch.float64,
@@ -59,7 +62,7 @@ def assumed_rig(clip: Clip, fov: float | None = None) -> CameraRig:
     return CameraRig(clip.names, camera, warnings=(note,), guessed=guessed)
 
 
-def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str, bool]:
+def _focal(clip: Clip, fov: float | None, longer: int, picture: int) -> tuple[float, str, bool]:
     """Pixels, where they come from in words, and whether that is nowhere."""
     if fov is not None:
         if not _NARROWEST <= fov <= _WIDEST:
@@ -68,7 +71,10 @@ def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str, bool
                 "longer side of the image"
             )
         note = f"no --cameras: a lens of {fov:g} degrees, as --fov says"
-        return _pixels(fov, longer), note, False
+        focal = _pixels(fov, longer)
+        if picture < longer:
+            note += f" of the image with its bars ({_degrees(focal, picture):.0f} without)"
+        return focal, note, False
     source = clip.sources[0]
     film = source.film_focal if isinstance(source, VideoFile) else None
     if film is not None:
@@ -78,15 +84,22 @@ def _focal(clip: Clip, fov: float | None, longer: int) -> tuple[float, str, bool
             "degrees across the longer side"
         )
         return longer * film / _FILM, note, False
+    focal = _pixels(ASSUMED_FOV, picture)
+    across = f"{ASSUMED_FOV:g} degrees across the longer side"
+    if picture < longer:  # bars are no part of what a lens sees
+        across += f" of the picture between bars ({_degrees(focal, longer):.0f} of the image)"
     note = (
-        f"no --cameras: a lens of {ASSUMED_FOV:g} degrees across the longer side is assumed; "
-        "--fov says another, and distances follow it"
+        f"no --cameras: a lens of {across} is assumed; --fov says another, and distances follow it"
     )
-    return _pixels(ASSUMED_FOV, longer), note, True
+    return focal, note, True
 
 
 def _pixels(fov: float, longer: int) -> float:
     return 0.5 * longer / math.tan(math.radians(0.5 * fov))
+
+
+def _degrees(focal: float, longer: int) -> float:
+    return math.degrees(2 * math.atan(0.5 * longer / focal))
 
 
 def save_assumed(
