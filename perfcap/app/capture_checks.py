@@ -18,6 +18,7 @@ from perfcap.io.doctor import (
     examine_detections,
     examine_places,
 )
+from perfcap.io.doctor.fields import examine_fields
 from perfcap.io.doctor.finding import doubting
 from perfcap.io.doctor.footage import examine_blank
 from perfcap.io.doctor.halts import examine_halts
@@ -136,6 +137,7 @@ def doubts(
         if needs_images and finding.severity is Severity.ERROR:
             raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
     findings += examine_halts(inputs.clip, inputs.rig.names, inputs.clip.start)
+    findings += examine_fields(inputs.clip, inputs.rig.names)
     findings += examine_cameras(inputs.rig, first=inputs.clip.start)
     fitting = detected or not alone
     findings += examine_detections(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from perfcap.io.doctor.fields import field_frames
 from perfcap.io.doctor.footage import blank_frames
 from perfcap.io.doctor.rest import rest_frames
 from perfcap.io.doctor.shots import anchor_frames
@@ -26,6 +27,7 @@ def fixed_frames(count: int, rate: float) -> list[int]:
     """
     looks = (
         blank_frames(count),
+        field_frames(count),
         rest_frames(count, rate),
         anchor_frames(count, rate),
         gravity_frames(count),

@@ -20,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.agreement import examine_agreement
+from perfcap.io.doctor.fields import examine_fields
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given import examine_given, examine_images, given_rig
 from perfcap.io.doctor.given_way import examine_way
@@ -243,7 +244,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
             torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
             torch.stack([each.confidence2d for each in people]).numpy(),
         )
-    found += halts
+    found += [*halts, *examine_fields(images.reader, names)]
     take = images.reader, names
     late: list[Finding] = []
     if shown.moving:

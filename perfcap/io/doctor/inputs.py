@@ -24,6 +24,7 @@ from perfcap.io.detections import read_detections
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
+from perfcap.io.doctor.fields import examine_fields
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import examine_blank, examine_footage
 from perfcap.io.doctor.given_way import examine_way
@@ -70,6 +71,7 @@ def examine_inputs(
             *_warnings("videos", clip.warnings),
             *examine_blank(clip, clip.names, clip.start),
             *examine_halts(clip, clip.names, clip.start),
+            *examine_fields(clip, clip.names),
         ]
     if rig is None:
         return findings
