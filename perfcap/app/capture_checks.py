@@ -57,11 +57,27 @@ def examined(
     refuse_wrong(inputs, detected and people is False)
     found = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
     found += way_doubts(inputs) if given else []
+    if detected and people is False and inputs.clip.views > 1:
+        found = _advised(found)
     inputs.clip.keep(())  # that was the last look at them
     for line in inputs.warnings:
         _LOG.warning("%s", line)
     inputs = replace(inputs, detections=doubting(inputs.detections, found))
     return told(inputs, sentences(found))
+
+
+def _advised(findings: Sequence[Finding]) -> list[Finding]:
+    """The same; the first that doubts all of a view says that it may show another person.
+
+    Whoever else walks there looks like this person at another time, or from another side.
+    """
+    found = list(findings)
+    for place, each in enumerate(found):
+        doubted = each.views and not each.frames and each.severity is not Severity.INFO
+        if doubted and "--people" not in each.remedy:
+            found[place] = replace(each, remedy=f"{each.remedy}{_OTHERS}")
+            break
+    return found
 
 
 def told(inputs: Inputs, lines: Sequence[str]) -> Inputs:

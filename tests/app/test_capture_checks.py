@@ -113,3 +113,21 @@ def test_people_are_advised_where_there_is_such_an_option(
     found = examined(off, needs_images=False, detected=True, people=people)
     lines = [line for line in found.warnings if "sees the person" in line]
     assert len(lines) == 1 and ("--people" in lines[0]) == advised
+
+
+@pytest.mark.parametrize(("people", "advised"), [(False, True), (True, False), (None, False)])
+def test_a_view_that_looks_late_may_show_somebody_else(
+    tmp_path: Path, people: bool | None, advised: bool
+) -> None:
+    """Networks that follow whom each view sees best: to synchronise the videos was all advice."""
+    take = make_take(40, views=4)
+    paths = [tmp_path / f"view{view}.mp4" for view in range(4)]
+    for path in paths:
+        write_video(path, 40, (64, 64))
+    pixels = take.detections.joints2d.clone()
+    pixels[:-9, 1] = pixels[9:, 1]
+    late = inputs_of(replace(take.detections, joints2d=pixels, joints3d=None), 4)
+    late = replace(late, rig=replace(late.rig, cameras=take.cameras), clip=Clip.open(paths))
+    found = examined(late, needs_images=False, detected=True, people=people)
+    lines = [line for line in found.warnings if "synchronise" in line]
+    assert len(lines) == 1 and ("--people 1 follows the same one" in lines[0]) == advised
