@@ -73,7 +73,11 @@ def people(count: int, children: bool) -> Iterator[dict[str, float]]:
         rest = np.tile(np.eye(4), (len(sam.bone_names), 1, 1))
         for name, bone in sam.joint_bones.items():
             rest[bone, :3, 3] = person.rest_joints[name]
-        yield proportions(replace(sam, bone_rest=rest))
+        crown = person.rest_joints["head"].copy()
+        crown[1] = person.rest[:, 1].max()
+        ends = {name: person.rest_joints[name] for name in ("l_toe", "r_toe")} | {"head_top": crown}
+        landmarks = {name: (sam.landmarks[name][0], place) for name, place in ends.items()}
+        yield proportions(replace(sam, bone_rest=rest, landmarks=landmarks))
 
 
 def _table(name: str, rows: list[dict[str, float]]) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import sys
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from pathlib import Path
 from perfcap.actor.actor import Actor
 from perfcap.actor.bone_correction import unit_name
 from perfcap.errors import InputError
-from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_check import examine_actor, examine_joints
 from perfcap.io.actor_folder import (
     MANIFEST,
     MESH,
@@ -21,6 +22,7 @@ from perfcap.io.actor_folder import (
     read_manifest,
 )
 from perfcap.io.actor_import import import_actor, mapping_rows, read_mapping, require_sound
+from perfcap.io.actor_points import limit_findings
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import companions, require_readable_kind
 from perfcap.io.robot import is_robot, load_robot
@@ -147,15 +149,16 @@ def examine(name: str | Path, mapping: str | Path | None = None) -> Examination:
         manifest = replace(manifest, licence=rights)
     template, correction = imported.actor.template, imported.correction
     unit = unit_name(correction.scale)
+    actor = limited(imported.actor, manifest, path.parent)
     return Examination(
         path,
-        limited(imported.actor, manifest, path.parent),
+        actor,
         manifest,
         imported.bones.convention or "not known: joints were found by their places",
         f"in {unit}, {correction.up} up, facing {correction.ahead}",
         tuple(mapping_rows(template, imported.bones)),
         imported.character.parts,
-        imported.findings,
+        (*imported.findings, *limit_findings(actor.skeleton.rig)),
     )
 
 
@@ -164,6 +167,7 @@ def _examine_built(path: Path, manifest: Manifest) -> Examination:
     template, made = actor.template, "manifest"
     rows = [(n, template.bone_names[b], made) for n, b in template.joint_bones.items()]
     rows += [(name, "", made) for name in template.landmarks]
+    limits = limit_findings(actor.skeleton.rig)
     return Examination(
         path,
         actor,
@@ -172,7 +176,7 @@ def _examine_built(path: Path, manifest: Manifest) -> Examination:
         "in metres, y up, facing z",
         tuple(rows),
         (),
-        examine_actor(template),
+        (*_about_files(path, manifest), *examine_actor(template), *limits),
     )
 
 
@@ -202,14 +206,29 @@ def load_actor(
         return load_robot(path, None if mapping is None else read_mapping(Path(mapping)))
     manifest = _manifest(path)
     if mapping is None and manifest.joints:
-        return load_actor_folder(path.parent)
-    imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
-    require_sound(path, imported.findings)
-    limbs = [each for each in imported.about_actor if each.subject == "limbs"]
-    for finding in (*imported.about_file, *limbs):
+        actor = load_actor_folder(path.parent)
+        about_file, about_actor = _about_files(path, manifest), examine_joints(actor.template)
+    else:
+        imported = import_actor(path, None if mapping is None else read_mapping(Path(mapping)))
+        actor = limited(imported.actor, manifest, path.parent)
+        about_file, about_actor = imported.about_file, imported.about_actor
+    require_sound(path, (*about_file, *about_actor))
+    limbs = [each for each in about_actor if each.subject == "limbs"]
+    for finding in (*about_file, *limbs, *limit_findings(actor.skeleton.rig)):
         if finding.severity is Severity.WARNING:
             _LOG.warning("%s: %s", path, finding)
-    return limited(imported.actor, manifest, path.parent)
+    return actor
+
+
+def _about_files(path: Path, manifest: Manifest) -> tuple[Finding, ...]:
+    """Whether a mesh is the one that its manifest was written for."""
+    with path.open("rb") as file:
+        same = hashlib.file_digest(file, "sha256").hexdigest() == manifest.digest
+    if same or manifest.digest == UNKNOWN:
+        return ()
+    what = f"is not the file that {MANIFEST} was written for (sha256)"
+    remedy = f"joints and landmarks may be of another one: perfcap actor build {path.name} again"
+    return (Finding(Severity.WARNING, "mesh", what, remedy),)
 
 
 def _manifest(path: Path) -> Manifest:

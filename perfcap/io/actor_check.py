@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
+from perfcap.actor.bone_map import SURE, facing
 from perfcap.actor.template import Template
 from perfcap.geometry.surface_topology import SurfaceTopology, face_areas, surface_topology
 from perfcap.io.actor_limbs import LIMBS, carried_by, joint_places, limb_findings
+from perfcap.io.actor_points import landmark_findings
 from perfcap.io.doctor.finding import Finding, Severity
 
 Floats = NDArray[np.float64]
 
-_TRUNK = (("spine", "neck"), ("neck", "head"))
+_TRUNK = (("pelvis", "spine"), ("spine", "neck"), ("neck", "head"))
 _LEANING = 30.0  # degrees, of the trunk
 _SEATED, _CROUCHED, _RAISED, _HANGING = 50.0, 60.0, 130.0, 12.0  # thighs, knees, arms
 _INSIDE = 0.3  # winding number of a place within the body; 1 in a closed surface
@@ -29,21 +32,46 @@ _FACES_AT_ONCE = 4096
 
 
 def examine_actor(template: Template) -> tuple[Finding, ...]:
-    """Findings about a template in metres whose joints are known."""
+    """Findings about a template in metres whose joints are known, or bones are called like them."""
     topology = surface_topology(template.vertices, template.faces)
+    template = _joined(template)
     return (
         *_size(template),
-        *_chains(template),
-        *_sides(template),
-        *limb_findings(template),
-        *_pose(template),
+        *examine_joints(template),
         *_people(template),
-        *_skin(template),
-        *_weights(template),
+        *(_skin(template) if _has_joints(template) else ()),
+        *(_weights(template) if _has_joints(template) else ()),
         *_surface(template, topology),
         *_inside_out(template, topology),
         *_outside(template, topology),
     )
+
+
+def examine_joints(template: Template) -> tuple[Finding, ...]:
+    """Findings about the joints, landmarks and rest pose of a template in metres alone.
+
+    None of a skeleton that lacks joints of a person.
+    """
+    template = _joined(template)
+    if not _has_joints(template):
+        return ()
+    return (
+        *_chains(template),
+        *_sides(template),
+        *limb_findings(template),
+        *landmark_findings(template),
+        *_pose(template),
+    )
+
+
+def _joined(template: Template) -> Template:
+    """The same with its joints by name, where bones are called like them."""
+    named = {name: bone for bone, name in enumerate(template.bone_names) if name in JOINTS}
+    return template if template.joint_bones else replace(template, joint_bones=named)
+
+
+def _has_joints(template: Template) -> bool:
+    return template.joint_bones.keys() == set(JOINTS)
 
 
 def _size(template: Template) -> Iterator[Finding]:
@@ -85,6 +113,10 @@ def _sides(template: Template) -> Iterator[Finding]:
     if float((at["l_shoulder"] - at["r_shoulder"]) @ (at["l_hip"] - at["r_hip"])) < 0:
         what = "l_shoulder is on the side of r_hip, and r_shoulder on that of l_hip"
         remedy = "exchange l_ and r_ of the arms, or of the legs, in a mapping file"
+        yield Finding(Severity.ERROR, "left and right", what, remedy)
+    elif facing(template, template.joint_bones) < -SURE:
+        what = "joints called left are on the right of where the feet point"
+        remedy = "exchange l_ and r_ in the mapping file, or [joints] of manifest.toml"
         yield Finding(Severity.ERROR, "left and right", what, remedy)
 
 

@@ -56,6 +56,7 @@ class Manifest:
         joints: names of bones by joint; empty where bones are called like their joints.
         landmarks: name of a bone and rest position, m, by landmark.
         limits: lower and upper limit by angle, rad, where they differ from the usual ones.
+        digest: SHA-256 of the mesh that it was written for, in hexadecimal.
     """
 
     name: str | None = None
@@ -66,6 +67,7 @@ class Manifest:
     joints: Mapping[str, str] = field(default_factory=dict)
     landmarks: Mapping[str, tuple[str, tuple[float, float, float]]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    digest: str = UNKNOWN
 
 
 def spare_files(folder: Path, beside: Iterable[str]) -> None:
@@ -292,6 +294,7 @@ def read_manifest(path: Path) -> Manifest:
         joints,
         {n: (mark["bone"], _triple(mark["position"])) for n, mark in landmarks.items()},
         {n: (math.radians(low), math.radians(high)) for n, (low, high) in limits.items()},
+        _of_mesh(values, "sha256"),
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from perfcap.actor.actor import Actor
 from perfcap.actor.anatomy import JOINTS, PARENTS
 from perfcap.actor.bone_correction import Correction, find_correction, unit_name
-from perfcap.actor.bone_map import SURE, BoneMap, end_landmarks, facing, map_bones
+from perfcap.actor.bone_map import BoneMap, end_landmarks, map_bones
 from perfcap.actor.bone_names import ENDS
 from perfcap.actor.bone_owners import bone_owners
 from perfcap.actor.template import Template
@@ -155,10 +155,6 @@ def _about_import(raw: Template, bones: BoneMap, correction: Correction) -> list
     if bones.swapped:
         what = "bones named left are on the right of where the feet point"
         warn("left and right", what, "they were exchanged; mirror the names in Blender")
-    elif facing(raw, bones.joints) < -SURE:
-        what = "the mapping calls left what is on the right of where the feet point"
-        remedy = "exchange l_ and r_ in the mapping file"
-        found.append(Finding(Severity.ERROR, "left and right", what, remedy))
     return found
 
 

@@ -8,14 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.template import Template
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.finding import Finding, Severity
 
 Floats = NDArray[np.float64]
 
 LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+_ENDS = {"head_top", "l_toe", "r_toe"}
 _UNEVEN = 1.15  # times the other side's
 # Lengths against each other, of people 1.00 to 1.32, 0.61 to 1.29, 0.56 to 0.66, 0.56 to 0.88,
-# 0.48 to 0.82 and 0.59 to 0.80 (experiments/joint_places.py); drawn characters may go further.
+# 0.48 to 0.82, 0.59 to 0.80, 0.30 to 0.43 and 0.40 to 0.60 (experiments/joint_places.py); drawn
+# characters may go further.
 _USUAL = {
     ("upper arms", "forearms"): (0.75, 1.7),
     ("thighs", "shanks"): (0.55, 1.6),
@@ -23,6 +26,8 @@ _USUAL = {
     ("shoulders", "arms"): (0.4, 1.0),
     ("hips", "shoulders"): (0.35, 0.97),
     ("trunk", "legs"): (0.5, 1.0),
+    ("feet", "shanks"): (0.2, 0.6),
+    ("heads", "trunk"): (0.28, 0.8),
 }
 _ABOVE = {"elbow": "shoulder", "knee": "hip"}
 _BELOW = {"shoulder": ("elbow", "wrist"), "hip": ("knee", "ankle")}
@@ -56,15 +61,19 @@ def carried_by(template: Template, bone: int) -> set[int]:
 
 
 def joint_places(template: Template) -> dict[str, Floats]:
-    """Where the joints rest, (3,) each, metres."""
-    return {name: template.bone_rest[bone, :3, 3] for name, bone in template.joint_bones.items()}
+    """Where joints and landmarks rest, (3,) each, metres."""
+    ends = {name: bone for bone, name in enumerate(template.bone_names) if name in LANDMARKS}
+    bones = {**ends, **template.joint_bones}
+    places = {name: template.bone_rest[bone, :3, 3] for name, bone in bones.items()}
+    return places | {name: np.asarray(place) for name, (_, place) in template.landmarks.items()}
 
 
 def _lengths(template: Template) -> Iterator[Finding]:
     """Bones of one side that are longer than the other's: a joint lies at the wrong place."""
     at = joint_places(template)
     odd = []
-    for upper, lower in LIMBS:
+    feet = (("ankle", "toe"),) if at.keys() >= _ENDS else ()
+    for upper, lower in (*LIMBS, *feet):
         left, right = (
             float(np.linalg.norm(at[f"{side}_{upper}"] - at[f"{side}_{lower}"])) for side in "lr"
         )
@@ -77,7 +86,10 @@ def _lengths(template: Template) -> Iterator[Finding]:
 
 
 def proportions(template: Template) -> dict[str, float]:
-    """Lengths against each other, both sides' mean, by what they are of."""
+    """Lengths against each other, both sides' mean, by what they are of.
+
+    Feet and heads are left out without landmarks.
+    """
     at = joint_places(template)
 
     def length(start: str, end: str) -> float:
@@ -95,7 +107,11 @@ def proportions(template: Template) -> dict[str, float]:
         "hips": float(np.linalg.norm(at["l_hip"] - at["r_hip"])),
         "trunk": float(np.linalg.norm(at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"]))),
     }
-    return {f"{one} to {other}": sizes[one] / max(sizes[other], 1e-9) for one, other in _USUAL}
+    if at.keys() >= _ENDS:
+        sizes["feet"] = length("ankle", "toe")
+        sizes["heads"] = float(np.linalg.norm(at["head_top"] - at["neck"]))
+    pairs = [(one, other) for one, other in _USUAL if one in sizes]
+    return {f"{one} to {other}": sizes[one] / max(sizes[other], 1e-9) for one, other in pairs}
 
 
 def crossing_shares(template: Template) -> dict[str, float]:
@@ -121,9 +137,9 @@ def crossing_shares(template: Template) -> dict[str, float]:
 def _proportions(template: Template) -> Iterator[Finding]:
     """Lengths, of both sides alike, that people do not have."""
     odd = []
-    for (name, ratio), (low, high) in zip(
-        proportions(template).items(), _USUAL.values(), strict=True
-    ):
+    usual = {f"{one} to {other}": ends for (one, other), ends in _USUAL.items()}
+    for name, ratio in proportions(template).items():
+        low, high = usual[name]
         if not low <= ratio <= high:
             odd.append(f"the length of {name} is {ratio:.2f}, of people {low} to {high}")
     if odd:

@@ -15,8 +15,9 @@ from perfcap.io.doctor.legs import NO_LEGS, leg_lengths, ratio_to, rest_landmark
 _RATIO = (0.87, 1.15)  # of the actor's legs to those that the views show
 # The same of single bones, where legs fit: right actors have 0.93 to 1.05 in two to seven views,
 # and a generic one 0.90 to 1.14 of a real man (--bones template); joints at wrong
-# places 0.58 to 0.75 and 1.26 to 1.40.
-_SINGLE = (0.8, 1.22)
+# places 0.58 to 0.75 and 1.26 to 1.40. Feet have 0.90 to 1.02, and estimators differ in what they
+# call a toe; many guess crowns, so that heads say nothing.
+_SINGLE, _FEET = (0.8, 1.22), (0.7, 1.45)
 # Lengths, of both sides, whose median is believed, and the middle half of them in parts of it: from
 # cameras that face each other it is 0.3 to 1.8, and medians are too long.
 _FEWEST, _SPREAD = 12, 0.22
@@ -27,6 +28,7 @@ _BONES = {
         ("forearms", ("elbow", "wrist")),
         ("thighs", ("hip", "knee")),
         ("shanks", ("knee", "ankle")),
+        ("feet", ("ankle", "toe")),
     )
 }
 
@@ -60,7 +62,8 @@ def bone_doubts(
         )
         return
     ratios = bone_ratios(actor, points)
-    odd = {name: ratio for name, ratio in ratios.items() if not _SINGLE[0] < ratio < _SINGLE[1]}
+    usual = {name: _FEET if name == "feet" else _SINGLE for name in ratios}
+    odd = {name: r for name, r in ratios.items() if not usual[name][0] < r < usual[name][1]}
     if odd:
         each = ", ".join(f"{name} {ratio:.2f}" for name, ratio in odd.items())
         yield (

@@ -12,12 +12,14 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.bone_correction import SHORTEST, TALLEST
 from perfcap.detect.association import bone_lengths, tracked_bones
 from perfcap.detect.association.tracks import bone_difference
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.io.actor_check import examine_joints
 from perfcap.io.doctor import Finding, Severity
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.fields import examine_fields
@@ -132,7 +134,7 @@ def _input_sentences(detections: Detections, findings: Sequence[Finding]) -> tup
 def actor_doubts(
     actor: Actor, cameras: Camera, detections: Detections, solve_bones: bool
 ) -> Iterator[str]:
-    """Whether the actor has the size of a person, and of this one where views show it.
+    """Whether the actor has joints and size of a person, and of this one where views show it.
 
     Args:
         actor: who is to be captured.
@@ -140,6 +142,10 @@ def actor_doubts(
         detections: (F, C).
         solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
     """
+    if actor.skeleton.rig.joints[: len(JOINTS)] == JOINTS:
+        for found in examine_joints(actor.template):
+            if found.severity is Severity.ERROR:  # actors of files that have any are refused
+                yield f"the actor's {found.subject}: {found.what}; {found.remedy}"
     rest = actor.skeleton.rest_landmarks.detach().double().cpu()
     height = float(rest[:, 1].max() - rest[:, 1].min())
     if not _HEIGHT[0] < height < _HEIGHT[1]:

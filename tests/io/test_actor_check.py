@@ -140,6 +140,7 @@ def test_rest_poses_far_from_a_and_t_are_told(
         ("limbs", "l_elbow", "l_wrist"),
         ("limbs", "l_elbow", "r_elbow"),
         ("limbs", "r_knee", "r_hip"),
+        ("trunk", "pelvis", "spine"),
         ("trunk", "spine", "neck"),
         ("trunk", "neck", "head"),
     ],

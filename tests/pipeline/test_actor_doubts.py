@@ -61,11 +61,32 @@ def test_joints_at_wrong_places_on_both_sides_are_told(
     )
 
 
+def test_a_template_of_ones_own_with_left_for_right_is_told() -> None:
+    """Also in one view, and where bones are solved."""
+    take = make_take(8)
+    at = rest_positions()
+    sides = {"l": "r", "r": "l"}
+    crossed = {sides.get(n[0], n[0]) + n[1:] if n[1] == "_" else n: p for n, p in at.items()}
+    crossed |= {name: at[name] for name in ("l_toe", "r_toe")}
+    wrong = Actor(template(crossed))
+    told = list(actor_doubts(wrong, take.cameras, take.detections, True))
+    assert any("left are on the right of where the feet point" in line for line in told)
+
+
+def test_feet_of_another_length_are_told() -> None:
+    take = make_take(20, views=3)
+    at = rest_positions()
+    for side in "lr":
+        at[f"{side}_toe"] = at[f"{side}_toe"] + torch.tensor([0.0, 0.0, 0.12]).double()
+    (told,) = actor_doubts(Actor(template(at)), take.cameras, take.detections, False)
+    assert "(feet 1." in told
+
+
 def test_bones_that_are_hardly_seen_say_nothing() -> None:
     take = make_take(20, views=3)
     places = take.actor.joints(take.truth)
     assert bone_ratios(take.actor, places) == pytest.approx(
-        dict.fromkeys(("upper arms", "forearms", "thighs", "shanks"), 1.0)
+        dict.fromkeys(("upper arms", "forearms", "thighs", "shanks", "feet"), 1.0)
     )
     places[3:] = torch.nan
     assert not bone_ratios(take.actor, places)
