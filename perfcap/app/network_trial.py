@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.app.joint_names import misnamed
 from perfcap.app.known_frames import known_frames
 from perfcap.detect.crop import Frame
 from perfcap.detect.joint_set import LANDMARKS, map_to_landmarks
@@ -30,6 +31,7 @@ Floats = NDArray[np.float64]
 # of `lightning` and `blazepose`, 0.92 and more of others, which see nearly as well so.
 _BETTER = 0.88
 _EXCHANGED = 0.5
+_PADDING, _ALIKE = 1.25, 0.15  # most networks learned such crops; distances then differ little
 _FEW = 0.7  # of the joints; of the shipped networks 0.94 and more are found
 _IMAGENET = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _ONES = (1.0, 1.0, 1.0)
@@ -45,12 +47,14 @@ class Reading:
         found: share of the joints that are near it.
         opposite: share of them that are near the other side's.
         sure: mean of the network's confidence.
+        misnamed: which joints lie where others are.
     """
 
     off: float
     found: float
     opposite: float
     sure: float
+    misnamed: tuple[str, ...] = ()
 
     @property
     def exchanged(self) -> bool:
@@ -100,6 +104,8 @@ def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
             f"to check: {own.opposite:.0%} are where the other side's are; joints.names or "
             "joints.set have left and right exchanged"
         )
+    elif own.misnamed:
+        yield f"to check: {', '.join(own.misnamed)}; exchange them in joints.names"
     elif better:
         best = min(better, key=lambda what: others[what].off)
         yield (
@@ -149,6 +155,8 @@ def _inputs(spec: InputSpec) -> Iterator[tuple[str, InputSpec]]:
         "values -1 to 1 (scale = 0.00784314, mean = [1, 1, 1])": (1 / 127.5, _ONES, _ONES),
         "mean and std of ImageNet": (1.0, mean, std),
     }
+    if abs(spec.padding / _PADDING - 1) > _ALIKE:
+        yield f"padding = {_PADDING}", replace(spec, padding=_PADDING)
     whole = "int" in spec.dtype
     for order in ("rgb", "bgr"):
         said = [f'color = "{order}"'] if order != spec.color else []
@@ -180,6 +188,7 @@ def _read(network: OnnxDetector | OnnxFinder, manifest: Manifest) -> Reading:
         ]
     finally:
         network.manifest = before
+    points, _, places = (np.stack(each) for each in zip(*seen, strict=True))
     judged = [n for n in JUDGED if LANDMARKS[n] not in network.joint_set.missing()]
     off, opposite = (
         np.stack([_apart(points, truth[order])[judged] for points, _, truth in seen])
@@ -190,6 +199,7 @@ def _read(network: OnnxDetector | OnnxFinder, manifest: Manifest) -> Reading:
         float((off < NEAR).mean()),
         float((opposite < NEAR).mean()),
         float(np.mean([sure[judged] for _, sure, _ in seen])),
+        misnamed(points, places, network.joint_set.missing()),
     )
 
 
