@@ -69,8 +69,7 @@ def _export(request: Export) -> int:
         for entry in written:
             spare_result(request.folder, out / entry)
     console = PlainConsole(soft_wrap=True)
-    numbers = result.frame_numbers[recording.first : recording.stop]
-    for line in distrust(result.report, int(numbers[0]), int(numbers[-1]) + 1):
+    for line in distrust(result.report, result.frame_numbers[recording.first : recording.stop]):
         console.print(f"{request.folder}: {line}")
     if not np.array_equal(recording.upright, np.eye(3)):
         console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")

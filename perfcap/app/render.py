@@ -47,8 +47,7 @@ def _render(request: Render) -> int:
     result = read_result(request.folder)
     spare_result(request.folder, request.out)
     rows = _rows(request, result)
-    shown = result.frame_numbers[rows]
-    for line in distrust(result.report, int(shown[0]), int(shown[-1]) + 1):
+    for line in distrust(result.report, result.frame_numbers[rows]):
         PlainConsole().print(f"{request.folder}: {line}", soft_wrap=True)
     joints = torch.from_numpy(result.joints)
     found = upright(joints, result.level)

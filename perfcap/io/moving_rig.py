@@ -116,7 +116,7 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
         world_to_floor=_floor(result.report),
         notes=(
             *_cut_short(folder, frames, int(numbers[-1]) + 1),
-            *distrust(result.report, frames.start or 0, stop),
+            *distrust(result.report, numbers[chosen]),
         ),
     )
 

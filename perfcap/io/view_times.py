@@ -41,7 +41,10 @@ def parting(timed: Sequence[tuple[Array, str]]) -> list[str]:
 def _parting_between(timed: Sequence[tuple[Array, str]]) -> list[str]:
     """The same of views that end alike: each left out frames, at another time."""
     times = np.stack([each for each, _ in timed])
-    rate = 1 / float(np.median(np.diff(times)))
+    step = float(np.median(np.diff(times)))
+    if step <= 0:  # most frames of a file have the time of the one before
+        return []
+    rate = 1 / step
     apart = np.ptp(times, axis=0) * rate
     if int((apart > _APART).sum()) < _LASTING:
         return []

@@ -11,7 +11,7 @@ from runs import Command
 
 from perfcap.io.distrust import distrust
 
-SAID = "as the capture said, frames 5-6 show nobody and are made up from those beside them, and "
+SAID = "as the capture said, frames 5-6 show no person and are made up from those beside them, and "
 SAID += "frames 3-5 are not to be trusted"
 
 
@@ -53,8 +53,12 @@ def test_every_command_that_makes_something_says_it(
 
 def test_parts_and_reports_of_others() -> None:
     report = {"not_captured": [[5, 7]], "quality": {"not_trusted": [{"frames": [3, 6]}]}}
-    assert distrust(report, 0, 10) == (SAID,)
-    (line,) = distrust(report, 0, 5)
+    assert distrust(report, range(10)) == (SAID,)
+    (line,) = distrust(report, range(5))
     assert line == "as the capture said, frames 3-4 are not to be trusted"
     for other in ({}, {"quality": None}, {"not_captured": 3, "quality": {"not_trusted": [1, {}]}}):
-        assert distrust(other, 0, 10) == ()
+        assert distrust(other, range(10)) == ()
+    # numbers that a damaged file holds cost no time
+    damaged = {"not_captured": [[0, 10**30], [-(10**30), 2]]}
+    (line,) = distrust(damaged, (1, 2, 10**15))
+    assert "frames 1-2, 1000000000000000 show" in line

@@ -3,11 +3,13 @@
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 from video_files import picture, write_frames
 
 from perfcap.errors import InputError
 from perfcap.io.clip import Clip
+from perfcap.io.view_times import parting
 
 PLAIN = picture(0, 16, 16)
 FILM = Fraction(30000, 1001)  # frames a second
@@ -83,3 +85,9 @@ def test_long_views_that_part_are_to_be_converted_first(tmp_path: Path) -> None:
     ]
     with pytest.raises(InputError, match="convert them to one rate, then cut them"):
         Clip.open(paths)
+
+
+def test_views_most_of_whose_frames_have_one_time_are_not_compared() -> None:
+    """A damaged file: its times say nothing of when frames were taken."""
+    held = np.concatenate((np.zeros(20), [0.6]))
+    assert parting([(held, "a"), (held, "b")]) == []
