@@ -64,6 +64,15 @@ def test_film_in_a_faster_video(tmp_path: Path, pictures: np.ndarray) -> None:
     assert "24 pictures a second" in told.what and "frames 1, 6, 11" in told.what
 
 
+def test_a_webcam_in_the_dark(tmp_path: Path, pictures: np.ndarray) -> None:
+    """It has a new picture now and then: without the others, times would be wrong all the more."""
+    shown = np.maximum.accumulate(
+        [k if k % 12 in (0, 1, 2, 3, 4, 7) else 0 for k in range(FRAMES)]
+    ).tolist()
+    (told,) = examined(tmp_path / "a.mp4", pictures, shown)
+    assert "15 pictures a second" in told.what and "ffmpeg" not in told.remedy
+
+
 def test_a_picture_that_is_held(tmp_path: Path, pictures: np.ndarray) -> None:
     """Within the clip, and at its end."""
     shown = [*range(20), *[20] * 12, *range(32, 50), *[50] * 10]

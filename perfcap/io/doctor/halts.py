@@ -13,6 +13,7 @@ from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 
 _FEWEST, _SHARE = 3, 0.05  # frames that repeat the one before, and share of them
 _PAUSES = 2  # stretches of a camera that stalled; a converter repeats pictures all the time
+_REGULAR = 1  # frames by which distances differ, so that the rest is at one rate
 _LONG = 8  # frames of one picture: no network or file has joints of their moments
 
 
@@ -59,7 +60,7 @@ def _findings(
     if len(short) > _PAUSES:
         pictures = f"{rate * (1 - count / others):.4g}"
         what += f": there are {pictures} pictures a second, not {rate:.4g}"
-        if single:
+        if single and np.ptp(np.diff([stretch[0] for stretch in short])) <= _REGULAR:
             filters = f"mpdecimate,setpts=N/{pictures}/TB"
             remedy += f", or drop these frames (ffmpeg -i IN -vf {filters} -r {pictures} OUT)"
     yield Finding(Severity.WARNING, name, what, remedy)
