@@ -14,6 +14,7 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
+from perfcap.geometry.camera import Camera
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.gaps import ranges
 from perfcap.pipeline.trust_weights import FEATURES, SEVERAL, weighted
@@ -35,6 +36,7 @@ _STRETCH = 200  # frames whose covariances are held at once
 _AROUND = 0.1  # s, of frames that a frame is judged with
 _OUTLIER, _LOST = 4.0, 20.0  # percent of the person's height: a detection that does not agree
 _ENOUGH = 1.0  # detections that agree with a joint
+_HARDLY = 0.3  # of one, in the median frame
 _BASE = 0.3  # percent of the person's height: no error is known better
 _TYPICAL_SPACE = 0.06  # m, where there is no 3D pose to differ from
 _LACKED = ("head_top", "neck", "r_toe", "l_toe")  # by COCO's joints, among others
@@ -52,7 +54,8 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
       worst_pixels: that of the joint with the largest one;
     - support and least_support: how many detections agree with a joint, an outlier counts for
       nothing and more than one is as good as one; the mean over joints, and the log of the least.
-      Crown, neck and toes do not count in a clip that never shows them;
+      Crown, neck and toes do not count in a clip that never shows them, or whose several views
+      hardly ever agree with them, nor in worst_pixels;
     - space and worst_space: log distance (m) between joints and 3D poses, mean and largest, and
       no_space: 1 where no 3D pose is trusted;
     - spread: log of the largest deviation (m) of a joint about the mean of all, from the
@@ -67,35 +70,32 @@ def frame_evidence(problem: ClipProblem, motion: Motion) -> Tensor:
         problem: as it was before a first solve changed its weights.
         motion: the result, (F,).
     """
-    reach = _reach(problem, motion)
+    reach, counted = _reach(problem, motion), _counted(problem, motion)
     parts = []
     for start in range(0, motion.frames, _STRETCH):
         first, stop = max(0, start - reach), min(motion.frames, start + _STRETCH + reach)
         part = slice(first, stop)
-        found = _evidence(problem, motion[part], part, reach)
+        found = _evidence(problem, motion[part], part, reach, counted)
         parts.append(found[start - first : start - first + _STRETCH])
     return torch.cat(parts)
 
 
-def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> Tensor:
+def _evidence(
+    problem: ClipProblem, motion: Motion, part: slice, reach: int, counted: Tensor
+) -> Tensor:
     frames = problem.apart(part)
-    cameras, seen = frames.cameras, frames.detections
-    unit, known = problem.pixel_unit, seen.confidence2d > 0
-    energies = dict(frames.objective().items())
-    pixels = (cameras.project(problem.actor.joints(motion)) - seen.joints2d).norm(dim=-1)
-    error = (pixels / unit[:, None]).nan_to_num(_LOST, _LOST).clamp(max=_LOST)
-    error = torch.where(known, error, 0)
-    agrees = known / (1 + (error / _OUTLIER).square()).square()
-    named = problem.detections.confidence2d.gt(0).any(0).any(0)
-    named[_LIMBS] = True  # limbs that nothing shows are hidden; others, the joint set may lack
+    seen, unit = frames.detections, problem.pixel_unit
+    known, energies = seen.confidence2d > 0, dict(frames.objective().items())
+    error = _pixels_off(frames.cameras, seen, problem.actor.joints(motion), unit)
+    agrees = _agreement(error, known)
     count = known.sum(1)
     of_joints = error.sum(1) / count.clamp(min=1)  # F J
-    support = _around(agrees.sum(1).clamp(max=_ENOUGH), reach)[:, named]
+    support = _around(agrees, reach)[:, counted]
     space, worst, none = _space(energies, problem, seen.trusted3d, motion)
     middle = torch.where(count > 0, of_joints, torch.nan).nanmedian(-1).values.nan_to_num(_LOST)
     features = (
         (_around(middle, reach) + _BASE).log(),
-        (_around(of_joints, reach).amax(-1) + _BASE).log(),
+        (_around(of_joints, reach)[:, counted].amax(-1) + _BASE).log(),
         support.mean(-1),
         (support.amin(-1) + 0.05).log(),
         (_around(space, reach) + 0.01).log(),
@@ -106,6 +106,37 @@ def _evidence(problem: ClipProblem, motion: Motion, part: slice, reach: int) -> 
         _around(_deviation(seen), reach).log(),
     )
     return torch.stack(features, -1)
+
+
+def _pixels_off(cameras: Camera, seen: Detections, joints: Tensor, unit: Tensor) -> Tensor:
+    """Reprojection errors (F, C, J) in percent of the person's height; 0 where nothing is seen."""
+    pixels = (cameras.project(joints) - seen.joints2d).norm(dim=-1)
+    error = (pixels / unit[:, None]).nan_to_num(_LOST, _LOST).clamp(max=_LOST)
+    return torch.where(seen.confidence2d > 0, error, 0)
+
+
+def _agreement(error: Tensor, known: Tensor) -> Tensor:
+    """How many detections agree with a joint, (F, J), 1 at most; both are (F, C, J)."""
+    agrees = known / (1 + (error / _OUTLIER).square()).square()
+    return agrees.sum(1).clamp(max=_ENOUGH)
+
+
+def _counted(problem: ClipProblem, motion: Motion) -> Tensor:
+    """Joints (J,) that evidence looks at: limbs, and others that the clip shows.
+
+    Detectors and actors have necks and crowns at other places: one that several views hardly ever
+    bear out is defined otherwise, which says nothing of a frame.
+    """
+    seen = problem.detections
+    known = seen.confidence2d > 0  # F C J
+    counted = known.any(0).any(0)
+    if seen.views > 1:
+        joints = problem.actor.joints(motion)
+        error = _pixels_off(problem.cameras, seen, joints, problem.pixel_unit)
+        agrees = torch.where(known.any(1), _agreement(error, known), torch.nan)
+        counted &= agrees.nanmedian(0).values > _HARDLY
+    counted[_LIMBS] = True  # limbs that nothing shows are hidden; others, the joint set may lack
+    return counted
 
 
 def _deviation(seen: Detections) -> Tensor:

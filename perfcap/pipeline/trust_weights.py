@@ -44,9 +44,9 @@ _LIFTED = _Weights(
 )
 # 46 844 frames of captures of the library's clips in two to six simulated views, with usual and
 # with 2.2 times the errors, parts hidden, or a view wrong for a while, with and without 3D poses;
-# a twentieth of the good frames is named (experiments/trust_views.py).
+# one in 25 of the good frames is named (experiments/trust_views.py).
 _SEVERAL_VIEWS = _Weights(
-    (-0.079, 1.583, -2.693, -0.752, 0.368, 0.616, 0.768, 0.265, -0.731, 0.0, 0.585),
+    (-0.079, 1.583, -2.693, -0.752, 0.368, 0.616, 0.768, 0.265, -0.731, 0.0, 0.383),
     (-0.078, 0.549, -1.154, -0.178, 0.17, 0.15, 0.137, 0.148, -0.41, 0.0, 4.674),
 )
 

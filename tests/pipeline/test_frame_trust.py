@@ -103,6 +103,24 @@ def test_a_joint_that_no_view_bears_out_is_named_in_several(views: int) -> None:
     assert (trust.value[31:] > THRESHOLD).all()
 
 
+def test_a_neck_that_is_defined_otherwise_says_nothing_of_frames() -> None:
+    """Some detectors call the middle of the shoulders so, and actors a joint far above it."""
+    take = make_take(40, views=3)
+    neck, span = LANDMARKS.index("neck"), take.detections.person_height()
+
+    def trusted(frames: slice) -> torch.Tensor:
+        joints = take.detections.joints2d.clone()
+        for view, side in enumerate((0.1, -0.1, 0.05)):  # no place agrees with all of them
+            joints[frames, view, neck] += span[view] * torch.tensor([side, 0.1], dtype=F64)
+        detections = replace(take.detections, joints2d=joints).without_poses()
+        trust = capture(take.actor, take.cameras, detections, take.rate).trust
+        assert trust is not None
+        return trust.value
+
+    assert (trusted(slice(None)) > THRESHOLD).all()
+    assert (trusted(slice(10, 25))[13:22] < THRESHOLD).all()  # elsewhere it is seen where it is
+
+
 @pytest.mark.long
 def test_several_views_need_nobody_to_say_so() -> None:
     torch.testing.assert_close(doubted(0.03, views=2).value, doubted(0.4, views=2).value)
