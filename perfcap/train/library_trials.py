@@ -27,6 +27,7 @@ _FEWEST = 300  # of them: fewer say nothing
 _RATE = 60.0  # Hz
 _HALF = 0.6  # times what it is, that another reading makes of it
 _SLIDING = 0.5  # m/s, of which people are warned; of the six of the CMU library it is 0.21
+_BENT, _HANGS = 0.35, -0.5  # sine of an elbow, and cosine of an upper arm to the way up the trunk
 _WARNED = 600  # frames: a single short clip may slide
 
 
@@ -83,11 +84,41 @@ def _beside(points: Array) -> Array:
     return level
 
 
+def _backwards(side: str) -> Callable[[Array], Array]:
+    """Cosines of bent forearms, across upper arms that hang, to the back of the trunk.
+
+    Of raised arms, elbows bend to any side of it.
+    """
+
+    def measure(points: Array) -> Array:
+        elbow = _at(points, f"{side}_elbow")
+        upper, lower = elbow - _at(points, f"{side}_shoulder"), _at(points, f"{side}_wrist") - elbow
+        across = _at(points, "l_hip", "l_shoulder") - _at(points, "r_hip", "r_shoulder")
+        trunk = _at(points, "neck") - _at(points, "l_hip", "r_hip")
+        upper, lower, trunk, ahead = (
+            each[:, 0] / np.maximum(np.linalg.norm(each[:, 0], axis=-1, keepdims=True), 1e-9)
+            for each in (upper, lower, trunk, np.cross(across, trunk))
+        )
+        beside = lower - (lower * upper).sum(-1, keepdims=True) * upper
+        bend = np.linalg.norm(beside, axis=-1)
+        bent = (bend > _BENT) & ((upper * trunk).sum(-1) < _HANGS)
+        cosine: Array = -(beside * ahead).sum(-1)[bent] / bend[bent]
+        return cosine if len(cosine) else np.zeros(1)
+
+    return measure
+
+
 # Medians of the six people of the CMU library: slide 0.07 to 0.21 m/s, and 0.6 to 1.5 with wrong
-# angles of the root; raised 0.06 to 0.26, and 0.87 to 1.94; beside 0.06 to 0.18 m, and to 0.32.
+# angles of the root; raised 0.06 to 0.26, and 0.87 to 1.94; beside 0.06 to 0.18 m, and to 0.32;
+# backwards -0.94 to -0.73, of single clips to -0.35, and the opposite.
 _SLIDE = _Rule(slide, 0.35, 0.35, "the lowest foot moves at {:.2g} m/s in most frames")
 _RAISED = _Rule(_raised, 0.7, 0.3, "upper arms do not hang in most frames")
 _BESIDE = _Rule(_beside, 0.15, 0.15, "shoulders are {:.2g} m beside the feet in most frames")
+_ELBOWS = {
+    side: _Rule(_backwards(side[0].lower()), 0.3, -0.3, f"{side.lower()} elbows bend backwards")
+    for side in ("Left", "Right")
+}
+_RULES = (_SLIDE, _RAISED, _BESIDE, *_ELBOWS.values())
 
 _READINGS: tuple[tuple[str, Read], ...] = (
     ("are in columns x, y, z", lambda a: a[..., ::-1]),
@@ -128,7 +159,7 @@ def require_readings(
         points = np.concatenate(
             [pose(angles(e), root(r), o).reshape(-1, 2, 16, 3) for e, r, o in sample]
         )
-        return {rule: float(np.median(rule.measure(points))) for rule in (_SLIDE, _RAISED, _BESIDE)}
+        return {rule: float(np.median(rule.measure(points))) for rule in _RULES}
 
     said = medians(lambda a: a)
     for rule, what, angles, root in _trials(names, parents):
@@ -180,6 +211,9 @@ def _trials(
     yield _SLIDE, "root_m has z up", same, lambda root: root[:, [0, 2, 1]] * [1, 1, -1]
     spine = _spine(names, parents)
     yield _BESIDE, "angles of the spine are negated", reader(spine, lambda a: -a), same
+    for side, rule in _ELBOWS.items():
+        forearm = [k for k, name in enumerate(names) if name == f"{side}ForeArm"]
+        yield rule, f"angles of {side}ForeArm are negated", reader(forearm, lambda a: -a), same
 
 
 def _mirrored(names: Sequence[str], column: int) -> int:

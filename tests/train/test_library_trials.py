@@ -115,6 +115,10 @@ MISTAKES: dict[str, tuple[Callable[[Arrays], None], str]] = {
     "sides of arms": (exchanged(*ARMS), "hang .* exchanged in columns of arms"),
     "arms x y z": (angles(lambda a: a[..., ::-1], "Arm"), "angles of arms are in columns x, y, z"),
     "arms radians": (angles(np.radians, *ARMS), "angles of arms are in radians"),
+    "elbow negated": (
+        angles(lambda a: -2 * a, "LeftForeArm"),
+        "left elbows bend backwards.* LeftForeArm are negated",
+    ),
 }
 BONES = (scaled("offsets_m", shorter), "the left forearm is .* m long, the right one .* in metres")
 
