@@ -39,8 +39,8 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.stage import Stage
 from perfcap.pipeline.trust import Trust, frame_evidence, judge_motion
 
-# the share was chosen with the recordings below in view; a tenth of their good frames is named
-_FIT = Fit(named=0.04, ridge=0.02)
+# chosen with the recordings below in view; a tenth of their good frames is named
+_FIT = Fit(named=0.04, ridge=0.005)
 _RING = 6  # views around a person
 _NOISY = Noise(2.2, 2.5, 2.5, 2.5, 2.5)
 

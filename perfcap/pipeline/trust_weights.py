@@ -46,8 +46,8 @@ _LIFTED = _Weights(
 # with 2.2 times the errors, parts hidden, or a view wrong for a while, with and without 3D poses;
 # one in 25 of the good frames is named (experiments/trust_views.py).
 _SEVERAL_VIEWS = _Weights(
-    (-0.079, 1.583, -2.693, -0.752, 0.368, 0.616, 0.768, 0.265, -0.731, 0.0, 0.383),
-    (-0.078, 0.549, -1.154, -0.178, 0.17, 0.15, 0.137, 0.148, -0.41, 0.0, 4.674),
+    (-0.331, 2.253, -3.592, -0.708, 0.294, 1.38, 1.664, 0.414, -0.914, 0.0, 1.232),
+    (-0.098, 0.572, -1.26, -0.162, 0.168, 0.153, 0.14, 0.155, -0.396, 0.0, 4.761),
 )
 
 

@@ -44,9 +44,9 @@ def judged(views: int, lost: slice = slice(0, 0), turn: float = 1.4) -> tuple[Tr
 
 def test_frames_in_which_images_moved_a_limb_away_are_named() -> None:
     found, alone = judged(3)
-    # the detections of the arm say so too, but not in the first and last of these frames, nor why
-    assert (alone.value[WRONG][1:-1] < THRESHOLD).all()
-    assert (alone.value[[WRONG.start, WRONG.stop - 1]] > THRESHOLD).all()
+    # the detections of the arm speak against it as well, but do not say why
+    assert (alone.value[WRONG] < THRESHOLD).all()
+    assert not any(WHY in why for _, _, why in alone.doubtful)
     ((start, stop, why),) = found.doubtful
     assert (start, stop) == (WRONG.start, WRONG.stop) and WHY in why
     assert found.value[WRONG].max() < 1 - THRESHOLD
