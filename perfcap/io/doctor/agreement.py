@@ -44,6 +44,7 @@ PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this 
 # joints lie 30 or 60 px aside 1.7 or more, and often another view then seems late
 IN_TIME = 1.6
 COMMON = 0.25  # share of the joints that two views see
+_OF_SIDES = 120  # frames in which left and right are looked at
 LEG = (0.4, 1.3)  # m, hip to ankle
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
@@ -88,7 +89,7 @@ def examine_agreement(
         # where joints of one view are exchanged, points are nowhere
         throughout = examine_one_view(sampled, names, height)
         if not throughout:
-            scaled, throughout = _throughout(sampled, successive)
+            scaled, throughout = _throughout(scene, successive)
             findings += scaled
         if successive:
             throughout += _stretches(scene.sure(), names, height, alone, bool(throughout))
@@ -202,9 +203,11 @@ def _numbered(finding: Finding, views: Sequence[int]) -> Finding:
 
 def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Finding]]:
     """The unit of the world, and joints that have the names of others in every view."""
-    points, _ = scene.triangulated(rounds=6)
+    points, _ = scene.sampled().triangulated(rounds=6)
+    # hips, neck and a foot are rarely known together where two views see them
+    more, _ = scene.sampled(_OF_SIDES).triangulated(rounds=6)
     exchanged = (
-        examine_sides("detections", points, successive=successive)
+        examine_sides("detections", more, successive=successive)
         or examine_pairs("detections", points)
         or examine_neighbours("detections", points)
     )

@@ -48,10 +48,10 @@ class Scene:
         untrusted = torch.zeros_like(seen.trusted3d)
         return Scene(self.cameras, Detections(seen.joints2d, confidence, None, untrusted))
 
-    def sampled(self) -> Scene:
-        """A few frames, evenly spread, of joints seen with confidence."""
+    def sampled(self, frames: int = FRAMES) -> Scene:
+        """So many frames, evenly spread, of joints seen with confidence."""
         count = self.detections.frame_count
-        index = torch.linspace(0, count - 1, min(count, FRAMES)).round().long()
+        index = torch.linspace(0, count - 1, min(count, frames)).round().long()
         return self.frames(index).sure()
 
     def triangulated(self, rounds: int) -> tuple[Tensor, Tensor]:

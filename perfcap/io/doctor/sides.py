@@ -61,9 +61,11 @@ def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     """
     at = dict(zip(LANDMARKS, points.unbind(1), strict=True))
     hips, shoulders = at["l_hip"] - at["r_hip"], at["l_shoulder"] - at["r_shoulder"]
-    up = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
-    feet = [at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]
-    toes = 0.5 * (feet[0] + feet[1])
+    between = 0.5 * (at["l_shoulder"] + at["r_shoulder"])
+    # joints that few views see are often unknown, and one foot says as much as two
+    top = torch.where(at["neck"].isnan(), between, at["neck"])
+    up = top - 0.5 * (at["l_hip"] + at["r_hip"])
+    toes = torch.stack([at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]).nanmean(0)
     return _cosine(torch.linalg.cross(hips, up), toes), _cosine(hips, shoulders)
 
 
