@@ -15,6 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
+from perfcap.io.doctor.empty_joints import examine_empty
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
@@ -108,7 +109,8 @@ def _poses3d(
     joints, confidence = shown = detections.joints2d[:, view], detections.confidence2d[:, view]
     pose = every[trusted]
     wrong = (
-        _axes3d(name, pose, joints[trusted], (confidence > CONFIDENT)[trusted])
+        examine_empty(name, pose)
+        or _axes3d(name, pose, joints[trusted], (confidence > CONFIDENT)[trusted])
         or examine_lifted(name, every, plane, confidence, trusted, successive=successive)
         or examine_sides(name, pose, successive=successive)
         or examine_pairs(name, pose)
