@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -52,6 +53,13 @@ class Recording:
     def cameras(self) -> Camera:
         """The views."""
         return self.rig.cameras
+
+    def part(self, views: Sequence[int], frames: int) -> Recording:
+        """Some views of the first frames, as many as there are at most."""
+        count = slice(0, min(frames, self.detections.frame_count))
+        seen = self.detections.select(list(views)).frames(count)
+        rig = self.rig.select(list(views))
+        return replace(self, rig=rig, detections=seen, truth=self.truth[count])
 
 
 def rendered(data: Path, name: str) -> Recording:

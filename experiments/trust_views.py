@@ -22,7 +22,7 @@ import report
 import torch
 from detection_noise import Noise
 from fast_motion import HELD_OUT, active, around, observed
-from recordings import Recording, balancing, rendered_views
+from recordings import balancing, rendered_views
 from report import Report, Table
 from torch import Tensor
 from trust_model import LIMBS, Fit, Judged, errors, shares, weight_rows
@@ -151,17 +151,11 @@ def _recordings(config: Experiment) -> Iterator[Take]:
         clip = balancing(config.data) if real else rendered_views(config.data, name)
         pairs, threes = (itertools.combinations(range(clip.cameras.views), n) for n in (2, 3))
         for views in (*pairs, *itertools.islice(threes, 0, None, 4)):
-            part = _part(clip, list(views), config.frames)
+            part = clip.part(views, config.frames)
             rng = np.random.default_rng([config.seed, *views])
             for kind, seen in _kinds(part.detections, rng):
                 given = part.actor, part.cameras, seen, part.rate, part.truth
                 yield Take(name, len(views), kind, _judged(name, *given, solve_bones=real))
-
-
-def _part(clip: Recording, views: list[int], frames: int) -> Recording:
-    count = slice(0, min(frames, clip.detections.frame_count))
-    seen = clip.detections.select(views).frames(count)
-    return replace(clip, rig=clip.rig.select(views), detections=seen, truth=clip.truth[count])
 
 
 def _observed(

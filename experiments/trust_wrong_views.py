@@ -54,7 +54,7 @@ def run(config: Experiment) -> Report:
         balancing(config.data) if name == "balancing" else rendered_views(config.data, name)
         for name in config.sequences
     ]
-    clips = [_part(clip, list(views), config.frames) for clip in named for views in config.views]
+    clips = [clip.part(views, config.frames) for clip in named for views in config.views]
     columns = (
         *("clip", "views", "frames", "bad"),
         *("bad named before, %", "good named before, %", "bad named, %", "good named, %"),
@@ -85,12 +85,6 @@ def _rows(
 def _row(judged: Tensor) -> tuple[int, int, float, float, float, float]:
     bad, before, now = judged
     return *shares(bad, before), *shares(bad, now)[2:]
-
-
-def _part(clip: Recording, views: list[int], frames: int) -> Recording:
-    count = slice(0, min(frames, clip.detections.frame_count))
-    seen = clip.detections.select(views).frames(count)
-    return replace(clip, rig=clip.rig.select(views), detections=seen, truth=clip.truth[count])
 
 
 def _judged(clip: Recording, throughout: bool) -> Iterator[Tensor]:

@@ -233,7 +233,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
         InputError: most images of a view are of one color.
     """
     names = [f"images of view {view}" for view in range(detections.views)]
-    halts = examine_halts(images.reader, names)
+    halts = examine_halts(images.reader, names)  # what wraps videos does not know their repeats
     images = images.checked()
     plain = torch.zeros((), dtype=torch.float64)
     detections = detections.map(Tensor.detach).to(plain)
