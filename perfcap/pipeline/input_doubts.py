@@ -142,8 +142,9 @@ def actor_doubts(
         detections: (F, C).
         solve_bones: whether bone lengths are solved, so that the actor's own do not matter.
     """
-    if actor.skeleton.rig.joints[: len(JOINTS)] == JOINTS:
-        for found in examine_joints(actor.template):
+    template = getattr(actor, "template", None)  # joints alone ask for a skeleton, and no surface
+    if template is not None and actor.skeleton.rig.joints[: len(JOINTS)] == JOINTS:
+        for found in examine_joints(template):
             if found.severity is Severity.ERROR:  # actors of files that have any are refused
                 yield f"the actor's {found.subject}: {found.what}; {found.remedy}"
     rest = actor.skeleton.rest_landmarks.detach().double().cpu()

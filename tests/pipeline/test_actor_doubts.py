@@ -119,3 +119,15 @@ def test_focal_lengths_that_are_too_long_in_every_view_are_told_in_python() -> N
         take.actor, replace(take.cameras, intrinsics=longer), take.detections, take.rate
     )
     assert any("focal lengths of the calibration" in line for line in found.warnings)
+
+
+def test_an_actor_without_a_surface_is_captured() -> None:
+    """As where somebody has a skeleton alone."""
+    take = make_take(8)
+
+    class Bare(Actor):
+        def __init__(self) -> None:
+            torch.nn.Module.__init__(self)
+            self.skeleton = take.actor.skeleton
+
+    assert not list(actor_doubts(Bare(), take.cameras, take.detections, False))
