@@ -213,7 +213,8 @@ def _write_person(request: Retarget, folder: Path, part: _Part) -> None:
         contact=found.contact,
         warnings=(*part.rig.notes, *part.doubts),
     )
-    about = _about(request) | {"retarget": part.scores.report() | {"scale": found.scale}}
+    scores = part.scores.report() | {"scale": found.scale}
+    about = {**_about(request), **part.rig.about, "retarget": scores}
     if part.target.skeleton.rig.roles:
         skeleton = part.target.skeleton
         about["robot"] = {"root": skeleton.rig.joints[0], "joints": list(skeleton.angle_names)}

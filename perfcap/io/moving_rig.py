@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from perfcap.errors import InputError
 from perfcap.io.actor_import import ActorMapping, ImportedActor, require_sound, rig_character
 from perfcap.io.bvh_read import BvhMotion, joint_positions, load_bvh
 from perfcap.io.bvh_rig import stick_figure, with_feet
-from perfcap.io.distrust import distrust
+from perfcap.io.distrust import distrust, kept
 from perfcap.io.doctor.finding import Severity, ranges
 from perfcap.io.files import named_path
 from perfcap.io.gltf_clip import sample_clip
@@ -50,6 +50,7 @@ class MovingRig:
         level: whether y is up in the world; a capture's is that of its calibration.
         world_to_floor: takes the world to one with the floor at y = 0, (4, 4); None if not known.
         notes: what a user should know.
+        about: what reports of what is made of it pass on, as of frames not to be trusted.
     """
 
     actor: Actor
@@ -60,6 +61,7 @@ class MovingRig:
     level: bool = True
     world_to_floor: Floats | None = None
     notes: tuple[str, ...] = ()
+    about: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_moving_rig(
@@ -118,6 +120,7 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
             *_cut_short(folder, frames, int(numbers[-1]) + 1),
             *distrust(result.report, numbers[chosen]),
         ),
+        about=kept(result.report),
     )
 
 

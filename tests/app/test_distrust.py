@@ -51,6 +51,19 @@ def test_every_command_that_makes_something_says_it(
         assert outcome.code == 0 and "the capture said" not in outcome.out
 
 
+@pytest.mark.long
+def test_what_is_made_of_a_retargeted_motion_says_it_as_well(
+    folder: Path, perfcap: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for source, made in ((folder, "moved"), ("moved", "again")):
+        perfcap(["retarget", source, "--actor", "sam", "--out", made])
+        outcome = perfcap(["export", made, "--to", "trc", "--frames", "0:8"])
+        assert outcome.code == 0 and SAID in " ".join(outcome.out.split())
+        outcome = perfcap(["export", made, "--to", "trc", "--frames", "8:12"])
+        assert outcome.code == 0 and "the capture said" not in outcome.out
+
+
 def test_parts_and_reports_of_others() -> None:
     report = {"not_captured": [[5, 7]], "quality": {"not_trusted": [{"frames": [3, 6]}]}}
     assert distrust(report, range(10)) == (SAID,)
