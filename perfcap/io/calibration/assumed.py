@@ -72,8 +72,9 @@ def _focal(clip: Clip, fov: float | None, longer: int, picture: int) -> tuple[fl
             )
         note = f"no --cameras: a lens of {fov:g} degrees, as --fov says"
         focal = _pixels(fov, longer)
-        if picture < longer:
-            note += f" of the image with its bars ({_degrees(focal, picture):.0f} without)"
+        without = f"{_degrees(focal, picture):.0f}"
+        if without != f"{fov:.0f}":  # else a dark edge of the image
+            note += f" of the image with its bars ({without} without)"
         return focal, note, False
     source = clip.sources[0]
     film = source.film_focal if isinstance(source, VideoFile) else None
@@ -86,8 +87,9 @@ def _focal(clip: Clip, fov: float | None, longer: int, picture: int) -> tuple[fl
         return longer * film / _FILM, note, False
     focal = _pixels(ASSUMED_FOV, picture)
     across = f"{ASSUMED_FOV:g} degrees across the longer side"
-    if picture < longer:  # bars are no part of what a lens sees
-        across += f" of the picture between bars ({_degrees(focal, longer):.0f} of the image)"
+    with_bars = f"{_degrees(focal, longer):.0f}"  # which are no part of what a lens sees
+    if with_bars != f"{ASSUMED_FOV:g}":
+        across += f" of the picture between bars ({with_bars} of the image)"
     note = (
         f"no --cameras: a lens of {across} is assumed; --fov says another, and distances follow it"
     )
