@@ -40,6 +40,7 @@ from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estima
 from perfcap.pipeline.result_doubts import fit_doubts
 from perfcap.pipeline.track_motion import MotionBlender, select, solve_windows
 from perfcap.pipeline.track_twice import loose, twice
+from perfcap.precision import own_precision
 from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
@@ -80,7 +81,7 @@ class PoseRefiner(nn.Module):
     the joints before a solve, the person's height in the image, the jitter, and which 3D poses are
     trusted, is a constant of it, and so is what a first solve tells the second: the sizes of errors
     and the stiffness of the trajectory prior. It computes in the type and on the device of the
-    actor, whatever autocast says and whatever type joints have.
+    actor, whatever autocast, ``torch.set_float32_matmul_precision`` or the type of joints say.
 
     Args:
         actor: the rigged person; part of the module, so ``.to()`` moves it.
@@ -182,10 +183,9 @@ class PoseRefiner(nn.Module):
                 "float64: it takes inputs of any type, and autocast does not reach it"
             )
         raw = Raw(joints2d, confidence2d, joints3d, placed, lengths)
-        with torch.autocast(like.device.type, enabled=False):
+        with own_precision(like.device.type):
             estimates, batched = read_estimates(raw, cameras, self.joint_set, like)
-            given = [each.detections for each in estimates]
-            told = [] if self.training else [*lost_gradients(given)]
+            told = [] if self.training else [*lost_gradients([e.detections for e in estimates])]
             started = [start_clip(self.actor, each, self.config, rate) for each in estimates]
             odd = self._examine(estimates) if self._due(estimates) else []
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))

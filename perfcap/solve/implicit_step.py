@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from perfcap.precision import own_precision
 from perfcap.solve.bounds import Bounds, step_box
 from perfcap.solve.damped_model import added_damping, damping_scale
 from perfcap.solve.energy import State
@@ -151,7 +152,7 @@ class _Attach(torch.autograd.Function):
                 "derivatives perfcap does not have: the inverse Hessian in it counts as a "
                 "constant; use create_graph=False, or finite differences of first derivatives"
             )
-        with torch.autocast(slope.device.type, enabled=False):
+        with own_precision(slope.device.type):
             return -ctx.inverse.solve(slope), None
 
 

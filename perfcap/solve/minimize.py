@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.precision import own_precision
 from perfcap.solve.adam import Adam
 from perfcap.solve.adjoint import Adjoint, Detached
 from perfcap.solve.bounds import Bounds, project
@@ -62,9 +63,9 @@ def solve(
 
     Returns:
         The solution; its state is what ``initial`` was. The solve runs in the precision of the
-        state, whatever autocast says, and carries no gradient but for the one that ``adjoint``
-        attaches. An element that meets a value that is not finite keeps its last finite state and
-        says so in its status; it never stops the others.
+        state, whatever autocast and ``torch.set_float32_matmul_precision`` say, and carries no
+        gradient but for the one that ``adjoint`` attaches. An element that meets a value that is
+        not finite keeps its last finite state and says so in its status; it never stops the others.
 
     Raises:
         InputError: something is of another kind than this says or holds no numbers, the state has
@@ -113,7 +114,7 @@ def _solve(
         start = project(initial, bounds)
         if here.frame.requires_grad or here.shared.requires_grad:
             start = start.retract(Step(torch.zeros_like(here.frame), torch.zeros_like(here.shared)))
-    with torch.autocast(here.frame.device.type, enabled=False):
+    with own_precision(here.frame.device.type):
         way, settings = adjoint or Detached(), method or LevenbergMarquardt()
         if not isinstance(settings, Adam):  # which asks for no slope
             require_kernels(objective, start)
