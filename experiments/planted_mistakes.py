@@ -1,12 +1,13 @@
 """Mistakes planted in joints that are given: how many are named, and what is named of right ones.
 
-In any: joints that follow each other in a limb exchanged throughout, one joint of both sides for a
-third of the clip, frames in no order, a third of the clip backwards. In two calibrated views or
-more: one joint of both sides exchanged throughout, two views exchanged from the middle of the clip
-on, arms or legs exchanged in all views for a third of it, joints exchanged in one view throughout,
-five frames put in. In one view with 3D poses: joints of both sides exchanged throughout; 3D poses
-mirrored, sides and all, and 2D joints not; left and right exchanged, or depth negated, for a third
-of the clip. What is said of the right input as well does not count.
+In any: joints cut down to a grid of 3 % of the person's height, joints that follow each other in a
+limb exchanged throughout, one joint of both sides for a third of the clip, frames in no order, a
+third of the clip backwards. In two calibrated views or more: one joint of both sides exchanged
+throughout, two views exchanged from the middle of the clip on, arms or legs exchanged in all views
+for a third of it, joints exchanged in one view throughout, five frames put in. In one view with 3D
+poses: joints of both sides exchanged throughout; 3D poses mirrored, sides and all, and 2D joints
+not; left and right exchanged, or depth negated, for a third of the clip. What is said of the right
+input as well does not count.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ _NEIGHBOURS = (("elbow", "wrist"), ("knee", "ankle"), ("shoulder", "elbow"), ("h
 _ARMS, _LEGS = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "toe")
 _SEVERAL = (("dev_views", 1), ("dev_dance", 1), ("dev_duo", 2), ("dev_trio", 3), ("dev_twins", 2))
 _PUT_IN = 5  # frames
+_CELL = 0.03  # of the person's height
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,13 @@ def _said(rig: CameraRig, seen: Detections) -> set[str]:
 def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     alone, count = seen.views == 1, seen.frame_count
     whole, third = slice(None), slice(count // 3, 2 * count // 3)
+    shown = torch.where(seen.confidence2d > 0, seen.joints2d[..., 1], torch.nan)
+    least, most = shown.nan_to_num(torch.inf).amin(-1), shown.nan_to_num(-torch.inf).amax(-1)
+    cell = _CELL * (most - least).clamp(min=1).median(0).values[:, None, None]  # C 1 1
+    yield (
+        "joints at corners of cells",
+        replace(seen, joints2d=(seen.joints2d / cell).floor() * cell),
+    )
     for name in _PAIRS:
         yield f"{name}s exchanged", _ordered(seen, _exchange(name), whole)
     for upper, lower in _NEIGHBOURS:

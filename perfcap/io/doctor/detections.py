@@ -17,6 +17,7 @@ from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.empty_joints import examine_empty
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
+from perfcap.io.doctor.grid import examine_grid
 from perfcap.io.doctor.jumps import examine_jumps
 from perfcap.io.doctor.lifted import examine_lifted
 from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
@@ -76,7 +77,7 @@ def examine_detections(
         if successive and not rig.cameras.moving:
             order = order or examine_jumps(name, *shown, alone=alone)
         repeated = examine_repeated(name, view, *_given(view, detections))
-        findings += order + repeated
+        findings += order + repeated + examine_grid(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
