@@ -37,7 +37,7 @@ GROUPS = {
     "What if the input is bad?": (
         "noise_sweep", "occlusion", "calibration_sweep", "clocks", "leg_swaps", "mask_corruption",
         "trust", "trust_video", "trust_views", "trust_wrong_views", "planted_mistakes",
-        "looked_joints",
+        "looked_joints", "late_poses",
     ),
     "What is each part worth?": (
         "term_ablation", "weight_sweep", "window_sweep", "trajectory_prior", "feet",
