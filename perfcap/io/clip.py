@@ -134,6 +134,11 @@ class Clip:
         return tuple(source.name for source in self.sources)
 
     @property
+    def image_names(self) -> tuple[tuple[str, ...], ...]:
+        """Names of all images a view, C, without ending, frame by frame; none of a video."""
+        return tuple(s.names if isinstance(s, ImageFolder) else () for s in self.sources)
+
+    @property
     def lost(self) -> int:
         """Frames after the last that a damaged file promises and no longer has."""
         return max(source.lost for source in self.sources)

@@ -123,6 +123,7 @@ class ImageFolder:
     """Images in the natural order of their names (``2.png`` before ``10.png``), one size.
 
     Files of other kinds and hidden files are passed over. Images have no times: ``fps`` is None.
+    ``names`` are those of all of them, without ending.
     """
 
     fps: None = None
@@ -144,7 +145,9 @@ class ImageFolder:
             raise InputError(f"{path}: holds no images{_held(path)}")
         self.path = path
         self.name = path.name
-        self.files = sorted(files, key=lambda file: natural_key(file.name))[:stop]
+        files.sort(key=lambda file: natural_key(file.name))
+        self.names = tuple(file.stem for file in files)
+        self.files = files[:stop]
         self.total: int | None = len(files)
         _require_one_each(path, self.files)
         copies = _copies(self.files)

@@ -200,6 +200,7 @@ class _Finder:
                 frames=None if clip is None else clip.total,
                 used=self.end,
                 sizes=None if clip is None else clip.sizes,
+                images=() if clip is None else clip.image_names,
             )
             found = found.frames(self.frames)
             if found.frame_count != self.frames.stop - self.frames.start:

@@ -13,7 +13,13 @@ from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing, are_shares
 from perfcap.io.detections.network import is_network_json, read_network_json
-from perfcap.io.detections.openpose import MAX_PEOPLE, choose_joint_set, first_frame, parse_triples
+from perfcap.io.detections.openpose import (
+    MAX_PEOPLE,
+    choose_joint_set,
+    first_frame,
+    parse_triples,
+    rows_of,
+)
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track, parse_instance
 from perfcap.io.detections.written_json import (
     holds_vitpose,
@@ -26,7 +32,9 @@ from perfcap.io.files import read_json
 Entries = Sequence[Mapping[str, Any]]
 
 
-def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing:
+def read_keypoint_json(
+    path: Path, frames: int | None = None, images: Sequence[str] = ()
+) -> Track | Listing:
     """Read everybody of AlphaPose's or COCO's list of results, or of MMPose's predictions.
 
     Args:
@@ -35,6 +43,7 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
             frames of landmarks, see ``read_landmarks``, or lists of a network, see
             ``read_network``, or what AlphaPose and easy_ViTPose write else.
         frames: frames of the video; tells a numbering from 0 and one from 1 apart.
+        images: names of the frames, of a folder of images: results that have such names are theirs.
 
     Raises:
         InputError: another structure, unknown joint counts, nobody detected.
@@ -48,11 +57,13 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
         return read_vitpose(path, data)
     entries = _entries(path, data)
     numbered = "instances" in entries[0]
-    pairs = _mmpose(path, entries) if numbered else _results(path, entries, image_names(data))
+    named = image_names(data)
+    rows = [] if numbered else rows_of(_names(entries, named), images)
+    pairs = _mmpose(path, entries) if numbered else _results(path, entries, named, rows)
     by_frame: dict[int, list[Array]] = {}
     for frame, people in pairs:
         by_frame.setdefault(frame, []).extend(people)
-    first = (first_frame if numbered else _first_number)(by_frame, frames)
+    first = 0 if rows else (first_frame if numbered else _first_number)(by_frame, frames)
     last = max(by_frame)
     if last - first >= MAX_FRAMES or first < 0:
         raise InputError(
@@ -64,7 +75,8 @@ def read_keypoint_json(path: Path, frames: int | None = None) -> Track | Listing
     joint_set = choose_joint_set(str(path), listed)
     _require_names(path, data, joint_set)
     warnings = []
-    if frames is not None and first < min(by_frame) and (numbered or first == 0):
+    counted = numbered or (first == 0 and not rows)
+    if frames is not None and first < min(by_frame) and counted:
         warnings.append(f"{path}: frame numbers start at {min(by_frame)}; counted from {first}")
     return Listing(str(path), joint_set, listed, tuple(warnings))
 
@@ -117,22 +129,33 @@ def _empty(path: Path) -> Entries:
 
 
 def _results(
-    path: Path, entries: Entries, names: Mapping[Any, str]
+    path: Path, entries: Entries, names: Mapping[Any, str], rows: Sequence[int]
 ) -> Iterator[tuple[int, list[Array]]]:
     """AlphaPose and COCO: one entry a person, ``image_id`` a number or a file name, or the id of
-    an image with a name.
+    an image with a name. Their frames are ``rows``, where names of images tell them.
     """
-    for entry in entries:
+    for place, entry in enumerate(entries):
         if "keypoints" not in entry or "image_id" not in entry:
             held = ", ".join(map(str, entry))[:60] or "nothing"
             raise InputError(
                 f"{path}: a result lacks image_id or keypoints (it has {held}); expected both, as "
                 "AlphaPose and COCO write them, or a list of frames"
             )
-        image = entry["image_id"]
-        image = names.get(image, image) if isinstance(image, int) else image
+        image = _image(entry, names)
         person = parse_triples(str(path), entry["keypoints"])
-        yield _frame_number(path, image), [] if person is None else [person]
+        number = rows[place] if rows else _frame_number(path, image)
+        yield number, [] if person is None else [person]
+
+
+def _image(entry: Mapping[str, Any], names: Mapping[Any, str]) -> Any:
+    """The image of a result: its name, or a number where none is known."""
+    image = entry.get("image_id")
+    return names.get(image, image) if isinstance(image, int) else image
+
+
+def _names(entries: Entries, names: Mapping[Any, str]) -> list[str]:
+    """Names of the images of results, without ending."""
+    return [Path(str(_image(entry, names))).stem for entry in entries]
 
 
 def _mmpose(path: Path, entries: Entries) -> Iterator[tuple[int, list[Array]]]:

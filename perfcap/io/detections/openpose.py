@@ -39,21 +39,27 @@ _SEEN = 0.05  # confidence
 _HALFWAY, _THIGH = 0.1, 0.12  # of the person's size: how far off, and to joint 2 from the hips
 
 
-def read_openpose(folder: Path, video_frames: int | None = None) -> Listing:
+def read_openpose(
+    folder: Path, video_frames: int | None = None, images: Sequence[str] = ()
+) -> Listing:
     """Read everybody of one view's folder; the number of keypoints tells the joint set.
 
-    The last number in a file's name is its frame (see ``first_frame``), and frames without a file,
-    like files without people, have nothing detected.
+    Files that are called as images are of these; else the last number in a file's name is its frame
+    (see ``first_frame``). Frames without a file, like files without people, have nothing detected.
 
     Args:
         folder: one file a frame.
         video_frames: of the video, where known.
+        images: names of the frames, of a folder of images.
 
     Raises:
         InputError: no JSON files, two files of one frame, broken JSON, unknown keypoint counts.
     """
     files = _by_frame(folder)
-    first, last = first_frame(files, video_frames), max(files)
+    rows = rows_of([_stem(path) for path in files.values()], images)
+    if rows:
+        files = dict(zip(rows, files.values(), strict=True))
+    first, last = 0 if rows else first_frame(files, video_frames), max(files)
     frames = [_people(files[f]) if f in files else [] for f in range(first, last + 1)]
     warnings = []
     missing = last - first + 1 - len(files)
@@ -78,12 +84,22 @@ def first_frame(numbers: Collection[int], video_frames: int | None) -> int:
     return next((start for start in (0, 1) if highest < start + video_frames), lowest)
 
 
+def rows_of(names: Sequence[str], images: Sequence[str]) -> list[int]:
+    """The frame of each of some names, where all of them are those of images; else none."""
+    places = {name: frame for frame, name in enumerate(images)}
+    return [places[name] for name in names] if places.keys() >= set(names) else []
+
+
+def _stem(path: Path) -> str:
+    return path.stem.removesuffix("_keypoints")
+
+
 def _by_frame(folder: Path) -> dict[int, Path]:
     files: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() != ".json" or path.name.startswith("."):
             continue
-        numbers = re.findall(r"\d+", path.stem.removesuffix("_keypoints"), re.ASCII)
+        numbers = re.findall(r"\d+", _stem(path), re.ASCII)
         if not numbers or len(numbers[-1]) > 12:
             raise InputError(f"{path}: has no frame number in its name; expected one file a frame")
         frame = int(numbers[-1])

@@ -37,6 +37,7 @@ def read_detections(
     used: int | None = None,
     total: int | None = None,
     sizes: Sequence[tuple[int, int]] | None = None,
+    images: Sequence[Sequence[str]] = (),
 ) -> tuple[Detections, list[str]]:
     """Read the joints of one person, seen in C views.
 
@@ -51,6 +52,8 @@ def read_detections(
         total: frames that the video promises, where some of them may be broken: detections that
             say how long their video was may be of either number.
         sizes: height and width of each view's images, for files that hold shares of them.
+        images: names of each view's images, without ending, where it is a folder of them: what is
+            called so is of that frame.
 
     Returns:
         Detections in float64, F frames of the shortest view (of the video, if shorter and all of
@@ -59,7 +62,7 @@ def read_detections(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames, sizes)
+    names, found = _read_views(paths, views, frames, sizes, images)
     tracks = [followed(view) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in tracks]
     _require_somebody(names, mapped)
@@ -83,6 +86,7 @@ def read_candidates(
     used: int | None = None,
     total: int | None = None,
     sizes: Sequence[tuple[int, int]] | None = None,
+    images: Sequence[Sequence[str]] = (),
 ) -> tuple[Detections, list[str]]:
     """Read the joints of everybody who was detected in C views, before anybody says who is who.
 
@@ -94,6 +98,7 @@ def read_candidates(
         used: of these the first that matter.
         total: frames that the video promises.
         sizes: height and width of each view's images.
+        images: as of ``read_detections``.
 
     Returns:
         Detections (P, F, C, 16), where P is the most people of a frame and view: those of one
@@ -103,7 +108,7 @@ def read_candidates(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames, sizes)
+    names, found = _read_views(paths, views, frames, sizes, images)
     slots = max(slots_of(view) for view in found)
     rows = [everybody(view, slots) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in rows]
@@ -120,13 +125,16 @@ def _read_views(
     views: Sequence[str] | int,
     frames: int | None,
     sizes: Sequence[tuple[int, int]] | None,
+    images: Sequence[Sequence[str]],
 ) -> tuple[str, list[Track | Listing]]:
     """One track or listing a view, in the order of the views, and the names of the files."""
     several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     names = None if isinstance(views, int) else list(views)
     count = views if isinstance(views, int) else len(views)
-    found = [view for path in several for view in _read(path, names, frames)]
-    several, found = _by_name(several, found, names)
+    several = _by_name(several, names)
+    shown = images if len(several) == len(images) == count else [()] * len(several)
+    pairs = zip(several, shown, strict=True)
+    found = [view for path, own in pairs for view in _read(path, names, frames, own)]
     listed = ", ".join(map(str, several))
     if len(found) != count:
         raise InputError(
@@ -157,13 +165,15 @@ def _shared_length(
     return shortest, note + _check_part(tracks, frames, used)
 
 
-def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[Track | Listing]:
+def _read(
+    path: Path, views: list[str] | None, frames: int | None, images: Sequence[str]
+) -> Sequence[Track | Listing]:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; expected {EXPECTED}")
     if path.is_dir() and (labels := labels_in(path)) is not None:
-        return [read_labels(labels, frames)]
+        return [read_labels(labels, frames, images)]
     if path.is_dir():
-        return [read_openpose(path, frames)]
+        return [read_openpose(path, frames, images)]
     if path.suffix.lower() == ".npz":
         if holds_network(path):
             return [read_network_npz(path, frames)]
@@ -171,7 +181,7 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
     if path.suffix.lower() == ".npy":
         return read_keypoint_npy(path)
     if path.suffix.lower() == ".json":
-        return [read_keypoint_json(path, frames)]
+        return [read_keypoint_json(path, frames, images)]
     if path.suffix.lower() in PICKLES:
         raise InputError(
             f"{path}: is a pickle, which could run any code when it is read; write its joints as "
@@ -186,19 +196,16 @@ def _read(path: Path, views: list[str] | None, frames: int | None) -> Sequence[T
     raise InputError(f"{path}: is not a detections file I know; expected {EXPECTED}")
 
 
-def _by_name(
-    paths: list[Path], tracks: list[Track | Listing], views: Sequence[str] | None
-) -> tuple[list[Path], list[Track | Listing]]:
+def _by_name(paths: list[Path], views: Sequence[str] | None) -> list[Path]:
     """One file a view in the order of the views, where names of files or their folders tell."""
-    if views is None or not len(paths) == len(tracks) == len(views):
-        return paths, tracks
+    if views is None or len(paths) != len(views):
+        return paths
     stems = [path.stem for path in paths]
     names = stems if len(set(stems)) == len(stems) else [path.parent.name for path in paths]
     order = match_views(names, views)
     if order is None:
-        return paths, tracks
-    places = [order.index(view) for view in range(len(views))]
-    return [paths[i] for i in places], [tracks[i] for i in places]
+        return paths
+    return [paths[order.index(view)] for view in range(len(views))]
 
 
 def _common_length(tracks: Sequence[Track], frames: int | None) -> tuple[int, list[str]]:

@@ -7,6 +7,7 @@ confidence of the box and the number of a track may follow.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from perfcap.detect.joint_set import COCO17
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing
-from perfcap.io.detections.openpose import FRAME_LIMIT, MAX_PEOPLE
+from perfcap.io.detections.openpose import FRAME_LIMIT, MAX_PEOPLE, rows_of
 from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import require_file
 
@@ -35,17 +36,22 @@ def labels_in(folder: Path) -> Path | None:
     return None
 
 
-def read_labels(folder: Path, video_frames: int | None = None) -> Listing:
+def read_labels(
+    folder: Path, video_frames: int | None = None, images: Sequence[str] = ()
+) -> Listing:
     """Everybody in a view's folder; frames without people have no file.
 
     Args:
-        folder: files end in the number of their frame; those of a video count from 1.
+        folder: files end in the number of their frame; those of a video count from 1, those that
+            are called as images are of these.
         video_frames: of the video, where known.
+        images: names of the frames, of a folder of images.
 
     Raises:
         InputError: no frame numbers, other files, other numbers of keypoints.
     """
     by_frame: dict[int, list[Array]] = {}
+    names: list[str] = []
     for path in sorted(folder.glob("*.[tT][xX][tT]")):
         if path.name == "classes.txt" or path.name.startswith("."):
             continue
@@ -56,10 +62,14 @@ def read_labels(folder: Path, video_frames: int | None = None) -> Listing:
         if frame in by_frame:
             raise InputError(f"{path}: is a second file of frame {frame}; keep one of them")
         by_frame[frame] = _people(path)
+        names.append(path.stem)
     if not by_frame:
         raise InputError(f"{folder}: holds no text files of frames; expected Ultralytics' labels")
+    rows = rows_of(names, images)
+    if rows:
+        by_frame = dict(zip(rows, by_frame.values(), strict=True))
     lowest, last = min(by_frame), max(by_frame)
-    first = min(lowest, 1)
+    first = 0 if rows else min(lowest, 1)
     if video_frames is not None and last - first >= video_frames:  # images of a longer recording
         first = lowest
     if last - first >= min(MAX_FRAMES, 10 * len(by_frame) + 1000):

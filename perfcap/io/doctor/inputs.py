@@ -176,6 +176,7 @@ def _examine_detections(
             frames=frames,
             total=None if clip is None else clip.total,
             sizes=None if clip is None else clip.sizes,
+            images=() if clip is None else clip.image_names,
         )
 
     found = _try(findings, read)
