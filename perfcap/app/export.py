@@ -18,9 +18,9 @@ from perfcap.errors import InputError
 from perfcap.io.distrust import distrust
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
+from perfcap.io.result_folder import EXPORT
 from perfcap.pipeline.surroundings import axis, up_doubt, upright
 
-FOLDER = "export"  # in the folder of the capture
 _UNNAMED = "capture"
 _MARKED = ("trc", "c3d")  # formats of markers
 _SURFACED = ("glb", "usd", "usdz")  # that can leave the captured surface out
@@ -52,7 +52,7 @@ def _export(request: Export) -> int:
     name = _name(request)
     result = read_result(request.folder)
     recording = _recording(request, name, result)
-    out = request.out or request.folder / FOLDER
+    out = request.out or request.folder / EXPORT
     if request.out is None and out.is_symlink():
         raise InputError(
             f"{out}: is a link; nothing outside the folder of a result is written unless --out "

@@ -29,6 +29,7 @@ BODY, MEASURES, BODY_PICTURE = "body.npz", "measurements.json", "body.jpg"
 PERSONAL = (BODY, MEASURES, BODY_PICTURE)  # of a body that was fitted to the person
 PEOPLE, SCENE = "people.json", "scene.glb"  # of several people, who have folders of their own
 VOLUME = "volume.npz"
+EXPORT = "export"  # folder of files for other programs
 _PICTURES = (OVERLAY, TEXTURED, METRICS, PAGE)
 ABOUT = (*_PICTURES, ASSUMED_CAMERA, VOLUME, *PERSONAL, PEOPLE, SCENE)  # tell of one result
 OWN = (*FILES, SURFACE, DETECTIONS, *ABOUT)
@@ -262,6 +263,16 @@ def _remove_older(folder: Path, plan: _Plan) -> None:
             _remove_from(place, OWN, own)
             with suppress(OSError):  # something else is in it
                 place.rmdir()
+    if plan.older:
+        _tell_of_exports(folder)
+
+
+def _tell_of_exports(folder: Path) -> None:
+    """Say that files of an older result were exported, which are left where they are."""
+    for place in (folder / EXPORT, *sorted(folder.glob(f"person*/{EXPORT}"))):
+        if _kind(place) == stat.S_IFDIR and os.access(place, os.R_OK) and os.listdir(place):
+            told = "holds files of the result that was replaced; perfcap export writes this one's"
+            _LOG.warning("%s: %s", place, told)
 
 
 def _remove_from(folder: Path, gone: Collection[str], kept: Collection[str]) -> None:

@@ -272,3 +272,20 @@ def test_a_result_that_links_elsewhere_is_not_read(
     (tmp_path / "motion.npz").symlink_to(tmp_path / "moved.npz")
     with pytest.raises(InputError, match=r"lacks motion\.npz"):
         read_result(tmp_path)
+
+
+def test_exports_of_an_older_result_are_said_to_be_of_that(
+    performance: Performance, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    export = tmp_path / "export"
+    export.mkdir()
+    performance.save(tmp_path)
+    (export / "dance.glb").write_bytes(b"of the first")
+    assert not caplog.messages
+    moved(performance).save(tmp_path)
+    (line,) = caplog.messages
+    assert line.startswith(f"{export}: holds files of the result that was replaced; ")
+    assert (export / "dance.glb").read_bytes() == b"of the first"
+    (export / "dance.glb").unlink()
+    performance.save(tmp_path)
+    assert len(caplog.messages) == 1
