@@ -33,6 +33,7 @@ _BETTER = 0.88
 _EXCHANGED = 0.5
 _PADDING, _ALIKE = 1.25, 0.15  # most networks learned such crops; distances then differ little
 _FEW = 0.7  # of the joints; of the shipped networks 0.94 and more are found
+_THERE = 0.3  # mean confidence from which captures take somebody to be there; see ``detect.look``
 _IMAGENET = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _ONES = (1.0, 1.0, 1.0)
 _NONE = (0.0, 0.0, 0.0), _ONES
@@ -117,6 +118,25 @@ def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
             "to check: few joints are found, and no other order of colours, range of values or "
             "order of columns is better; look at joints, units, size and layout"
         )
+    elif doubt := _doubt_of_confidence(manifest, own):
+        yield f"to check: {doubt}"
+
+
+def _doubt_of_confidence(manifest: Manifest, own: Reading) -> str:
+    """What is wrong with the confidences of joints that are where they should be; else nothing."""
+    columns = manifest.output.columns
+    listed = manifest.output.kind in ("coordinates", "people")
+    if listed and "ignored" in columns and "confidence" not in columns:
+        return (
+            "output.columns has no confidence, so that every joint counts as seen, hidden ones and "
+            "those of nobody too; is one that is ignored the confidence?"
+        )
+    if own.sure < _THERE:
+        return (
+            f"confidences are {own.sure:.2f} in the mean, and below {_THERE} nobody is taken to be "
+            "there; [calibration] says which probabilities they are"
+        )
+    return ""
 
 
 def _percent(share: float) -> str:

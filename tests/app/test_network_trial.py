@@ -42,6 +42,7 @@ def test_right_manifests_are_not_doubted(perfcap: Command, name: str) -> None:
 
 
 WRISTS = [{"l_wrist": "r_wrist", "r_wrist": "l_wrist"}.get(n, n) for n in COCO17.joints]
+LOW = "\n[calibration]\nraw = [0.0, 1.0]\nprobability = [0.0, 0.2]"
 SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.joints]
 
 
@@ -58,6 +59,8 @@ SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.join
         ("lightning", 'set = "COCO-17"', f"names = {SIDES}", "have left and right exchanged"),
         ("lightning", 'set = "COCO-17"', f"names = {WRISTS}", "r_wrist is where l_wrist is"),
         ("lightning", "padding = 1.1", "padding = 2.0", "with padding = 1.25 they are 1.9 % off"),
+        ("lightning", '"confidence"', '"ignored"', "output.columns has no confidence, so that"),
+        ("lightning", 'set = "COCO-17"', f'set = "COCO-17"{LOW}', "confidences are 0.13 in the"),
         ("rendered", '"head_top", "neck"', '"neck", "head_top"', "head_top is where neck is"),
         ("lightning", '"y", "x", "confidence"', '"confidence", "y", "x"', "few joints are found"),
     ],
