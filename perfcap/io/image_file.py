@@ -116,6 +116,7 @@ _NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
 _SERIES = 0.8  # of a folder's images, numbered, beside which others are strangers
 _TAIL = re.compile(r"(?<=[0-9])(?=[ (_-])")  # where the name of an image ends in that of its copy
 _COUNTED = re.compile(r"[_-][0-9]+")  # an own number, as of several images of one second
+_DEEP, _BRIGHT = (".png", ".tif", ".tiff"), 1 << 12  # 16 levels of 256 when they are read
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -155,6 +156,7 @@ class ImageFolder:
         self.warnings: tuple[str, ...] = (
             *_about_copies(path, copies),
             *_odd_numbers(path, originals),
+            *_few_bits(path, self.files),
         )
         first = read_image(self.files[0])
         self.size: tuple[int, int] = (first.shape[0], first.shape[1])
@@ -257,6 +259,24 @@ def _odd_numbers(path: Path, files: Sequence[Path]) -> Iterator[str]:
             f"{path}: images are missing between {where}; the others are taken one after the "
             "other, so that all behind a gap comes too early: fill it, or cut the clip there"
         )
+
+
+def _few_bits(path: Path, files: Sequence[Path]) -> Iterator[str]:
+    """That images of 16 bits hold numbers of 12 or fewer, as cameras of machines give them."""
+    top = 0
+    for file in (files[0], files[len(files) // 2], files[-1]):
+        if file.suffix.lower() not in _DEEP:
+            return
+        image = decode_image(file, cv2.IMREAD_UNCHANGED)
+        if image.dtype.itemsize != 2:
+            return
+        top = max(top, int(image.max()))
+        if top >= _BRIGHT:
+            return
+    yield (
+        f"{path}: images have 16 bits and no value above {top}, so that they are nearly black as "
+        "they are read; multiply their values, by 16 where the camera gives 12 bits"
+    )
 
 
 def read_image(path: Path) -> Frames:

@@ -150,3 +150,27 @@ def test_an_image_without_a_number_beside_a_series_is_named(tmp_path: Path) -> N
     assert "images are missing between 3 and 5" in gap
     named = Clip.open(make_folder(tmp_path / "names", ["front.png", "side.png"]), fps=30)
     assert not named.warnings
+
+
+@pytest.mark.parametrize(("factor", "told"), [(16, True), (257, False), (1, True), (0, True)])
+@pytest.mark.parametrize("ending", ["png", "tif"])
+def test_few_of_sixteen_bits_are_named(
+    tmp_path: Path, ending: str, factor: int, told: bool
+) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for frame in range(3):
+        image = factor * picture(frame).astype(np.uint16)
+        cv2.imwrite(str(folder / f"{frame}.{ending}"), image)
+    warnings = Clip.open(folder, fps=30).warnings
+    assert ["images have 16 bits and no value above" in line for line in warnings] == [True] * told
+
+
+def test_dark_pictures_are_not_named(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for frame, level in enumerate((0, 60000, 0)):  # of 16, which fade in
+        cv2.imwrite(str(folder / f"{frame}.png"), np.full((48, 64, 3), level, np.uint16))
+    assert not Clip.open(folder, fps=30).warnings
+    cv2.imwrite(str(folder / "0.png"), np.full((48, 64, 3), 3, np.uint8))
+    assert not Clip.open(folder, fps=30).warnings
