@@ -136,7 +136,8 @@ class Clip:
     @property
     def image_names(self) -> tuple[tuple[str, ...], ...]:
         """Names of all images a view, C, without ending, frame by frame; none of a video."""
-        return tuple(s.names if isinstance(s, ImageFolder) else () for s in self.sources)
+        own = (s.source if isinstance(s, LateSource) else s for s in self.sources)
+        return tuple(each.names if isinstance(each, ImageFolder) else () for each in own)
 
     @property
     def lost(self) -> int:

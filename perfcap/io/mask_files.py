@@ -19,6 +19,7 @@ from perfcap.io.atomic import unwritable, writing
 from perfcap.io.clip import Clip, LateSource
 from perfcap.io.files import TEXT_LIMIT, natural_key, read_json
 from perfcap.io.image_file import SUFFIXES, decode_image, image_size
+from perfcap.io.view_names import rows_of
 
 _FILE = re.compile(r"\d{6,}\.png")
 _PLAIN = re.compile(r"\w[\w .-]{0,99}")  # names of views that can be names of folders
@@ -178,8 +179,8 @@ class MaskFolders:
     """Masks of some frames of a clip.
 
     As many images as the video has frames are those of its frames, in order. Fewer are those of
-    the frames that the numbers at the ends of their names say, as captures write them: the first
-    frame of the video is 0.
+    the images that are called like them, or of the frames that the numbers at the ends of their
+    names say, as captures write them: the first frame of the video is 0.
 
     Attributes:
         files: of each view, C, by the frame of the clip.
@@ -205,7 +206,7 @@ class MaskFolders:
         for view, folder in enumerate(folders):
             source, size = clip.sources[view], clip.sizes[view]
             late = source.late if isinstance(source, LateSource) else 0
-            numbered = _numbered(folder, source.total)
+            numbered = _numbered(folder, source.total, clip.image_names[view])
             own = {n - late - clip.start: path for n, path in numbered.items()}
             own = {frame: path for frame, path in own.items() if 0 <= frame < len(clip)}
             if not own:
@@ -233,8 +234,11 @@ class MaskFolders:
         return sorted(set.intersection(*(set(view) for view in self.files)))
 
 
-def _numbered(folder: Path, total: int | None) -> dict[int, Path]:
-    """Images by the frame of the video that they belong to."""
+def _numbered(folder: Path, total: int | None, names: Sequence[str]) -> dict[int, Path]:
+    """Images by the frame of the video that they belong to.
+
+    Names of the video's own images say it, unless they may be those that a capture writes.
+    """
     if not folder.is_dir():
         raise InputError(f"--masks {folder}: no such folder; expected a folder of images a view")
     images = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.name[0] != "."]
@@ -243,6 +247,9 @@ def _numbered(folder: Path, total: int | None) -> dict[int, Path]:
     images.sort(key=lambda path: natural_key(path.name))
     if len(images) == total:
         return dict(enumerate(images))
+    ours = all(_FILE.fullmatch(path.name) for path in images)
+    if rows := [] if ours else rows_of([path.stem for path in images], names):
+        return dict(zip(rows, images, strict=True))
     found = [_NUMBER.fullmatch(path.stem) for path in images]
     numbers = [int(match[1]) for match in found if match is not None]
     of_how_many = "" if total is None else f" of {total} frames"

@@ -1,4 +1,4 @@
-"""Which file belongs to which view, as far as names tell."""
+"""Which file belongs to which view, or image, as far as names tell."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ def match_views(names: Sequence[str], views: Sequence[str]) -> list[int] | None:
         found = [own.index(words) if words in own else None for words in _distinctive(names)]
     known = [view for view in found if view is not None]
     return known if len(known) == len(names) == len(set(known)) else None
+
+
+def rows_of(names: Sequence[str], images: Sequence[str]) -> list[int]:
+    """The frame of each of some names, where all of them are those of images; else none."""
+    places = {name: frame for frame, name in enumerate(images)}
+    return [places[name] for name in names] if places.keys() >= set(names) else []
 
 
 def _within(part: str, whole: str) -> bool:

@@ -143,3 +143,26 @@ def test_shares_of_a_network_that_is_nowhere_sure_are_no_labels(clip: Clip, tmp_
     assert (hazy > 0).all() and hazy.max() < 0.75 * 255
     assert np.array_equal(masks.mask(0, 5), hazy > 127)
     assert np.array_equal(masks.mask(0, 6), square(5))
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_names_of_images_say_of_which_frame_they_are(tmp_path: Path, late: int) -> None:
+    folder = tmp_path / "from_one"
+    folder.mkdir()
+    for frame in range(FRAMES):
+        cv2.imwrite(str(folder / f"img_{frame + 1:04d}.jpg"), np.zeros((*SIZE, 3), np.uint8))
+    clip = Clip.open(folder, fps=30.0)
+    clip = Clip([LateSource(source, late) for source in clip.sources], clip.fps)
+    named = write(tmp_path / "named", plain([5, 6, 9], "img_{:04d}.png"))
+    assert MaskFolders.open([named], clip).complete() == [4 - late, 5 - late, 8 - late]
+    numbered = write(tmp_path / "numbered", plain([5, 6, 9], "mask_{:04d}.png"))
+    assert MaskFolders.open([numbered], clip).complete() == [5 - late, 6 - late, 9 - late]
+
+
+def test_masks_of_a_capture_count_from_zero_whatever_images_are_called(tmp_path: Path) -> None:
+    folder = tmp_path / "from_one"
+    folder.mkdir()
+    for frame in range(FRAMES):
+        cv2.imwrite(str(folder / f"{frame + 1:06d}.jpg"), np.zeros((*SIZE, 3), np.uint8))
+    masks = write(tmp_path / "m", plain([5, 6, 9]))
+    assert MaskFolders.open([masks], Clip.open(folder, fps=30.0)).complete() == [5, 6, 9]

@@ -13,13 +13,7 @@ from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing, are_shares
 from perfcap.io.detections.network import is_network_json, read_network_json
-from perfcap.io.detections.openpose import (
-    MAX_PEOPLE,
-    choose_joint_set,
-    first_frame,
-    parse_triples,
-    rows_of,
-)
+from perfcap.io.detections.openpose import MAX_PEOPLE, choose_joint_set, first_frame, parse_triples
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track, parse_instance
 from perfcap.io.detections.written_json import (
     holds_vitpose,
@@ -28,6 +22,7 @@ from perfcap.io.detections.written_json import (
     results_by_image,
 )
 from perfcap.io.files import read_json
+from perfcap.io.view_names import rows_of
 
 Entries = Sequence[Mapping[str, Any]]
 

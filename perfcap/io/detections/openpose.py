@@ -26,6 +26,7 @@ from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array, parse_instance
 from perfcap.io.files import MEBIBYTE, read_json
+from perfcap.io.view_names import rows_of
 
 FRAME_LIMIT = 16 * MEBIBYTE
 MAX_PEOPLE = 1000
@@ -82,12 +83,6 @@ def first_frame(numbers: Collection[int], video_frames: int | None) -> int:
     if video_frames is None or lowest <= 1:
         return lowest
     return next((start for start in (0, 1) if highest < start + video_frames), lowest)
-
-
-def rows_of(names: Sequence[str], images: Sequence[str]) -> list[int]:
-    """The frame of each of some names, where all of them are those of images; else none."""
-    places = {name: frame for frame, name in enumerate(images)}
-    return [places[name] for name in names] if places.keys() >= set(names) else []
 
 
 def _stem(path: Path) -> str:

@@ -15,9 +15,10 @@ import numpy as np
 from perfcap.detect.joint_set import COCO17
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing
-from perfcap.io.detections.openpose import FRAME_LIMIT, MAX_PEOPLE, rows_of
+from perfcap.io.detections.openpose import FRAME_LIMIT, MAX_PEOPLE
 from perfcap.io.detections.track import MAX_FRAMES, Array
 from perfcap.io.files import require_file
+from perfcap.io.view_names import rows_of
 
 LABELS = "labels"  # folder of a run
 _BOX = 5  # numbers before the keypoints: class, middle, width, height
