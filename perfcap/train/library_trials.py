@@ -29,6 +29,9 @@ _HALF = 0.6  # times what it is, that another reading makes of it
 _SLIDING = 0.5  # m/s, of which people are warned; of the six of the CMU library it is 0.21
 _BENT, _HANGS = 0.35, -0.5  # sine of an elbow, and cosine of an upper arm to the way up the trunk
 _WARNED = 600  # frames: a single short clip may slide
+# m of a joint from the middle of where it is before and after, and share of the frames: of the six
+# people of the CMU library 0.0004 at most leap so, without clips that are marked as glitches
+_LEAP, _LEAPING = 0.2, 0.005
 
 
 @dataclass(frozen=True)
@@ -248,6 +251,21 @@ def sliding(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
             f"the lowest foot moves at {speed:.2g} m/s in most frames, {_SLIDING} at most where "
             "people walk and stand: if they do not skate, or move on a treadmill, euler_zyx_deg of "
             "the root, or root_m, are not of this motion"
+        )
+
+
+def leaping(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
+    """What speaks against frames of landmarks of clips (F, 16, 3): no limb leaps there and back."""
+    leaps: list[Array] = []
+    for points in clips:
+        middles = 0.5 * (points[2:] + points[:-2])
+        leaps.append(np.linalg.norm(points[1:-1] - middles, axis=-1).max(-1, initial=0.0))
+    share = float((np.concatenate(leaps) > _LEAP).mean()) if sum(map(len, leaps)) else 0.0
+    if share > _LEAPING:
+        yield (
+            f"joints leap by {_LEAP} m or more from one frame to the next in {share:.1%} of the "
+            "frames, as where some were lost and filled with zeros, or angles were interpolated "
+            "over half a turn: leave these out, or mark their clips as glitch in the remark column"
         )
 
 
