@@ -62,6 +62,21 @@ def test_movenet_of_javascript(tmp_path: Path) -> None:
     check(write_json(tmp_path / "a.json", data), sets.COCO17)
 
 
+@pytest.mark.parametrize("sure", ["conf", "likelihood", "probability", "prob", "c", "v"])
+@pytest.mark.parametrize("columns", [False, True])
+def test_other_names_of_confidences(sure: str, columns: bool, tmp_path: Path) -> None:
+    values = moving(sets.COCO17)
+    values[..., 2] = np.linspace(0.2, 0.9, 17)
+    people = [[{sure: c, "x": x, "y": y} for x, y, c in person] for person in values.tolist()]
+    data: list[Any] = people
+    if columns:
+        data = [{key: [p[key] for p in one] for key in ("x", "y", sure)} for one in people]
+    found, _ = read_detections(write_json(tmp_path / "a.json", data), sizes=[SIZE])
+    places, given = torch.from_numpy(values[..., :2]), torch.from_numpy(values[..., 2])
+    _, known = sets.map_to_landmarks(places, given, sets.COCO17)
+    assert torch.allclose(found.confidence2d[:, 0], known)
+
+
 def test_frames_without_anybody(tmp_path: Path) -> None:
     people: list[Any] = landmarks(POSE)
     people[2], people[3] = None, []

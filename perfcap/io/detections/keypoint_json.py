@@ -193,7 +193,8 @@ def _first_number(by_frame: Mapping[int, Any], frames: int | None) -> int:
 _FRAMES = "frames"
 _HOLDERS = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "poses",
             "people")  # fmt: skip
-_SURE = ("visibility", "score", "confidence", "presence")
+_SURE = ("visibility", "score", "confidence", "presence", "conf", "likelihood", "probability",
+         "prob", "visible", "c", "v")  # fmt: skip
 _DEEPEST = 6
 _MOST_JOINTS = 1000
 
@@ -287,7 +288,8 @@ def _person(path: Path, frame: int, landmarks: list[Any]) -> Array:
 
 def _apart(path: Path, frame: int, columns: Mapping[str, Any]) -> list[Any]:
     """Landmarks of a person whose x, y and ``visible`` are lists of them all, as Ultralytics'."""
-    lists = [columns["x"], columns["y"], columns.get("visible")]
+    sure = next((columns[key] for key in _SURE if isinstance(columns.get(key), list)), None)
+    lists = [columns["x"], columns["y"], columns.get("visible") if sure is None else sure]
     if lists[2] is None and isinstance(lists[0], list):
         lists[2] = [1.0] * len(lists[0])
     if not all(isinstance(each, list) for each in lists) or len({len(each) for each in lists}) > 1:
