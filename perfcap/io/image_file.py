@@ -113,6 +113,7 @@ def _segments(data: bytes) -> Iterator[tuple[int, int]]:
 Frames = NDArray[np.uint8]
 
 _NUMBER = re.compile(r"(.*?)([0-9]{1,18})")
+_SECONDS = re.compile(r"[0-9]{1,12}[.]([0-9]{1,18})")
 _SERIES = 0.8  # of a folder's images, numbered, beside which others are strangers
 _TAIL = re.compile(r"(?<=[0-9])(?=[ (_-])")  # where the name of an image ends in that of its copy
 _COUNTED = re.compile(r"[_-][0-9]+")  # an own number, as of several images of one second
@@ -123,7 +124,8 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 class ImageFolder:
     """Images in the natural order of their names (``2.png`` before ``10.png``), one size.
 
-    Files of other kinds and hidden files are passed over. Images have no times: ``fps`` is None.
+    Names that are seconds, as ``0.067`` and ``0.1``, are in the order of these. Files of other
+    kinds and hidden files are passed over. Images have no times: ``fps`` is None.
     ``names`` are those of all of them, without ending.
     """
 
@@ -147,6 +149,9 @@ class ImageFolder:
         self.path = path
         self.name = path.name
         files.sort(key=lambda file: natural_key(file.name))
+        timed = _are_times([file.stem for file in files])
+        if timed:
+            files.sort(key=lambda file: float(file.stem))
         self.names = tuple(file.stem for file in files)
         self.files = files[:stop]
         self.total: int | None = len(files)
@@ -155,7 +160,7 @@ class ImageFolder:
         originals = [file for file in self.files if file not in copies]
         self.warnings: tuple[str, ...] = (
             *_about_copies(path, copies),
-            *_odd_numbers(path, originals),
+            *(() if timed else _odd_numbers(path, originals)),
             *_few_bits(path, self.files),
         )
         first = read_image(self.files[0])
@@ -181,6 +186,16 @@ class ImageFolder:
 
     def close(self) -> None:
         """Nothing is held open."""
+
+
+def _are_times(stems: Sequence[str]) -> bool:
+    """Whether names are seconds without zeros at the end, rather than shots and frames: 1.09."""
+    found = [_SECONDS.fullmatch(stem) for stem in stems]
+    digits = [match[1] for match in found if match is not None]
+    several = len(digits) == len(stems) and len(set(map(len, digits))) > 1
+    longer = [each for each in digits if len(each) > 1]
+    cut = not any(each.endswith("0") for each in longer)
+    return several and cut and any(each.startswith("0") for each in longer)
 
 
 def _require_one_each(path: Path, files: Sequence[Path]) -> None:

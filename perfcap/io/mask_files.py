@@ -246,7 +246,8 @@ def _numbered(folder: Path, total: int | None, names: Sequence[str]) -> dict[int
         raise InputError(f"--masks {folder}: holds no images; expected PNG files")
     images.sort(key=lambda path: natural_key(path.name))
     if len(images) == total:
-        return dict(enumerate(images))
+        rows = rows_of([path.stem for path in images], names)
+        return dict(zip(rows or range(total), images, strict=True))
     ours = all(_FILE.fullmatch(path.name) for path in images)
     if rows := [] if ours else rows_of([path.stem for path in images], names):
         return dict(zip(rows, images, strict=True))

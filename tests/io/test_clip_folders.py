@@ -174,3 +174,22 @@ def test_dark_pictures_are_not_named(tmp_path: Path) -> None:
     assert not Clip.open(folder, fps=30).warnings
     cv2.imwrite(str(folder / "0.png"), np.full((48, 64, 3), 3, np.uint8))
     assert not Clip.open(folder, fps=30).warnings
+
+
+def test_names_that_are_seconds_are_in_their_order(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for frame in range(40):
+        cv2.imwrite(str(folder / f"{round(frame / 30, 3)}.png"), picture(frame)[..., ::-1])
+    clip = Clip.open(folder, fps=30)
+    assert [number(f) for f in clip.read(0, 40)[:, 0]] == list(range(40)) and not clip.warnings
+
+
+@pytest.mark.parametrize("form", ["1.{}", "1.{:02d}"])
+def test_numbers_of_shots_and_frames_are_no_seconds(tmp_path: Path, form: str) -> None:
+    names = [form.format(frame) for frame in range(1, 102)]
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for name in names:
+        cv2.imwrite(str(folder / f"{name}.png"), np.zeros((4, 4, 3), np.uint8))
+    assert Clip.open(folder, fps=30).image_names == (tuple(names),)

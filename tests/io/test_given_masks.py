@@ -166,3 +166,14 @@ def test_masks_of_a_capture_count_from_zero_whatever_images_are_called(tmp_path:
         cv2.imwrite(str(folder / f"{frame + 1:06d}.jpg"), np.zeros((*SIZE, 3), np.uint8))
     masks = write(tmp_path / "m", plain([5, 6, 9]))
     assert MaskFolders.open([masks], Clip.open(folder, fps=30.0)).complete() == [5, 6, 9]
+
+
+def test_masks_of_images_that_are_called_by_their_time(tmp_path: Path) -> None:
+    folder = tmp_path / "timed"
+    folder.mkdir()
+    names = [f"{round((frame + 1) / 30, 3)}.png" for frame in range(FRAMES)]
+    for name in names:
+        cv2.imwrite(str(folder / name), np.zeros((*SIZE, 3), np.uint8))
+    images = {name: 255 * square(frame).astype(np.uint8) for frame, name in enumerate(names)}
+    masks = MaskFolders.open([write(tmp_path / "m", images)], Clip.open(folder, fps=30.0))
+    assert [masks.files[0][frame].name for frame in range(FRAMES)] == names
