@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -18,6 +18,7 @@ from perfcap.detect.joint_set import (
     canonical_name,
     find_joint_set,
 )
+from perfcap.eager import eager
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_readable
@@ -141,6 +142,7 @@ class PoseRefiner(nn.Module):
             like.new_zeros(len(self.names)), requires_grad=learn_weights
         )
 
+    @eager
     def forward(
         self,
         cameras: Camera | Sequence[Camera],
@@ -174,8 +176,7 @@ class PoseRefiner(nn.Module):
         """
         require_flags(placed=placed)
         rate = self.rate if rate is None else frame_rate(rate)
-        for line in rate_doubts(rate):
-            warnings.warn(f"PoseRefiner: {line}", stacklevel=3)
+        _warn(rate_doubts(rate))
         like = self.actor.skeleton.lower
         if like.dtype not in (torch.float32, torch.float64):
             raise InputError(
@@ -191,8 +192,7 @@ class PoseRefiner(nn.Module):
             factors = dict(zip(self.names, self.log_weights.exp().unbind(), strict=True))
             clips = [replace(clip, factors=factors, terms=self.energies) for clip, _ in started]
             motions, status = self._solve_twice(clips, [motion for _, motion in started])
-            for line in (*told, *unsolved(status)):
-                warnings.warn(f"PoseRefiner: {line}", stacklevel=3)
+            _warn((*told, *unsolved(status)))
             refined = self._pad(motions, status)
             self._examine_fit(estimates[: len(odd)], refined, odd)
         return refined if batched else _single(refined)
@@ -216,26 +216,21 @@ class PoseRefiner(nn.Module):
             Whether there was one, of each clip that was looked at.
         """
         told: list[bool] = []
-        for line in batch_doubts(clips):
-            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
+        _warn(batch_doubts(clips), within=1)
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
-            learned = clip.detections.confidence2d.requires_grad
+            tuned = clip.detections.confidence2d.requires_grad
             which = "" if len(clips) == 1 else f"clip {index}: "
-            lines = [*estimate_doubts(clip.cameras, seen, missing, learned)]
-            lines += empty_poses(clip.empty)
+            lines = [*estimate_doubts(clip.cameras, seen, missing, tuned), *empty_poses(clip.empty)]
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
                 lines += placed_doubts(clip)
-            if not lines:
-                lines += bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
-            for line in lines:
-                warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
+            lines += () if lines else bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
+            _warn(lines, which, within=1)
             told.append(bool(lines))
         together = together_doubts(self.actor, clips, missing, _ACTOR)
-        for line in together if 2 * sum(told) < len(told) else ():
-            warnings.warn(f"PoseRefiner: {line}", stacklevel=4)
+        _warn(together if 2 * sum(told) < len(told) else (), within=1)
         return told
 
     def _examine_fit(
@@ -249,8 +244,7 @@ class PoseRefiner(nn.Module):
             lines = [*fit_doubts(cameras, seen, joints.detach())]
             if clip.targets is not None and not (clip.has_pixels or told[index]):
                 lines += place_doubts(cameras, clip.targets, clip.certain, joints)
-            for line in lines:
-                warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=4)
+            _warn(lines, which, within=1)
 
     def _solve_twice(
         self, clips: list[ClipProblem], initial: list[Motion]
@@ -313,6 +307,12 @@ def _single(refined: RefinedPose) -> RefinedPose:
     return RefinedPose(
         select(refined.motion, 0), refined.joints[0], refined.valid[0], refined.status[0]
     )
+
+
+def _warn(lines: Iterable[str], which: str = "", within: int = 0) -> None:
+    """Warn whoever calls the module, from so many functions within ``forward``."""
+    for line in lines:
+        warnings.warn(f"PoseRefiner: {which}{line}", stacklevel=6 + within)
 
 
 def _known(joint_set: JointSet | str) -> JointSet:

@@ -8,6 +8,7 @@ from typing import Any, overload
 import torch
 from torch import Tensor
 
+from perfcap.eager import eager
 from perfcap.errors import InputError
 from perfcap.precision import own_precision
 from perfcap.solve.adam import Adam
@@ -41,6 +42,7 @@ def solve(
 ) -> Solution[Any]: ...
 
 
+@eager
 def solve(
     objective: Objective | Function,
     initial: Any,
