@@ -1,4 +1,4 @@
-"""3D poses that are late or early against the 2D joints of their view: how often that is named.
+"""Poses in 3D that are late or early against the 2D joints of their view: how often that is named.
 
 Stretches of all clips of the CMU library, as a simulated detector of one view sees them. What is
 named of poses in time is a false alarm. ``examine_lifted`` is what captures and doctor ask.
