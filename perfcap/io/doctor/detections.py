@@ -15,6 +15,7 @@ from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
+from perfcap.io.doctor.doubled import examine_doubled
 from perfcap.io.doctor.empty_joints import examine_empty
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.grid import examine_grid
@@ -79,6 +80,7 @@ def examine_detections(
         repeated = examine_repeated(name, view, *_given(view, detections))
         findings += order + repeated + examine_grid(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
+        findings += examine_doubled(name, detections.joints2d[:, view], confident)
         pixels = detections.joints2d[:, view][confident]
         findings += _placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
@@ -111,6 +113,7 @@ def _poses3d(
     pose = every[trusted]
     wrong = (
         examine_empty(name, pose)
+        or examine_doubled(name, pose, pose.isfinite().all(-1))
         or _axes3d(name, pose, joints[trusted], (confidence > CONFIDENT)[trusted])
         or examine_lifted(name, every, plane, confidence, trusted, successive=successive)
         or examine_sides(name, pose, successive=successive)
