@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.spelling import lens_of, size_of
 from perfcap.io.calibration.view import View, make_view
 from perfcap.io.files import TEXT_LIMIT, read_json
 from perfcap.rates import FASTEST, SLOWEST
 
 PIXEL_CENTRES = (0.0, 0.5)
-LENS = ("distortion", "distortions", "dist", "distCoeffs", "dist_coeffs", "distortion_coefficients")
-_COEFFICIENTS = ("d", "dist_coeff", "distcoeff", "k1", "k2", "k3", "p1", "p2")
 _SPELLED = ("pixel_centre", "width", "height")
 UNITS = ("unit", "units")
 METRES = ("m", "metre", "metres", "meter", "meters")
@@ -54,8 +53,9 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
     where = f"{path}: view {name}"
     if not isinstance(entry, dict):
         raise InputError(f"{where}: is a {type(entry).__name__}, expected an object with K, R, t")
-    _require_metres(where, {**shared, **entry})
-    _require_read(where, (*shared, *entry))
+    stated = {**shared, **entry}
+    _require_metres(where, stated)
+    _require_read(where, stated)
     if entry.get("pixel_centre", centre) != centre:
         raise InputError(f"{where}: has its own pixel_centre; state one for the whole file")
     view = make_view(
@@ -64,11 +64,8 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
         intrinsics=entry.get("K"),
         rotation=entry.get("R"),
         translation=entry.get("t"),
-        distortion=_lens(where, {**_given(shared, LENS), **_given(entry, LENS)}),
-        size=(
-            entry.get("height", shared.get("height")),
-            entry.get("width", shared.get("width")),
-        ),
+        distortion=lens_of(where, stated),
+        size=size_of(stated),
         pixel_centre=centre,
     )
     frames = shared.get("frames")
@@ -79,33 +76,16 @@ def _view(path: Path, name: str, entry: Any, shared: Mapping[str, Any], centre: 
     return view
 
 
-def _require_read(where: str, keys: Sequence[str]) -> None:
+def _require_read(where: str, keys: Iterable[str]) -> None:
     """Refuse what is meant for the camera, under a name that is not read."""
     for key in keys:
-        if _of_lens(key) and key not in LENS:
-            raise InputError(
-                f"{where}: has {key!r:.40}, which is not read; call the coefficients distortion: "
-                "k1, k2, p1, p2, k3"
-            )
         near = difflib.get_close_matches(key[:40].lower(), _SPELLED, 1, 0.8)
-        if near and key not in _SPELLED:
+        if near and key.lower() not in _SPELLED:
             raise InputError(f"{where}: has {key!r:.40}, which is not read; call it {near[0]}")
-
-
-def _of_lens(key: str) -> bool:
-    """Whether a key says how a lens bends light."""
-    return "distort" in key.lower() or key.lower() in _COEFFICIENTS
 
 
 def _given(entry: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: entry[name] for name in names if name in entry}
-
-
-def _lens(where: str, given: Mapping[str, Any]) -> Any:
-    """Coefficients under one of the names that OpenCV's users give them."""
-    if len(given) > 1:
-        raise InputError(f"{where}: has {' and '.join(given)}; expected one of them, distortion")
-    return next(iter(given.values()), None)
 
 
 def _require_metres(where: str, entry: Mapping[str, Any]) -> None:

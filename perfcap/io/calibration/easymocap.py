@@ -11,6 +11,7 @@ import yaml
 
 from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.spelling import lens_of, size_of
 from perfcap.io.calibration.toml_file import rotation_matrix
 from perfcap.io.calibration.view import Array, View, make_view, to_numbers
 from perfcap.io.files import MEBIBYTE, read_text
@@ -38,8 +39,9 @@ def read_easymocap(path: Path, default_sizes: Sequence[tuple[int, int]] | None =
 
 def _view(folder: Path, name: str, inner: Mapping[str, Any], outer: Mapping[str, Any]) -> View:
     where = f"{folder}: camera {name}"
-    stated = (rotation_matrix(where, outer.get(key)) for key in (f"Rot_{name}", f"R_{name}"))
-    rotations = [each for each in stated if each is not None]
+    stated = _stated(name, inner, outer)
+    turns = (rotation_matrix(where, outer.get(key)) for key in (f"Rot_{name}", f"R_{name}"))
+    rotations = [each for each in turns if each is not None]
     _require_same(where, name, rotations)
     translation = outer.get(f"T_{name}")
     return make_view(
@@ -48,9 +50,17 @@ def _view(folder: Path, name: str, inner: Mapping[str, Any], outer: Mapping[str,
         intrinsics=inner.get(f"K_{name}"),
         rotation=rotations[0] if rotations else None,
         translation=None if translation is None else _vector(where, translation),
-        distortion=inner.get(f"dist_{name}"),
-        size=(inner.get(f"H_{name}"), inner.get(f"W_{name}")),
+        distortion=lens_of(where, stated),
+        size=size_of(stated),
     )
+
+
+def _stated(name: str, inner: Mapping[str, Any], outer: Mapping[str, Any]) -> dict[str, Any]:
+    """What both files say of a camera, without its name; they call the lens D where not dist."""
+    ending, names = f"_{name}", {"H": "height", "W": "width", "D": "dist"}
+    both = {str(key): value for key, value in (*outer.items(), *inner.items())}
+    found = {key.removesuffix(ending): both[key] for key in both if key.endswith(ending)}
+    return {names.get(key, key): found[key] for key in found if key != "D" or "dist" not in found}
 
 
 def _require_same(where: str, name: str, rotations: Sequence[Array]) -> None:

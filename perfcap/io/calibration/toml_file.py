@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from perfcap.errors import InputError
 from perfcap.io import files
 from perfcap.io.calibration.rig import CameraRig, make_rig
+from perfcap.io.calibration.spelling import lens_of, size_of
 from perfcap.io.calibration.view import Array, View, make_view, to_numbers
 
 _FREEMOCAP = "synchronized_videos"  # beside the calibration of a recording
@@ -52,29 +53,22 @@ def _in_millimetres(path: Path, views: Sequence[View]) -> bool:
 
 def _view(path: Path, name: str, section: dict[str, Any]) -> View:
     where = f"{path}: [{name}]"
-    if section.get("fisheye", False):
-        raise InputError(
-            f"{where}: fisheye = true; expected a pinhole camera with OpenCV's five-coefficient "
-            "distortion; undistort the video and calibrate the result"
-        )
-    width, height = _size(where, section.get("size"))
     return make_view(
         where,
         str(section.get("name", name)),
         intrinsics=section.get("matrix"),
         rotation=rotation_matrix(where, section.get("rotation")),
         translation=section.get("translation"),
-        distortion=section.get("distortions", section.get("distortion")),
-        size=(height, width),
+        distortion=lens_of(where, section),
+        size=_size(where, section),
     )
 
 
-def _size(where: str, size: Any) -> tuple[Any, Any]:
-    if size is None:
-        return None, None
+def _size(where: str, section: Mapping[str, Any]) -> tuple[Any, Any]:
+    size = section.get("size", [0, 0])
     if not isinstance(size, list) or len(size) != 2:
         raise InputError(f"{where}: size is {size!r}, expected [width, height]")
-    return size[0], size[1]
+    return size_of(section)
 
 
 def rotation_matrix(where: str, rotation: Any) -> Array | None:
