@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
 from perfcap.errors import InputError
-from perfcap.io.detections.listing import Listing, are_shares
+from perfcap.io.detections.frame_numbers import frame_numbers
+from perfcap.io.detections.landmark_json import holds_landmarks, read_landmarks
+from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.network import is_network_json, read_network_json
-from perfcap.io.detections.openpose import MAX_PEOPLE, choose_joint_set, first_frame, parse_triples
+from perfcap.io.detections.openpose import choose_joint_set, first_frame, parse_triples
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track, parse_instance
 from perfcap.io.detections.written_json import (
     holds_vitpose,
@@ -47,7 +47,7 @@ def read_keypoint_json(
     if is_network_json(data):
         return read_network_json(path, data, frames)
     if holds_landmarks(data):
-        return read_landmarks(path, data)
+        return read_landmarks(path, data, frames)
     if holds_vitpose(data):
         return read_vitpose(path, data)
     entries = _entries(path, data)
@@ -155,11 +155,12 @@ def _names(entries: Entries, names: Mapping[Any, str]) -> list[str]:
 
 def _mmpose(path: Path, entries: Entries) -> Iterator[tuple[int, list[Array]]]:
     """MMPose: one entry a frame, keypoints and scores apart."""
-    for position, entry in enumerate(entries):
+    numbers = frame_numbers(entries) or range(len(entries))
+    for position, (entry, place) in enumerate(zip(entries, numbers, strict=True)):
         instances = entry.get("instances")
         if not isinstance(instances, list):
             raise InputError(f"{path}: frame {position} has no list 'instances'")
-        number = _frame_number(path, entry.get("frame_id", position))
+        number = _frame_number(path, entry.get("frame_id", place))
         yield number, [parse_instance(path, instance) for instance in instances]
 
 
@@ -182,120 +183,3 @@ def _first_number(by_frame: Mapping[int, Any], frames: int | None) -> int:
     if frames is not None:
         return 0 if highest < frames else min(lowest, highest - frames + 1)
     return min(lowest, 1)
-
-
-# --- JSON of landmarks with names for their coordinates: MediaPipe, MoveNet of TensorFlow.js ------
-#
-# There is no one form: people write what their library hands them, frame by frame. A frame is a
-# person, a list of people, or an object that holds one of these under a usual key; a person is a
-# list of ``{x, y, ...}``, or an object of the lists of them.
-
-_FRAMES = "frames"
-_HOLDERS = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "poses",
-            "people")  # fmt: skip
-_SURE = ("visibility", "score", "confidence", "presence", "conf", "likelihood", "probability",
-         "prob", "visible", "c", "v")  # fmt: skip
-_DEEPEST = 6
-_MOST_JOINTS = 1000
-
-
-def holds_landmarks(data: Any) -> bool:
-    """Whether the first thing that is in a value is a landmark with coordinates of its own."""
-    return _is_landmark(_first(data, 0))
-
-
-def _first(data: Any, depth: int) -> Any:
-    """What is in the first list or object that is not empty; None where all are."""
-    if depth > _DEEPEST or _is_landmark(data):
-        return data
-    if isinstance(data, dict):
-        frames = _of_frames(data)
-        return _first(_held(data) if frames is None else frames, depth + 1)
-    if isinstance(data, list):
-        found = (_first(each, depth + 1) for each in data)
-        return next((each for each in found if each is not None), None)
-    return data
-
-
-def read_landmarks(path: Path, data: Any) -> Listing:
-    """Everybody in frames of landmarks; coordinates may be pixels, or shares of the image.
-
-    Args:
-        path: for messages.
-        data: a list of frames, or an object of it under ``frames`` or under their numbers.
-
-    Raises:
-        InputError: another structure, unknown joint counts.
-    """
-    frames = _of_frames(data) if isinstance(data, dict) else data
-    if not isinstance(frames, list) or len(frames) > MAX_FRAMES:
-        raise InputError(
-            f"{path}: holds landmarks, but no list of frames; expected a list with an entry for "
-            "each frame of the video"
-        )
-    listed = [_people(path, number, frame, 0) for number, frame in enumerate(frames)]
-    joint_set = choose_joint_set(str(path), listed)
-    return Listing(str(path), joint_set, listed, shares=are_shares(listed))
-
-
-def _of_frames(data: Mapping[str, Any]) -> list[Any] | None:
-    if isinstance(data.get(_FRAMES), list):
-        found: list[Any] = data[_FRAMES]
-        return found
-    numbered = {int(key): key for key in data if key.isascii() and key.isdecimal() and len(key) < 9}
-    if not numbered or len(numbered) < len(data) or max(numbered) >= MAX_FRAMES:
-        return None
-    first = min(min(numbered), 1)
-    return [data.get(numbered.get(n, "")) for n in range(first, max(numbered) + 1)]
-
-
-def _held(data: Mapping[str, Any]) -> Any:
-    return next((data[key] for key in _HOLDERS if data.get(key)), None)
-
-
-def _is_landmark(value: Any) -> bool:
-    return isinstance(value, dict) and "x" in value and "y" in value
-
-
-def _people(path: Path, frame: int, value: Any, depth: int) -> list[Array]:
-    """The people (J, 3) of a frame; nothing, empty lists and objects without people are nobody."""
-    if not value:
-        return []
-    if _is_landmark(value):
-        return [_person(path, frame, _apart(path, frame, value))]
-    if isinstance(value, dict):
-        return _people(path, frame, _held(value), depth + 1) if depth < _DEEPEST else []
-    if not isinstance(value, list) or depth >= _DEEPEST:
-        raise InputError(f"{path}: frame {frame} holds no landmarks; expected lists of x and y")
-    if _is_landmark(value[0]):
-        return [_person(path, frame, value)]
-    people = [one for each in value for one in _people(path, frame, each, depth + 1)]
-    if len(people) > MAX_PEOPLE:
-        raise InputError(f"{path}: frame {frame} has more than {MAX_PEOPLE} people")
-    return people
-
-
-def _person(path: Path, frame: int, landmarks: list[Any]) -> Array:
-    if len(landmarks) > _MOST_JOINTS or not all(_is_landmark(each) for each in landmarks):
-        raise InputError(f"{path}: frame {frame} has landmarks without x and y; expected both")
-    rows = [(each["x"], each["y"], _sureness(each)) for each in landmarks]
-    try:
-        person = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: frame {frame} has landmarks that are no numbers") from error
-    return person
-
-
-def _apart(path: Path, frame: int, columns: Mapping[str, Any]) -> list[Any]:
-    """Landmarks of a person whose x, y and ``visible`` are lists of them all, as Ultralytics'."""
-    sure = next((columns[key] for key in _SURE if isinstance(columns.get(key), list)), None)
-    lists = [columns["x"], columns["y"], columns.get("visible") if sure is None else sure]
-    if lists[2] is None and isinstance(lists[0], list):
-        lists[2] = [1.0] * len(lists[0])
-    if not all(isinstance(each, list) for each in lists) or len({len(each) for each in lists}) > 1:
-        raise InputError(f"{path}: frame {frame} has x, y and visible that are no equal lists")
-    return [{"x": x, "y": y, "visibility": sure} for x, y, sure in zip(*lists, strict=True)]
-
-
-def _sureness(landmark: Mapping[str, Any]) -> Any:
-    return next((landmark[key] for key in _SURE if landmark.get(key) is not None), 1.0)

@@ -18,6 +18,7 @@ from perfcap.io.archive import other_arrays, read_archive
 from perfcap.io.atomic import writing
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array, Track
+from perfcap.io.view_names import match_views
 
 MAX_PEOPLE = 1000
 _ARRAYS = (
@@ -184,9 +185,8 @@ def _view_order(
     given = [str(name) for name in names.reshape(-1)]
     if len(given) != count:
         raise InputError(f"{path}: names {len(given)} views but holds {count}")
-    if not set(views) <= set(given):
-        return list(range(count))
-    return [given.index(view) for view in views]
+    order = match_views(views, given)
+    return list(range(count)) if order is None else order
 
 
 def _check_millimetres(path: Path, joints3d: Array) -> None:
