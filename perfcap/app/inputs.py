@@ -174,7 +174,8 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
         return Inputs(clip, camera_frames(rig, clip, len(clip)), chosen, pixel_map, told, lost)
     end = clip.start + len(clip)
     reader = read_candidates if request.everybody else read_detections
-    read = partial(reader, list(request.detections), views=rig.names, sizes=clip.sizes)
+    sizes = clip.sizes if request.detections_in == "video" else rig.cameras.size
+    read = partial(reader, list(request.detections), views=rig.names, sizes=sizes)
     read = partial(read, images=clip.image_names)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
     offset = rig.pixel_offset

@@ -192,6 +192,8 @@ class _Finder:
                 self.notes.append("Detected joints are not shown: there are none in the folder.")
                 return None
             paths = [kept]
+        in_video = self.request.get("detections_in") == "video"
+        sizes = clip.sizes if in_video and clip is not None else rig.cameras.size
         try:
             found, _ = read_detections(
                 paths,
@@ -199,7 +201,7 @@ class _Finder:
                 pixel_offset=rig.pixel_offset,
                 frames=None if clip is None else clip.total,
                 used=self.end,
-                sizes=None if clip is None else clip.sizes,
+                sizes=None if clip is None else sizes,
                 images=() if clip is None else clip.image_names,
             )
             found = found.frames(self.frames)
@@ -210,7 +212,7 @@ class _Finder:
         except InputError as error:
             self.notes.append(f"Detected joints are not shown: {error}.")
             return None
-        if self.request.get("detections_in") == "video":
+        if in_video:
             return found
         return replace(found, joints2d=pixel_map.to_video(found.joints2d))
 

@@ -122,12 +122,15 @@ def are_shares(frames: Sequence[Sequence[Array]]) -> bool:
     return bool(largest) and float(np.median(largest)) < _SHARE
 
 
-def in_pixels(view: Track | Listing, size: tuple[int, int] | None) -> Track | Listing:
-    """A view in pixels with centres at integers.
+def in_pixels(
+    view: Track | Listing, size: tuple[int, int] | None, pixel_offset: float = 0.0
+) -> Track | Listing:
+    """A view in pixels of its file; shares of the image become such.
 
     Args:
         view: as read.
         size: height and width of its images.
+        pixel_offset: what makes centres of these pixels integers.
 
     Raises:
         InputError: shares of an image whose size is not known.
@@ -145,7 +148,10 @@ def in_pixels(view: Track | Listing, size: tuple[int, int] | None) -> Track | Li
             f"{view.where}: holds shares of the image instead of pixels, and the size of the image "
             "is not known; give the video as well, or write pixels"
         )
-    scale, offset = np.array([size[1], size[0], 1.0]), np.array([0.5, 0.5, 0.0])
+    scale, offset = (
+        np.array([size[1], size[0], 1.0]),
+        np.array([1.0, 1.0, 0.0]) * (0.5 + pixel_offset),
+    )
     frames = [[person * scale - offset for person in people] for people in view.frames]
     return replace(view, frames=frames, shares=False)
 

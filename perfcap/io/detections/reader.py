@@ -62,7 +62,7 @@ def read_detections(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames, sizes, images)
+    names, found = _read_views(paths, views, frames, sizes, images, pixel_offset)
     tracks = [followed(view) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in tracks]
     _require_somebody(names, mapped)
@@ -108,7 +108,7 @@ def read_candidates(
     Raises:
         InputError: files that cannot be read, or do not fit the views and frames.
     """
-    names, found = _read_views(paths, views, frames, sizes, images)
+    names, found = _read_views(paths, views, frames, sizes, images, pixel_offset)
     slots = max(slots_of(view) for view in found)
     rows = [everybody(view, slots) for view in found]
     mapped = [to_landmarks(track, pixel_offset) for track in rows]
@@ -126,6 +126,7 @@ def _read_views(
     frames: int | None,
     sizes: Sequence[tuple[int, int]] | None,
     images: Sequence[Sequence[str]],
+    pixel_offset: float,
 ) -> tuple[str, list[Track | Listing]]:
     """One track or listing a view, in the order of the views, and the names of the files."""
     several = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
@@ -142,7 +143,7 @@ def _read_views(
             "one file a view, or one npz of all"
         )
     known = [None] * count if sizes is None or len(sizes) != count else list(sizes)
-    return listed, [in_pixels(view, size) for view, size in zip(found, known, strict=True)]
+    return listed, [in_pixels(*each, pixel_offset) for each in zip(found, known, strict=True)]
 
 
 def _require_somebody(names: str, tracks: Sequence[LandmarkTrack]) -> None:

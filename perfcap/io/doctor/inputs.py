@@ -167,6 +167,9 @@ def _examine_detections(
 ) -> list[Finding]:
     findings: list[Finding] = []
     frames = None if clip is None else len(clip)
+    sizes = None if clip is None else rig.cameras.size
+    if clip is not None and detections_in == "video":
+        sizes = clip.sizes
 
     def read() -> tuple[Detections, list[str]]:
         return read_detections(
@@ -175,7 +178,7 @@ def _examine_detections(
             pixel_offset=rig.pixel_offset,
             frames=frames,
             total=None if clip is None else clip.total,
-            sizes=None if clip is None else clip.sizes,
+            sizes=sizes,
             images=() if clip is None else clip.image_names,
         )
 
