@@ -116,3 +116,12 @@ def test_sizes_are_read(tmp_path: Path, said: dict[str, Any]) -> None:
 def test_sizes_are_height_and_width_where_both_are_there(tmp_path: Path) -> None:
     path = write(tmp_path / "camera.json", {**entry(), "resolution": [4, 2], "size": 3.5})
     assert read_cameras(path).cameras.size == ((480, 640),)
+
+
+def test_capitals(tmp_path: Path) -> None:
+    """Sizes are read in any; half a pixel is not left out."""
+    data = {key: value for key, value in entry().items() if key not in HERE}
+    path = write(tmp_path / "camera.json", {**data, "Width": 640, "Height": 480})
+    assert read_cameras(path, [(240, 320)]).cameras.size == ((480, 640),)
+    with pytest.raises(InputError, match="call it pixel_centre"):
+        read_cameras(write(path, {**entry(), "Pixel_Centre": 0.5}))

@@ -80,7 +80,7 @@ def _require_read(where: str, keys: Iterable[str]) -> None:
     """Refuse what is meant for the camera, under a name that is not read."""
     for key in keys:
         near = difflib.get_close_matches(key[:40].lower(), _SPELLED, 1, 0.8)
-        if near and key.lower() not in _SPELLED:
+        if near and key not in _SPELLED and key.lower() not in ("width", "height"):
             raise InputError(f"{where}: has {key!r:.40}, which is not read; call it {near[0]}")
 
 
