@@ -27,10 +27,11 @@ def test_lenses_of_toml(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(lens(path), LENS)
 
 
-def test_lenses_of_toml_that_would_be_overlooked(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["D", "distorsions", "RadialDistortion"])
+def test_lenses_of_toml_that_would_be_overlooked(tmp_path: Path, name: str) -> None:
     path = write_toml(tmp_path)
-    path.write_text(path.read_text().replace("distortions", "D"))
-    with pytest.raises(InputError, match=r"has 'D', which is not read; call .* distortion"):
+    path.write_text(path.read_text().replace("distortions", name))
+    with pytest.raises(InputError, match=rf"has '{name}', which is not read; call .* distortion"):
         read_cameras(path)
 
 
@@ -84,7 +85,13 @@ def test_fisheyes_are_refused(tmp_path: Path, said: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    "said", [{"fisheye": False}, {"camera_model": "OPENCV"}, {"distortion_model": "plumb_bob"}]
+    "said",
+    [
+        {"fisheye": False},
+        {"camera_model": "OPENCV"},
+        {"distortion_model": "plumb_bob"},
+        {"undistorted": False},
+    ],
 )
 def test_pinholes_are_taken(tmp_path: Path, said: dict[str, Any]) -> None:
     np.testing.assert_allclose(lens(write(tmp_path / "camera.json", {**entry(), **said})), LENS)

@@ -73,7 +73,8 @@ def _require_pinhole(where: str, stated: Mapping[str, Any]) -> None:
 def _of_lens(key: str) -> bool:
     """Whether a key says how a lens bends light."""
     plain = _plain(key)
-    return ("distort" in plain and plain not in _MODELS) or plain in _COEFFICIENTS
+    said = "distor" in plain and not plain.startswith("undistor")
+    return (said and plain not in _MODELS) or plain in _COEFFICIENTS
 
 
 def _plain(key: object) -> str:
