@@ -108,3 +108,10 @@ def test_views_of_an_archive_that_are_nearly_called_as_the_cameras(tmp_path: Pat
     )
     found, _ = read_detections(tmp_path / "a.npz", views=["cam_1", "cam_2", "cam_3"])
     np.testing.assert_allclose(found.joints2d, joints[:, [1, 2, 0]])
+
+
+def test_names_that_are_none(tmp_path: Path) -> None:
+    data = [person(values) for values in moving(sets.COCO17)]
+    for mark, name in zip(data[0], ("a", ["b"], {}, None), strict=False):
+        mark["name"] = name
+    check(write_json(tmp_path / "a.json", data))

@@ -150,7 +150,9 @@ def _in_order(landmarks: list[Any], names: list[str]) -> list[Any]:
     """Landmarks in the order of ``names``, which those of the first person who has some fill."""
     key = next((key for key in _NAMES if isinstance(landmarks[0].get(key), str)), None)
     called = [each.get(key) for each in landmarks] if key else []
-    if not names and called and all(isinstance(name, str) for name in called):
+    if not all(isinstance(name, str) for name in called):
+        return landmarks
+    if not names:
         names += called
     if called == names or len(set(called)) < len(called) or set(called) != set(names):
         return landmarks
