@@ -154,9 +154,12 @@ def _in_order(landmarks: list[Any], names: list[str]) -> list[Any]:
         return landmarks
     if not names:
         names += called
-    if called == names or len(set(called)) < len(called) or set(called) != set(names):
+    if called == names or len(called) != len(names):
         return landmarks
-    return [landmarks[called.index(name)] for name in names]
+    own = dict(zip(called, landmarks, strict=True))
+    if len(own) < len(called) or own.keys() != set(names):
+        return landmarks
+    return [own[name] for name in names]
 
 
 def _named(path: Path, joint_set: JointSet, names: Sequence[str]) -> JointSet:
