@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from calibration_files import LENS, entry, write, write_easymocap, write_toml
 
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras
-from tests.io.calibration_files import LENS, entry, write, write_easymocap, write_toml
 
 HERE = {"width": 640, "height": 480}
 

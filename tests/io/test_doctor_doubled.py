@@ -27,10 +27,13 @@ def told(first: int, second: int, part: str, frames: int = 40) -> str:
     return " ".join(str(each) for each in examine_given(TAKE.cameras, seen))
 
 
-@pytest.mark.parametrize("part", ["joints2d", "joints3d"])
 @pytest.mark.parametrize(
-    ("first", "second", "names"),
-    [(ANKLE, TOE, "l_ankle and l_toe"), (NECK, CROWN, "head_top and neck")],
+    ("first", "second", "names", "part"),
+    [
+        (ANKLE, TOE, "l_ankle and l_toe", "joints2d"),
+        (NECK, CROWN, "head_top and neck", "joints2d"),
+        (NECK, CROWN, "head_top and neck", "joints3d"),
+    ],
 )
 def test_a_copy_is_named(first: int, second: int, names: str, part: str) -> None:
     """In place of a crown, the neck made errors twice as large."""
@@ -48,6 +51,7 @@ def test_several_pairs_are_one_finding() -> None:
 
 def test_what_was_not_found_and_a_few_frames_are_no_copies() -> None:
     assert "one place" not in told(ANKLE, TOE, "joints2d", 15)
+    assert "one place" not in told(ANKLE, TOE, "joints3d")  # guessed, of joints without toes
     unseen = EVERY.clone()
     unseen[:, TOE] = False
     joints = TAKE.detections.joints2d[:, 0].clone()

@@ -9,6 +9,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.finding import Finding, Severity
 
 _FEWEST, _SHARE = 6, 0.5  # frames that show both joints, and of them such that have them in one
+_GUESSED = [[LANDMARKS.index(f"{side}_{name}") for name in ("ankle", "toe")] for side in "rl"]
 _REMEDY = (
     "give a joint that was not found, or that the network does not have, the confidence 0 (3D "
     "joints NaN), or the column that is its own"
@@ -26,8 +27,10 @@ def examine_doubled(subject: str, joints: Tensor, known: Tensor) -> list[Finding
     both = known[:, :, None] & known[:, None]  # F 16 16
     same = both & (joints[:, :, None] == joints[:, None]).all(-1)
     shown, shared = both.sum(0), same.sum(0)
-    doubled = (shown >= _FEWEST) & (shared > _SHARE * shown)
-    pairs = torch.triu(doubled, diagonal=1).nonzero().tolist()
+    doubled = torch.triu((shown >= _FEWEST) & (shared > _SHARE * shown), diagonal=1)
+    pairs = doubled.nonzero().tolist()
+    if joints.shape[-1] == 3:  # where a network has no toes, its poses have them at the ankles
+        pairs = [pair for pair in pairs if pair not in _GUESSED]
     if not pairs:
         return []
     said = ", ".join(f"{LANDMARKS[first]} and {LANDMARKS[second]}" for first, second in pairs[:3])
