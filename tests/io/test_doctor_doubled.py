@@ -36,7 +36,7 @@ def told(first: int, second: int, part: str, frames: int = 40) -> str:
     ],
 )
 def test_a_copy_is_named(first: int, second: int, names: str, part: str) -> None:
-    """In place of a crown, the neck made errors twice as large."""
+    """The neck in the place of a crown was taken for one."""
     assert f"{names} lie at one place, to the last digit, in every frame" in told(
         first, second, part
     )
