@@ -175,8 +175,8 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     end = clip.start + len(clip)
     reader = read_candidates if request.everybody else read_detections
     sizes = clip.sizes if request.detections_in == "video" else rig.cameras.size
-    read = partial(reader, list(request.detections), views=rig.names, sizes=sizes)
-    read = partial(read, images=clip.image_names)
+    given = list(request.detections)
+    read = partial(reader, given, views=rig.names, sizes=sizes, images=clip.image_names)
     whole, used = (end, None) if part.stop is None else (clip.total, end)
     offset = rig.pixel_offset
     found, notes = read(pixel_offset=offset, frames=whole, used=used, total=clip.total)

@@ -29,8 +29,8 @@ _HALF = 0.6  # times what it is, that another reading makes of it
 _SLIDING = 0.5  # m/s, of which people are warned; of the six of the CMU library it is 0.21
 _BENT, _HANGS = 0.35, -0.5  # sine of an elbow, and cosine of an upper arm to the way up the trunk
 _WARNED = 600  # frames: a single short clip may slide
-# m of a joint from the middle of where it is before and after, and share of the frames: of the six
-# people of the CMU library 0.0004 at most leap so, without clips that are marked as glitches
+# m of a joint from the middle of where it is before and after, and share of the frames: the six
+# people of the CMU library are far below it, without clips that are marked as glitches
 _LEAP, _LEAPING = 0.2, 0.005
 
 

@@ -70,7 +70,7 @@ def filled(blur: float, *, stretched: bool = False) -> list[NDArray[np.uint8]]:
 
 @pytest.mark.parametrize(("blur", "stretched"), [(5.0, False), (12.0, True)])
 def test_bars_that_are_filled_with_a_blurred_copy(blur: float, stretched: bool) -> None:
-    """Of an upright film in a wide video the person was 1.8 times as far away."""
+    """The person of an upright film in a wide video was too far away."""
     images = filled(blur, stretched=stretched)
     assert picture_size(images) == (240, 135)
     assert picture_size([np.rot90(image) for image in images]) == (135, 240)
