@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -16,7 +15,7 @@ from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.doubled import examine_doubled
-from perfcap.io.doctor.empty_joints import examine_empty
+from perfcap.io.doctor.empty_joints import examine_empty, examine_placeholders
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.grid import examine_grid
 from perfcap.io.doctor.jumps import examine_jumps
@@ -25,7 +24,9 @@ from perfcap.io.doctor.neighbours import examine_crown, examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
+from perfcap.io.doctor.shrunk import examine_shrunk
 from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
 CONFIDENT = 0.3
@@ -35,7 +36,6 @@ _FAINT = 0.1  # the most confident joint of a whole clip
 _LYING = 0.9  # share of frames
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a copied view
-_PLACEHOLDERS = 3  # joints at one place in the corner
 _NECK = LANDMARKS.index("neck")
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
@@ -81,8 +81,11 @@ def examine_detections(
         findings += order + repeated + examine_grid(name, *shown)
         confident = detections.confidence2d[:, view] > CONFIDENT
         findings += examine_doubled(name, detections.joints2d[:, view], confident)
+        if successive:
+            findings += examine_shrunk(name, view, *shown)
+            findings += examine_straight(name, view, shown[0], confident)
         pixels = detections.joints2d[:, view][confident]
-        findings += _placeholders(name, pixels)
+        findings += examine_placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
         findings += [] if detected else _image_size(name, pixels, rig.cameras.size[view])
         if detections.joints3d is not None and detections.trusted3d[:, view].any():
@@ -128,6 +131,8 @@ def _poses3d(
         wrong = wrong or of_view(view, held, partly=True)
     if successive:
         known = torch.where(trusted[:, None, None], every, torch.nan)
+        there = known.isfinite().all(-1)
+        wrong = wrong or examine_straight(name, view, known, there, "3D joints")
         wrong = wrong or examine_turned_poses(name, view, *shown, every, trusted)
         wrong = wrong or examine_crossed_parts(name, known, (view,))
     return [*_pose3d(name, pose), *wrong]
@@ -270,18 +275,6 @@ def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:
             )
             findings.append(Finding(Severity.ERROR, pair, what, remedy))
     return findings
-
-
-def _placeholders(name: str, pixels: Tensor) -> list[Finding]:
-    """Joints (N, 2) with confidence where files put what is not detected: 0 0, or -1 -1."""
-    found = Counter(map(tuple, pixels[(pixels <= 0).all(-1)].tolist()))
-    (place, count), *_ = found.most_common(1) or [((), 0)]
-    if count < _PLACEHOLDERS:
-        return []
-    x, y = place
-    what = f"{count} joints with confidence lie at ({x:g}, {y:g}) to the last digit"
-    remedy = "nobody has joints there; give confidence 0 to what is not detected"
-    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _image_size(name: str, pixels: Tensor, size: tuple[int, int]) -> list[Finding]:

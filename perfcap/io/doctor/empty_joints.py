@@ -1,6 +1,8 @@
-"""3D joints that were not found and are stored as one place, such as 0, 0, 0."""
+"""Joints that were not found and are stored as one place, such as 0, 0, 0."""
 
 from __future__ import annotations
+
+from collections import Counter
 
 import torch
 from torch import Tensor
@@ -9,6 +11,7 @@ from perfcap.io.doctor.finding import Finding, Severity
 
 _FEWEST = 3  # joints at one place: a toe may be guessed to be at its ankle, and no other joint
 _SHARE = 0.05  # of the frames
+_PLACEHOLDERS = 3  # joints at one place in the corner
 
 
 def examine_empty(subject: str, poses: Tensor) -> list[Finding]:
@@ -31,4 +34,16 @@ def examine_empty(subject: str, poses: Tensor) -> list[Finding]:
         "where zeros stand for joints that were not found"
     )
     remedy = "give NaN for these, or distrust the frames (trusted3d)"
+    return [Finding(Severity.WARNING, subject, what, remedy)]
+
+
+def examine_placeholders(subject: str, pixels: Tensor) -> list[Finding]:
+    """Joints (N, 2) with confidence where files put what is not detected: 0 0, or -1 -1."""
+    found = Counter(map(tuple, pixels[(pixels <= 0).all(-1)].tolist()))
+    (place, count), *_ = found.most_common(1) or [((), 0)]
+    if count < _PLACEHOLDERS:
+        return []
+    x, y = place
+    what = f"{count} joints with confidence lie at ({x:g}, {y:g}) to the last digit"
+    remedy = "nobody has joints there; give confidence 0 to what is not detected"
     return [Finding(Severity.WARNING, subject, what, remedy)]
