@@ -28,6 +28,7 @@ from perfcap.pipeline.input_checks import (
     require_usable,
 )
 from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
+from perfcap.pipeline.padded_clips import cut_clips
 from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.solve import LevenbergMarquardt, Objective, solve
 
@@ -87,9 +88,9 @@ def read_estimates(
         InputError: nothing is given, or shapes do not fit each other, the joints or the cameras.
     """
     columns = {
-        "joints2d": _clips("joints2d", raw.joints2d, 4, raw.lengths),
-        "confidence2d": _clips("confidence2d", raw.confidence2d, 3, raw.lengths),
-        "joints3d": _clips("joints3d", raw.joints3d, 4, raw.lengths),
+        "joints2d": cut_clips("joints2d", raw.joints2d, 4, raw.lengths),
+        "confidence2d": cut_clips("confidence2d", raw.confidence2d, 3, raw.lengths),
+        "joints3d": cut_clips("joints3d", raw.joints3d, 4, raw.lengths),
     }
     given = {name: clips for name, clips in columns.items() if clips is not None}
     if "joints2d" not in given and "joints3d" not in given:
@@ -113,49 +114,6 @@ def read_estimates(
         for i in range(count)
     ]
     return clips, next(iter(given.values()))[1]
-
-
-def _clips(
-    name: str, values: Clips | None, axes: int, lengths: Tensor | Sequence[int] | None
-) -> tuple[list[Tensor], bool] | None:
-    """Clips with so many axes each, cut to their lengths, and whether they came as a batch."""
-    if values is None:
-        return None
-    alone = isinstance(values, Tensor) and values.dim() != axes + 1
-    several = isinstance(values, Tensor | list | tuple)
-    clips: list[Tensor] = [torch.as_tensor(values)] if alone else list(values) if several else []
-    kinds = {type(each).__name__ for each in (clips if several else [values])}
-    if not several or not all(isinstance(each, Tensor) for each in clips):
-        raise InputError(
-            f"{name}: got {', '.join(sorted(kinds))}, expected a tensor, or a list of one a clip; "
-            "torch.from_numpy makes them of arrays, and Detections have them as attributes"
-        )
-    batched = not alone
-    shapes = [tuple(clip.shape) for clip in clips]
-    if not clips or any(len(shape) != axes or not shape[0] for shape in shapes):
-        last = {"joints2d": "J, 2", "confidence2d": "J", "joints3d": "J, 3"}[name]
-        raise InputError(
-            f"{name} has clips of shape {shapes[:1] or 'none'}; expected (F, C, {last}), a batch "
-            f"(B, F, C, {last}), or a list of clips"
-        )
-    if lengths is None:
-        return clips, batched
-    whole = torch.as_tensor(lengths)
-    if whole.dim() != 1 or whole.is_floating_point() or whole.dtype == torch.bool:
-        raise InputError(
-            f"lengths have shape {tuple(whole.shape)} and type {whole.dtype}; expected a whole "
-            "number of frames a clip, (B,): of a mask (B, F) that is mask.sum(1)"
-        )
-    counts = whole.tolist()
-    longest = [shape[0] for shape in shapes]
-    if len(counts) != len(clips) or any(
-        not 1 <= n <= most for n, most in zip(counts, longest, strict=True)
-    ):
-        raise InputError(
-            f"lengths are {counts[:8]} but {name} has {len(clips)} clips of {longest[:8]} frames; "
-            "give one number of frames a clip, from 1 to what there is"
-        )
-    return [clip[:n] for clip, n in zip(clips, counts, strict=True)], batched
 
 
 def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
