@@ -88,3 +88,18 @@ def test_frames_that_were_put_in_among_3d_poses_alone() -> None:
     assert examine_detections(alone, poses, coverage=False) == []
     finding = one(examine_detections(alone, late(poses, 12, 5), coverage=False))
     assert "frames 12-16 (of the capture" in finding.what and finding.views == (0,)
+
+
+def test_joints_that_were_filled_with_the_mean() -> None:
+    """Of all frames, wherever they were not found; no frame repeats the one before."""
+    seen = detections()
+    joints, confidence = seen.joints2d[:, 0].clone(), seen.confidence2d[:, 0]
+    joints[[2, 5, 9, 14, 15, 20], 4] = joints[:, 4].mean(0)
+    joints[[1, 4, 8, 13, 17], 9] = joints[:, 9].mean(0)
+    finding = one(examine_repeated("cam1", 0, joints, confidence))
+    assert "again and again: r_wrist (6), r_knee (5) frames" in finding.what
+    assert examine_repeated("cam1", 0, joints.round(), confidence) == []
+    confidence = confidence.clone()
+    confidence[[2, 5, 9, 14, 15, 20], 4] = 0
+    confidence[[1, 4, 8, 13, 17], 9] = 0
+    assert examine_repeated("cam1", 0, joints, confidence) == []

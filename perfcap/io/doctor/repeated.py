@@ -11,11 +11,13 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 
 _NAMED = 3  # numbers of frames in words
+_MOST = 4  # joints in words
 _SOME = 4  # joints that tell a repeated frame
 _FEWEST, _SHARE = 3, 0.05  # frames that repeat the one before, and share of them
 # Frames that hold one joint, and share of the other numbers that are there once: joints on whole
 # pixels, or on those of a heat map, stay where they are now and then
 _HOLDS, _UNIQUE = 5, 0.9
+_OFTEN = 0.05  # of the frames that show a joint, in which it lies at the one place
 _COLLAPSED = 8  # joints at one place
 _LONG = 8  # frames that all repeat one: the person moves on, and networks look more often
 
@@ -31,7 +33,7 @@ def examine_repeated(name: str, view: int, pixels: Tensor, confidence: Tensor) -
     """
     held = of_view(view, examine_held(name, pixels, confidence, found=True), partly=True)
     return [
-        *(held or _held_joints(name, pixels, confidence)),
+        *(held or _held_joints(name, pixels, confidence) or _filled(name, pixels, confidence)),
         *_again(name, view, pixels, confidence),
         *_collapsed(name, view, pixels, confidence),
     ]
@@ -89,6 +91,28 @@ def _held_joints(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]
     remedy = (
         "no detector does; were gaps filled with the last place? Give confidence 0 to what is not "
         "detected"
+    )
+    return [Finding(Severity.WARNING, name, what, remedy)]
+
+
+def _filled(name: str, pixels: Tensor, confidence: Tensor) -> list[Finding]:
+    """Single joints that come back to one place to the last digit, as the mean of all frames."""
+    seen = (confidence > 0) & pixels.isfinite().all(-1)
+    found, others = [], []
+    for joint, known in enumerate(seen.mT):
+        places, counts = torch.unique(pixels[known, joint], dim=0, return_counts=True)
+        most = int(counts.max()) if len(counts) else 0
+        filled = most >= max(_HOLDS, _OFTEN * int(known.sum()))
+        found += [f"{LANDMARKS[joint]} ({most})"] if filled else []
+        others.append(pixels[known, joint] if not filled else places[counts < most])
+    rest = torch.cat(others)
+    if not found or min(len(set(axis)) for axis in rest.mT.tolist()) < _UNIQUE * len(rest):
+        return []
+    named = ", ".join(found[:_MOST]) + (f" and {len(found) - _MOST} more" * (len(found) > _MOST))
+    what = f"joints lie at one place to the last digit again and again: {named} frames"
+    remedy = (
+        "no detector finds them so; were gaps filled with the mean of a clip? Give confidence 0 to "
+        "what is not detected"
     )
     return [Finding(Severity.WARNING, name, what, remedy)]
 
