@@ -1,4 +1,4 @@
-"""Joints on straight lines, as where gaps and the frames between keys were interpolated."""
+"""Joints on lines and splines, as where gaps and the frames between keys were interpolated."""
 
 from __future__ import annotations
 
@@ -54,6 +54,23 @@ def test_keys_are_named() -> None:
         joints = line(joints, first, first + 5, list(range(16)))
     (found,) = told(joints)
     assert "frames 1-4, 6-9, 11-14" in found.what and len(found.frames) == 28
+
+
+@pytest.mark.parametrize("digits", [12, 3])
+def test_splines_are_named(digits: int) -> None:
+    """Cubics that leave and arrive at the speed of the joint."""
+    filled = PIXELS.clone()
+    share = (torch.arange(21) / 20)[:, None]
+    first, last = PIXELS[10, WRIST], PIXELS[30, WRIST]
+    leaves, arrives = 20 * (first - PIXELS[9, WRIST]), 20 * (PIXELS[31, WRIST] - last)
+    filled[10:31, WRIST] = (
+        first
+        + share * leaves
+        + share**2 * (3 * (last - first) - 2 * leaves - arrives)
+        + share**3 * (2 * (first - last) + leaves + arrives)
+    )
+    (found,) = told(filled.round(decimals=digits))
+    assert "r_wrist (19 frames), in frames 11-29 (of the capture" in found.what
 
 
 def test_short_gaps_and_sound_joints_are_not() -> None:

@@ -1,4 +1,4 @@
-"""Joints that go along straight lines for a while, as where gaps or keys were interpolated."""
+"""Joints that go along lines or splines for a while, as where gaps or keys were interpolated."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ _OFF, _KINK, _MOVED = 5e-5, 5e-4, 0.01
 _COARSE = 5  # times _OFF: where all places are so far apart, they were rounded, and lines are so
 _SOME = 4  # joints on lines, with which a frame is not to be trusted
 _NAMED = 4  # joints in words
+_ORDERS = 2, 4  # of differences that are 0 on lines, and on the cubics of splines
 
 
 def examine_straight(
     subject: str, view: int, joints: Tensor, known: Tensor, what: str = "joints"
 ) -> list[Finding]:
-    """Joints that move at one speed to the last digit, and then at another: no detector's do.
+    """Joints that follow a line or a cubic to the last digit, and then another: no detector's do.
 
     Args:
         subject: of the finding.
@@ -34,11 +35,12 @@ def examine_straight(
     size = _size(joints, known)
     if len(joints) < _SHORTEST + 3 or size is None or _rounded(joints[known], _OFF * size):
         return []
-    seen = known[2:] & known[1:-1] & known[:-2]
-    bend = (joints[2:] - 2 * joints[1:-1] + joints[:-2]).norm(dim=-1) / size
-    bend = torch.where(seen, bend, torch.nan)  # of frames 1 to F - 2
-    places = joints / size
-    lines = [_lines(bend[:, j].tolist(), places[:, j]) for j in range(joints.shape[1])]
+    places = torch.where(known[..., None], joints / size, torch.nan)
+    bends = [places.diff(n=order, dim=0).norm(dim=-1).mT.tolist() for order in _ORDERS]
+    lines = [
+        _merged(_lines(straight, place, 0), _lines(curved, place, 1))
+        for straight, curved, place in zip(*bends, places.unbind(1), strict=True)
+    ]
     counts = known.sum(0).tolist()
     filled = [
         joint
@@ -54,7 +56,7 @@ def examine_straight(
     )
     names += f" and {len(filled) - _NAMED} more" if len(filled) > _NAMED else ""
     said = (
-        f"{what} move along straight lines at one speed to the last digit, {names}, in frames "
+        f"{what} move along straight lines or splines to the last digit, {names}, in frames "
         f"{ranges(frames)} (of the capture, counted from 0)"
     )
     remedy = (
@@ -81,8 +83,20 @@ def _rounded(places: Tensor, step: float) -> bool:
     return any(len(each) > 0 and float(each.min()) > _COARSE for each in apart)
 
 
-def _lines(bend: list[float], place: Tensor) -> list[range]:
-    """Frames inside of the lines of a joint, which bend (F - 2,) and places (F, D) show."""
+def _merged(straight: list[range], curved: list[range]) -> list[range]:
+    """Lines, and curves that hold none."""
+    return straight + [each for each in curved if not any(line[0] in each for line in straight)]
+
+
+def _lines(bend: list[float], place: Tensor, reach: int) -> list[range]:
+    """Frames inside of the lines of a joint.
+
+    Args:
+        bend: differences about the frames from ``reach + 1`` on: second ones, or fourth ones, which
+            are 0 on curves of the third degree.
+        place: (F, D).
+        reach: frames on either side of those about which differences are 0 that are on the line.
+    """
     found, start = [], None
     for index, value in enumerate([*bend, torch.inf]):
         if value <= _OFF:
@@ -91,7 +105,10 @@ def _lines(bend: list[float], place: Tensor) -> list[range]:
         if start is not None and index - start >= _SHORTEST:
             ends = [bend[i] for i in (start - 1, index) if 0 <= i < len(bend)]
             moved = float((place[index + 1] - place[start]).norm())
-            if ends and not any(each <= _KINK for each in ends) and moved > _MOVED:
-                found.append(range(start + 1, index + 1))
+            kinks = sum(
+                each > _KINK for each in ends
+            )  # of what is smooth everywhere, there is none
+            if kinks > reach and not any(each <= _KINK for each in ends) and moved > _MOVED:
+                found.append(range(start + 1, index + 1 + 2 * reach))
         start = None
     return found
