@@ -44,6 +44,26 @@ def test_confidences_under_other_names(sure: str, tmp_path: Path) -> None:
     check(write_json(tmp_path / "a.json", [person(p, sure) for p in moving(sets.COCO17)]))
 
 
+@pytest.mark.parametrize("key", ["s", "p", "certainty", "Konfidenz"])
+def test_confidences_under_names_that_are_not_known(key: str, tmp_path: Path) -> None:
+    """Every joint counts as seen; beside one that is known, and of places and times, no word."""
+
+    def said(sure: str, *, known: bool = False) -> list[str]:
+        people = [person(values, sure) for values in moving(sets.COCO17)]
+        for frame, landmarks in enumerate(people):
+            for each in landmarks:
+                each |= {"z": each["x"] / 999, "worldX": each["y"] / 999, "t": frame / 30}
+                each |= {sure: each["x"] / 999}
+                each |= {"score": 0.5} if known else {}
+        path = write_json(tmp_path / "a.json", people)
+        _, notes = read_detections(path, sizes=[SIZE], frames=FRAMES)
+        return [note for note in notes if "no confidence" in note]
+
+    (note,) = said(key)
+    assert f"if {key!r} is it, call it 'score'" in note
+    assert said(key, known=True) == said("z_norm") == []
+
+
 @pytest.mark.parametrize("key", ["frame", "frame_index", "frameNumber", "image_id"])
 @pytest.mark.parametrize("first", [0, 1])
 def test_frames_that_are_left_out(key: str, first: int, tmp_path: Path) -> None:

@@ -7,14 +7,16 @@ list of ``{x, y, ...}``, or an object of the lists of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from perfcap.detect.joint_set import KNOWN_JOINTS, LANDMARKS, JointSet, canonical_name
-from perfcap.errors import InputError
+from perfcap.errors import InputError, one_line
 from perfcap.io.detections.frame_numbers import by_number, frame_numbers
 from perfcap.io.detections.listing import Listing, are_shares
 from perfcap.io.detections.openpose import MAX_PEOPLE, choose_joint_set
@@ -28,8 +30,10 @@ _SURE = ("visibility", "score", "confidence", "presence", "conf", "likelihood", 
 _MEANT = ("visib", "score", "confiden", "likelihood", "probab")  # in other names of these
 _NAMES = ("name", "part", "joint", "label", "keypoint")  # of a landmark
 _TORSO = frozenset({"l_hip", "r_hip", "l_shoulder", "r_shoulder"})
+_PLACE = re.compile(r"(?:\b|_)[xyzdXYZD](?:\b|_|\d)|^.?[xyz].?$|^[xyz][A-Z]|[a-z][XYZ]$|[dD]epth")
 _DEEPEST = 6
 _MOST_JOINTS = 1000
+_LOOKED = 500  # landmarks
 
 
 def holds_landmarks(data: Any) -> bool:
@@ -74,6 +78,8 @@ def read_landmarks(path: Path, data: Any, video_frames: int | None = None) -> Li
     people = [_people(path, number, frame, 0, names) for number, frame in enumerate(frames)]
     listed, warnings = by_number(path, frame_numbers(frames), people, video_frames)
     joint_set = _named(path, choose_joint_set(str(path), listed), names)
+    if all((person[:, 2] == 1).all() for people in listed for person in people):
+        warnings = (*warnings, *_unread(path, frames))
     return Listing(str(path), joint_set, listed, warnings, shares=are_shares(listed))
 
 
@@ -144,6 +150,32 @@ def _sureness(landmark: Mapping[str, Any]) -> Any:
         return known
     meant = (key for key in landmark if any(word in key.lower() for word in _MEANT))
     return next((landmark[key] for key in meant if landmark[key] is not None), 1.0)
+
+
+def _unread(path: Path, frames: list[Any]) -> Iterator[str]:
+    """Numbers that may be confidences under names that are not known, where no others are."""
+    values: dict[str, list[float]] = {}
+    landmarks = list(islice(_every(frames, 0), _LOOKED))
+    for landmark in landmarks:
+        for key, value in landmark.items():
+            if isinstance(value, float) and 0 <= value <= 1:
+                values.setdefault(key, []).append(value)
+    for key, held in values.items():
+        changes = sum(one != other for one, other in pairwise(held))  # a time has one a person
+        if not _PLACE.search(key) and len(held) == len(landmarks) and changes > len(held) / 3:
+            yield (
+                f"{path}: landmarks have no confidence, so that every joint counts as seen; if "
+                f"{one_line(key)[:40]!r} is it, call it 'score'"
+            )
+
+
+def _every(data: Any, depth: int) -> Iterator[Mapping[str, Any]]:
+    """All landmarks with coordinates of their own that are in a value."""
+    if _is_landmark(data):
+        yield data
+    elif isinstance(data, list | dict) and depth <= _DEEPEST:
+        for each in data.values() if isinstance(data, dict) else data:
+            yield from _every(each, depth + 1)
 
 
 def _in_order(landmarks: list[Any], names: list[str]) -> list[Any]:
