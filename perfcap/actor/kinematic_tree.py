@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from perfcap.actor.rig import Rig
+from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
 
 # --- How far clavicles turn, and the derivatives: what kinematics needs of ``Rig.clavicles`` ------
@@ -209,11 +210,27 @@ class KinematicTree(nn.Module):
         ):
             self.register_buffer(name, value)
         self.clavicles = ClavicleTurns(rig)
+        whole = (each for each in self.named_buffers() if not each[1].is_floating_point())
+        self._indices = {name: value.clone() for name, value in whole}
 
     @property
     def joints(self) -> int:
         """J."""
         return len(self.parents)
+
+    def require_own(self) -> None:
+        """Refuse a tree that was changed, as means over all buffers do: they cut whole numbers off.
+
+        Raises:
+            InputError: numbers of joints are others than when it was made.
+        """
+        for name, value in self.named_buffers():
+            if name in self._indices and not torch.equal(value, self._indices[name].to(value)):
+                raise InputError(
+                    f"the actor's {name!r}, numbers of its joints, were changed, as by a moving "
+                    "average over all buffers, which cuts them off; average parameters alone "
+                    "(use_buffers=False), or leave out what is not floating-point"
+                )
 
     def scaled_bones(self, shape: Tensor | None) -> Tensor:
         """Bone vectors longer by ``exp(shape)``, (*b, J + L, 3); without a shape (J + L, 3)."""

@@ -243,8 +243,9 @@ def start_clip(
     Of the problem, detections, targets and cameras carry the graph of the estimate, nothing else.
 
     Raises:
-        InputError: nobody is detected in the whole clip.
+        InputError: nobody is detected in the whole clip, or the actor's joints were changed.
     """
+    actor.skeleton.tree.require_own()
     frames = FrameProblem.of(actor, clip.cameras, clip.detections, config)
     judged = frames
     if clip.targets is not None:

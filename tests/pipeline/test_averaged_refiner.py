@@ -1,0 +1,46 @@
+"""Moving averages of a model with a refiner in it."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+
+import pytest
+import torch
+from takes import make_take
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from perfcap.errors import InputError
+from perfcap.pipeline import PoseRefiner
+
+TAKE = make_take(10)
+
+
+def joints(model: torch.nn.Module) -> torch.Tensor:
+    seen = TAKE.detections
+    with torch.no_grad(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        refined = model(TAKE.cameras, seen.joints2d, seen.confidence2d, seen.joints3d)
+    found: torch.Tensor = refined.joints
+    return found
+
+
+def averaged(layer: PoseRefiner, *, buffers: bool) -> torch.nn.Module:
+    mean = AveragedModel(layer, multi_avg_fn=get_ema_multi_avg_fn(0.9), use_buffers=buffers)
+    for _ in range(3):
+        mean.update_parameters(layer)
+    module: torch.nn.Module = mean.module
+    return module.eval()
+
+
+def test_a_mean_of_whole_numbers_is_refused() -> None:
+    """Parents of joints were one less, and limbs hung elsewhere, with no word."""
+    layer = PoseRefiner(copy.deepcopy(TAKE.actor), rate=TAKE.rate).eval()
+    with pytest.raises(InputError, match="numbers of its joints, were changed, as by a moving"):
+        joints(averaged(layer, buffers=True))
+    expected = joints(layer)
+    assert torch.equal(joints(averaged(layer, buffers=False)), expected)
+    assert torch.equal(joints(copy.deepcopy(layer)), expected)
+    other = PoseRefiner(copy.deepcopy(TAKE.actor), rate=TAKE.rate).eval()
+    other.load_state_dict(layer.state_dict())
+    assert torch.equal(joints(other), expected)
