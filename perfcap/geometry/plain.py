@@ -74,5 +74,12 @@ def is_readable(tensor: Tensor) -> bool:
     )
 
 
+def goes_forwards(*tensors: Tensor) -> bool:
+    """Whether a ``torch.func`` transform is under way, or tensors have a tangent."""
+    tangents = forward_ad._current_level >= 0
+    inside = torch._C._functorch.maybe_current_level() is not None
+    return inside or (tangents and any(map(_has_tangent, tensors)))
+
+
 def _has_tangent(tensor: Tensor) -> bool:
     return forward_ad.unpack_dual(tensor).tangent is not None  # type: ignore[no-untyped-call]

@@ -17,6 +17,7 @@ from perfcap.energy.prior import PosePrior
 from perfcap.energy.reprojection import Reprojection
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
+from perfcap.geometry.plain import goes_forwards
 from perfcap.pipeline.clip_problem import ClipProblem, targets_energy
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
@@ -85,8 +86,10 @@ def read_estimates(
     """Clips of an estimate in the type of ``like``, and whether they came as a batch.
 
     Raises:
-        InputError: nothing is given, or shapes do not fit each other, the joints or the cameras.
+        InputError: nothing is given, or shapes do not fit each other, the joints or the cameras,
+            or torch differentiates forwards.
     """
+    _require_backward(raw)
     columns = {
         "joints2d": cut_clips("joints2d", raw.joints2d, 4, raw.lengths),
         "confidence2d": cut_clips("confidence2d", raw.confidence2d, 3, raw.lengths),
@@ -114,6 +117,21 @@ def read_estimates(
         for i in range(count)
     ]
     return clips, next(iter(given.values()))[1]
+
+
+def _require_backward(raw: Raw) -> None:
+    """Refuse transforms of functions, in which solves would lose a part of the derivative.
+
+    Raises:
+        InputError: this is one, or joints have tangents.
+    """
+    parts = [part for part in (raw.joints2d, raw.confidence2d, raw.joints3d) if part is not None]
+    given = [each for part in parts for each in ([part] if isinstance(part, Tensor) else part)]
+    if goes_forwards(*(each for each in given if isinstance(each, Tensor))):
+        raise InputError(
+            "PoseRefiner cannot run inside of torch.func.jvp, jacfwd and the like, or forward-mode "
+            "differentiation; take gradients by backward()"
+        )
 
 
 def _cameras(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:

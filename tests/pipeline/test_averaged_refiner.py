@@ -1,4 +1,4 @@
-"""Moving averages of a model with a refiner in it."""
+"""What people do to a model with a refiner in it: moving averages, derivatives forwards."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import warnings
 import pytest
 import torch
 from takes import make_take
+from torch.autograd import forward_ad
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from perfcap.errors import InputError
@@ -44,3 +45,22 @@ def test_a_mean_of_whole_numbers_is_refused() -> None:
     other = PoseRefiner(copy.deepcopy(TAKE.actor), rate=TAKE.rate).eval()
     other.load_state_dict(layer.state_dict())
     assert torch.equal(joints(other), expected)
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_derivatives_forwards_are_refused(listed: bool) -> None:
+    """They missed what goes through the solve, and were of another size than by backward()."""
+    layer, seen = PoseRefiner(TAKE.actor, rate=TAKE.rate), TAKE.detections
+
+    def refined(joints2d: torch.Tensor) -> torch.Tensor:
+        found: torch.Tensor = layer(TAKE.cameras, [joints2d] if listed else joints2d).joints
+        return found
+
+    one = torch.ones_like(seen.joints2d)
+    with pytest.raises(InputError, match=r"take gradients by backward\(\)"):
+        torch.func.jvp(refined, (seen.joints2d,), (one,))
+    with forward_ad.dual_level(), pytest.raises(InputError, match="take gradients by backward"):
+        refined(forward_ad.make_dual(seen.joints2d, one))  # type: ignore[no-untyped-call]
+    parts = {name: part.detach() for name, part in layer.named_parameters()}
+    called = torch.func.functional_call(layer, parts, (TAKE.cameras, seen.joints2d)).joints
+    assert torch.equal(called, layer(TAKE.cameras, seen.joints2d).joints)
