@@ -8,18 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from perfcap.app.capture_folder import for_everybody, spare_result
+from perfcap.app.capture_folder import for_everybody, named_people, spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
+from perfcap.app.level import Level, level_of
 from perfcap.commands.results import Export
 from perfcap.errors import InputError
 from perfcap.io.distrust import distrust
 from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import EXPORT
-from perfcap.pipeline.surroundings import axis, up_doubt, upright
 
 _UNNAMED = "capture"
 _MARKED = ("trc", "c3d")  # formats of markers
@@ -33,25 +32,26 @@ def run_export(request: Export) -> int:
     Raises:
         InputError: bad input, in one line; nothing has been written then.
     """
-
-    def export(folder: Path, person: str) -> int:
-        base = _name(request)
-        name = f"{base}_{person}" if person else request.name
-        return _export(replace(request, folder=folder, name=name))
-
-    return for_everybody(request.folder, export)
-
-
-def _export(request: Export) -> int:
     formats: dict[str, Format] = {name: FORMATS[name] for name in request.to}
     if not formats:
         raise InputError(f"--to: expected one or several of {', '.join(FORMATS)}")
     for kind, chosen in formats.items():
         chosen.require(kind)
     _require_use(request, formats)
-    name = _name(request)
-    result = read_result(request.folder)
-    recording = _recording(request, name, result)
+    results = {place: read_result(place) for place, _ in named_people(request.folder)}
+    level = level_of(list(results.values()))
+
+    def export(folder: Path, person: str) -> int:
+        base = _name(request)
+        name = f"{base}_{person}" if person else request.name
+        own = replace(request, folder=folder, name=name)
+        return _export(own, formats, results[folder], level)
+
+    return for_everybody(request.folder, export)
+
+
+def _export(request: Export, formats: Mapping[str, Format], result: Result, level: Level) -> int:
+    recording = _recording(request, _name(request), result, level)
     out = request.out or request.folder / EXPORT
     if request.out is None and out.is_symlink():
         raise InputError(
@@ -72,7 +72,10 @@ def _export(request: Export) -> int:
     for line in distrust(result.report, result.frame_numbers[recording.first : recording.stop]):
         console.print(f"{request.folder}: {line}")
     if not np.array_equal(recording.upright, np.eye(3)):
-        console.print(f"turned upright: {_up_name(recording)} is up in the capture's world")
+        about = f"{_up_name(recording)} is up in the capture's world"
+        if request.world_up == "floor":
+            about = "the floor that was found is level"
+        console.print(f"turned upright: {about}")
     for entry in written:
         console.print(out / entry)
     return 0
@@ -115,7 +118,7 @@ def _shortened(name: str) -> str:
     return name.encode("utf-8", "replace")[:_LONGEST].decode("utf-8", "ignore")
 
 
-def _recording(request: Export, name: str, result: Result) -> Recording:
+def _recording(request: Export, name: str, result: Result, level: Level) -> Recording:
     """The frames that are asked for, counted as in the video, with y up."""
     numbers = result.frame_numbers
     part = parse_frames(request.frames)
@@ -130,12 +133,11 @@ def _recording(request: Export, name: str, result: Result) -> Recording:
         )
     if part.stop is not None and part.stop > numbers[-1] + 1:
         PlainConsole().print(f"--frames {request.frames}: the result ends with {numbers[-1]}")
-    found = upright(torch.from_numpy(result.joints), result.level)
-    up = found if request.world_up == "auto" else axis(request.world_up).to(found)
-    if result.level and not torch.equal(up, found):
-        PlainConsole().print(f"--world-up {request.world_up}: a retargeted motion has y up")
-    elif up_doubt(up, found):
-        PlainConsole().print(f"--world-up {request.world_up}: {up_doubt(up, found)}")
+    up, lines = level.chosen("--world-up", request.world_up)
+    if level.agreed and request.world_up not in ("auto", "floor", "y"):
+        lines = [f"--world-up {request.world_up}: a retargeted motion has y up"]
+    for line in lines:
+        PlainConsole().print(line, soft_wrap=True)
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
     return replace(recording, upright=upright_from(up.numpy()))
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import torch
 
-from perfcap.app.capture_folder import beside, for_everybody, spare_result
+from perfcap.app.capture_folder import beside, for_everybody, named_people, spare_result
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
+from perfcap.app.level import Level, level_of
 from perfcap.commands.results import Render
 from perfcap.errors import InputError
 from perfcap.io.calibration import read_cameras
@@ -18,7 +19,7 @@ from perfcap.io.result import Result, read_result
 from perfcap.io.view_names import find_view
 from perfcap.pipeline.camera_path import CameraPath, calibrated, orbit
 from perfcap.pipeline.free_view import draw_free_view, save_free_view
-from perfcap.pipeline.surroundings import Surroundings, axis, up_doubt, upright
+from perfcap.pipeline.surroundings import Surroundings
 
 _SIZE = (720, 720)  # px, height and width
 _TURN = 360.0  # degrees
@@ -35,26 +36,25 @@ def run_render(request: Render) -> int:
         InputError: bad input, in one line; nothing has been written then.
     """
     _check(request)
+    results = {place: read_result(place) for place, _ in named_people(request.folder)}
+    level = level_of(list(results.values()))
     return for_everybody(
         request.folder,
         lambda folder, person: _render(
-            replace(request, folder=folder, out=beside(request.out, person))
+            replace(request, folder=folder, out=beside(request.out, person)), results[folder], level
         ),
     )
 
 
-def _render(request: Render) -> int:
-    result = read_result(request.folder)
+def _render(request: Render, result: Result, level: Level) -> int:
     spare_result(request.folder, request.out)
     rows = _rows(request, result)
     for line in distrust(result.report, result.frame_numbers[rows]):
         PlainConsole().print(f"{request.folder}: {line}", soft_wrap=True)
     joints = torch.from_numpy(result.joints)
-    found = upright(joints, result.level)
-    up = found if request.up == "auto" else axis(request.up).to(found)
-    doubt = up_doubt(up, found)
-    if doubt:
-        PlainConsole().print(f"--up {request.up}: {doubt}")
+    up, lines = level.chosen("--up", request.up)
+    for line in lines:
+        PlainConsole().print(line, soft_wrap=True)
     around = Surroundings.around(joints, result.shown, up, slice(rows[0], rows[-1] + 1))
     path = _path(request, result, around, rows)
     if request.camera is not None:

@@ -34,7 +34,7 @@ from perfcap.io.doctor.finding import ranges
 from perfcap.io.export import upright_from
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.made_folder import made_folder
-from perfcap.io.moving_rig import MovingRig, read_moving_rig
+from perfcap.io.moving_rig import Floats, MovingRig, read_moving_rig
 from perfcap.io.result_folder import (
     REPORT,
     SCENE,
@@ -52,7 +52,7 @@ from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
-from perfcap.pipeline.surroundings import upright
+from perfcap.pipeline.surroundings import shared_up, upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
@@ -118,7 +118,7 @@ def _retargeted(request: Retarget) -> list[_Part]:
             "each"
         )
     targets = actors * len(people) if len(actors) == 1 else actors
-    rigs = [_level(_read(request, place, mapping)) for place, _ in people]
+    rigs = _level([_read(request, place, mapping) for place, _ in people])
     ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
     config = _config(request)
@@ -142,23 +142,38 @@ def _read(request: Retarget, place: Path, mapping: ActorMapping | None) -> Movin
     return rig
 
 
-def _level(rig: MovingRig) -> MovingRig:
-    """The same with y up in its world."""
-    if rig.level:
-        return rig
-    matrix = rig.world_to_floor
-    if matrix is None:
-        matrix = np.eye(4)
-        joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
-        landmarks = carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
-        matrix[:3, :3] = upright_from(upright(landmarks).numpy())
+def _level(rigs: Sequence[MovingRig]) -> list[MovingRig]:
+    """The same with y up in their world: all people of a capture are turned and moved alike."""
+    if all(rig.level for rig in rigs):
+        return list(rigs)
+    people = [_landmarks(rig) for rig in rigs]
+    ways = [rig.world_to_floor for rig in rigs]
+    known = [way for way in ways if way is not None]
+    known = known or [_upright_way(joints) for joints in people]
+    ups = [torch.tensor(way[1, :3]) for way in known]
+    matrix = known[shared_up(people, ups)]
     turn = matrix[:3, :3]
-    return replace(
-        rig,
-        rotation=turn @ rig.rotation,
-        position=rig.position @ turn.T + matrix[:3, 3],
-        level=True,
-    )
+    return [
+        replace(
+            rig,
+            rotation=turn @ rig.rotation,
+            position=rig.position @ turn.T + matrix[:3, 3],
+            level=True,
+        )
+        for rig in rigs
+    ]
+
+
+def _landmarks(rig: MovingRig) -> Tensor:
+    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
+    return carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
+
+
+def _upright_way(landmarks: Tensor) -> Floats:
+    """Turns a world, as (4, 4), so that a person of landmarks (F, 16, 3) stands along y."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = upright_from(upright(landmarks).numpy())
+    return matrix
 
 
 def _solved(

@@ -55,8 +55,9 @@ class Render:
     """Show this frame only, while the camera moves."""
     seconds: float | None = None
     """How long a frozen frame is shown; 4."""
-    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
-    """Which axis of the world points up; auto: the one along which the person stands."""
+    up: Literal["auto", "floor", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the world points up; auto: the one along which people stand; floor: square to
+    the floor that was found."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,9 @@ class Export:
     """Which axis points up in the files; z in c3d, else y, if not given. glb is always y up."""
     unit: Literal["m", "cm", "mm"] | None = None
     """Of length; cm in bvh, mm in trc and c3d, else m, if not given. glb is always in metres."""
-    world_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
-    """Which axis of the capture's world points up; auto: the one along which the person stands."""
+    world_up: Literal["auto", "floor", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Which axis of the capture's world points up; auto: the one along which people stand; floor:
+    square to the floor that was found."""
     surface: bool = True
     """Write the captured surface into glb and usd, where there is one, beside the skinned mesh."""
     markers: Literal["landmarks", "bones"] = "landmarks"

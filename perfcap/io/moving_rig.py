@@ -114,7 +114,7 @@ def _of_result(folder: Path, frames: slice, mapping: ActorMapping) -> MovingRig:
     position = (moved[..., :3, :3] @ rest[..., None])[..., 0] + moved[..., :3, 3]
     return replace(
         _corrected(imported, moved[..., :3, :3], position, result.rate, numbers[chosen]),
-        level=False,
+        level=result.level,
         world_to_floor=_floor(result.report),
         notes=(
             *_cut_short(folder, frames, int(numbers[-1]) + 1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -82,6 +83,24 @@ def upright(joints: Tensor, level: bool = False) -> Tensor:
     up = torch.zeros_like(body)
     up[along] = torch.sign(body[along]) if body[along] != 0 else 1.0
     return up
+
+
+def shared_up(people: Sequence[Tensor], ups: Sequence[Tensor]) -> int:
+    """Which of some directions is up for people of one world: all of them end below at one height.
+
+    Where one of two people lies, the axis of that body is not up: along it they lie side by side.
+
+    Args:
+        people: landmarks, (F, 16, 3) each.
+        ups: unit vectors, (3,) each.
+    """
+    if len(people) < 2:
+        return 0
+    apart = []
+    for up in ups:
+        lowest = torch.stack([(joints @ up.to(joints)).amin(-1).median() for joints in people])
+        apart.append(float(lowest.std()))
+    return apart.index(min(apart))
 
 
 def up_doubt(up: Tensor, found: Tensor) -> str:

@@ -11,6 +11,7 @@ import pytest
 from runs import Command
 
 from perfcap.app.export import _recording
+from perfcap.app.level import level_of
 from perfcap.commands.results import Export
 from perfcap.io import export
 from perfcap.io.bvh_read import load_bvh
@@ -259,7 +260,8 @@ def test_a_retargeted_motion_keeps_its_world(captured: Path, tmp_path: Path) -> 
     result = read_result(captured)
     lying = replace(result, joints=result.joints[..., [1, 0, 2]] * np.array([1.0, -1.0, 1.0]))
     request = Export(captured, ("trc",), out=tmp_path)
-    assert abs(_recording(request, "a", lying).upright[1, 0]) > 0.9
+    assert abs(_recording(request, "a", lying, level_of([lying])).upright[1, 0]) > 0.9
     assert not lying.level
     level = replace(lying, report={**lying.report, "retargeted_from": "a.bvh"})
-    assert np.array_equal(_recording(request, "a", level).upright, np.eye(3))
+    kept = _recording(request, "a", level, level_of([level]))
+    assert np.array_equal(kept.upright, np.eye(3))
