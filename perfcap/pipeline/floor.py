@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,11 @@ _UNSURE, _NEVER = (
     0.15,
     0.5,
 )  # s, of a clip's noise, farther; and m/s, noise of feet that never stand
+
+# in recorded motion with y up, climbing as well, a floor of such support leans by far less
+_LEANS, _LIES = 12.0, 60.0  # degrees
+_SURE = 0.8  # support of a floor that leans
+_UNLIKE = 0.85  # of it, that a level one has no more than
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,32 @@ def find_floor(
         return free
     square = _fit(points, slow, share, axis, _RIGID, near)
     return square if square.support > _AS_WELL * free.support else free
+
+
+def lean_doubts(landmarks: Tensor, soles: Tensor, rate: float, level: Floor) -> Iterator[str]:
+    """A sentence where feet stand on a plane that leans, and the body with it.
+
+    Who climbs stairs stands upright; in the world of a camera that looks down, both lean.
+
+    Args:
+        landmarks: (F, 16, 3), metres, in a world whose y is said to be up.
+        soles: points under the feet, (F, N, 3).
+        rate: frames a second.
+        level: the floor if y is up.
+    """
+    free = find_floor(landmarks, soles, rate)
+    leans = [
+        math.degrees(math.acos(min(1.0, float(each @ level.normal))))
+        for each in (free.normal, body_axis(landmarks, soles))
+    ]
+    if free.support < _SURE or level.support > _UNLIKE * free.support:
+        return
+    if min(leans) > _LEANS and max(leans) < _LIES:
+        yield (
+            f"feet stand on a floor that leans by {leans[0]:.0f} degrees against y, and the person "
+            "leans as well; the source's world looks like that of a camera that looks down or up: "
+            "turn it level, and of a capture give the folder, not a file of it"
+        )
 
 
 def _fit(

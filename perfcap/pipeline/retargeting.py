@@ -29,7 +29,7 @@ from perfcap.energy.trajectory import TrajectoryChange
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.pipeline.config import RetargetConfig
-from perfcap.pipeline.floor import Floor, find_floor
+from perfcap.pipeline.floor import Floor, find_floor, lean_doubts
 from perfcap.pipeline.joint_motion import (
     SOLES,
     JointMotion,
@@ -175,6 +175,8 @@ def _contacts(source: Actor, joints: JointMotion, rate: float) -> tuple[Floor, T
     points = carried_landmarks(sole_skeleton(source), joints)
     soles, landmarks = points[:, -SOLES:], points[:, :-SOLES]
     floor = find_floor(landmarks, soles, rate, normal=points.new_tensor(_UP))
+    for line in lean_doubts(landmarks, soles, rate, floor):
+        warnings.warn(f"retarget: {line}", stacklevel=4)
     return floor, contact_probability(soles, floor, rate)
 
 

@@ -1,5 +1,6 @@
 """Motion of one skeleton on another."""
 
+import math
 import warnings
 from dataclasses import replace
 
@@ -260,3 +261,17 @@ def test_a_rest_pose_before_or_after_the_motion(place: int, words: str) -> None:
     assert not list(order_doubts(joints_of(PERSON, motion).position))
     quick = joints_of(PERSON, motion).position[::6]  # five frames a second
     assert not list(order_doubts(quick))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0])
+def test_a_world_that_leans_is_told(degrees: float) -> None:
+    """As that of a camera that looks down, in which other programs give motion."""
+    motion = walk(PERSON)
+    ahead = torch.linspace(0, 0.8, 60, dtype=F64)[:, None] * torch.tensor([0.0, 0.0, 1.0])
+    joints = joints_of(PERSON, replace(motion, translation=motion.translation + ahead))
+    way = rotvec_to_matrix(torch.tensor([math.radians(degrees), 0.0, 0.0], dtype=F64))
+    turned = JointMotion(way @ joints.rotation, joints.position @ way.mT)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        retarget(PERSON, turned, PERSON, 30.0)
+    assert any("floor that leans by" in str(each.message) for each in told) == bool(degrees)

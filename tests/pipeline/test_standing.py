@@ -15,7 +15,7 @@ from perfcap.actor.sole_points import sole_skeleton
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import ContactConfig
-from perfcap.pipeline.floor import Floor, find_floor
+from perfcap.pipeline.floor import Floor, find_floor, lean_doubts
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.objective import FrameProblem, neutral_angles
 from perfcap.pipeline.presets import MONOPERFCAP, CaptureConfig
@@ -84,6 +84,26 @@ def test_an_axis_of_the_world_is_taken_where_it_explains_the_feet() -> None:
     assert torch.allclose(floor.normal, UP, atol=1e-3)
     hill = soles @ rotvec_to_matrix(torch.tensor([0.0, 0.0, 0.25], dtype=F64)).T
     assert float(find_floor(body(hill), hill, 30.0, cameras).normal @ UP) < math.cos(0.15)
+
+
+@pytest.mark.parametrize(
+    ("turn", "told"),
+    [([0.35, 0.0, 0.0], True), ([0.0, 0.0, -0.4], True), ([0.05, 0.0, 0.05], False),
+     ([0.0, 1.0, 0.0], False), ([0.0, 0.0, 1.57], False)],
+)  # fmt: skip
+def test_a_world_that_leans_is_told_from_a_level_one(turn: list[float], told: bool) -> None:
+    way, soles = rotvec_to_matrix(torch.tensor(turn, dtype=F64)), steps()
+    landmarks, moved = body(soles) @ way.mT, soles @ way.mT
+    level = find_floor(landmarks, moved, 30.0, normal=UP)
+    lines = list(lean_doubts(landmarks, moved, 30.0, level))
+    assert len(lines) == told and all("floor that leans" in line for line in lines)
+
+
+def test_whoever_walks_up_a_hill_is_in_a_level_world() -> None:
+    hill = steps() @ rotvec_to_matrix(torch.tensor([0.0, 0.0, 0.35], dtype=F64)).T
+    level = find_floor(body(hill), hill, 30.0, normal=UP)
+    assert level.support < 0.8
+    assert not list(lean_doubts(body(hill), hill, 30.0, level))
 
 
 def test_contacts_of_a_walk() -> None:
