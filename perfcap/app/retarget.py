@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 import yaml
 from torch import Tensor
@@ -20,6 +19,7 @@ from perfcap.actor.actor import Actor
 from perfcap.app.capture_folder import named_people, spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
+from perfcap.app.together import level_rigs, on_their_floors
 from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
@@ -31,10 +31,9 @@ from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.actor_import import ActorMapping, read_mapping
 from perfcap.io.atomic import writing
 from perfcap.io.doctor.finding import ranges
-from perfcap.io.export import upright_from
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.made_folder import made_folder
-from perfcap.io.moving_rig import Floats, MovingRig, read_moving_rig
+from perfcap.io.moving_rig import MovingRig, read_moving_rig
 from perfcap.io.result_folder import (
     REPORT,
     SCENE,
@@ -46,13 +45,12 @@ from perfcap.io.result_folder import (
     write_people,
 )
 from perfcap.pipeline.config import RetargetConfig
-from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks, leg_length
+from perfcap.pipeline.joint_motion import JointMotion, leg_length
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
-from perfcap.pipeline.surroundings import shared_up, upright
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
@@ -118,14 +116,16 @@ def _retargeted(request: Retarget) -> list[_Part]:
             "each"
         )
     targets = actors * len(people) if len(actors) == 1 else actors
-    rigs = _level([_read(request, place, mapping) for place, _ in people])
+    rigs = level_rigs([_read(request, place, mapping) for place, _ in people])
     ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
     config = _config(request)
-    return [
+    parts = [
         _solved(name, rig, target, scale, config)
         for (_, name), rig, target in zip(people, rigs, targets, strict=True)
     ]
+    placed = on_their_floors([(part.found, part.target) for part in parts])
+    return [replace(part, found=found) for part, found in zip(parts, placed, strict=True)]
 
 
 def _config(request: Retarget) -> RetargetConfig:
@@ -140,40 +140,6 @@ def _read(request: Retarget, place: Path, mapping: ActorMapping | None) -> Movin
     for note in rig.notes:
         _LOG.warning("%s", note)
     return rig
-
-
-def _level(rigs: Sequence[MovingRig]) -> list[MovingRig]:
-    """The same with y up in their world: all people of a capture are turned and moved alike."""
-    if all(rig.level for rig in rigs):
-        return list(rigs)
-    people = [_landmarks(rig) for rig in rigs]
-    ways = [rig.world_to_floor for rig in rigs]
-    known = [way for way in ways if way is not None]
-    known = known or [_upright_way(joints) for joints in people]
-    ups = [torch.tensor(way[1, :3]) for way in known]
-    matrix = known[shared_up(people, ups)]
-    turn = matrix[:3, :3]
-    return [
-        replace(
-            rig,
-            rotation=turn @ rig.rotation,
-            position=rig.position @ turn.T + matrix[:3, 3],
-            level=True,
-        )
-        for rig in rigs
-    ]
-
-
-def _landmarks(rig: MovingRig) -> Tensor:
-    joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
-    return carried_landmarks(rig.actor.skeleton, joints)[:, : len(LANDMARKS)]
-
-
-def _upright_way(landmarks: Tensor) -> Floats:
-    """Turns a world, as (4, 4), so that a person of landmarks (F, 16, 3) stands along y."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = upright_from(upright(landmarks).numpy())
-    return matrix
 
 
 def _solved(

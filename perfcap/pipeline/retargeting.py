@@ -66,12 +66,14 @@ class Retargeted:
         floor: y = 0, that its feet stand on; None where there is none.
         contact: probability that the left and the right foot stand, (F, 2); None likewise.
         scale: metres of the target for a metre of the source.
+        lowered: by which the motion was moved so that its floor is y = 0, metres; None likewise.
     """
 
     motion: Motion
     floor: Floor | None
     contact: Tensor | None
     scale: float
+    lowered: float | None = None
 
 
 @torch.no_grad()
@@ -135,7 +137,8 @@ def retarget(
     if target.skeleton.rig.roles:
         level = paced(level, math.radians(config.speed) / rate)
         level = above_floor(target, level, rate)
-    return Retargeted(level, replace(ground, height=ground.height * 0), standing.feet, scale)
+    floor = replace(ground, height=ground.height * 0)
+    return Retargeted(level, floor, standing.feet, scale, float(ground.height))
 
 
 def _require_arguments(source: object, joints: object, target: object) -> None:

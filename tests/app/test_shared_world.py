@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 import torch
 from runs import Command
+from synthetic import actor
+from takes import sway
 
 from perfcap.app.level import Level, level_of
+from perfcap.app.together import on_their_floors
 from perfcap.errors import InputError
 from perfcap.io.export import upright_from
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline.floor import Floor
+from perfcap.pipeline.retargeting import Retargeted
 from perfcap.pipeline.surroundings import shared_up
 
 LYING = [1, 0, 2], np.array([1.0, -1.0, 1.0])
@@ -128,6 +132,34 @@ def test_people_stay_together_on_another_character(
     assert perfcap(["retarget", several, "--actor", "sam", "--out", out]).code == 0
     found = [read_result(out / name).joints for name in ("person1", "person2")]
     assert np.abs(found[0] - found[1]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("lowered", "heights"),
+    [
+        ([0.0, 0.6], [0.0, 0.6]),  # the second stands on a stage
+        ([-0.6, 0.0], [0.0, 0.6]),  # the floor of the stage was taken for that of all
+        ([-0.6, None], [0.0, 0.6]),
+        ([0.0, None], [0.0, 0.0]),
+        ([0.03, 0.15], [0.0, 0.0]),  # as well as floors are found
+        ([None, None], [0.0, 0.0]),
+        ([0.8], [0.0]),
+    ],
+)
+def test_whoever_stands_on_a_stage_stays_there(
+    lowered: list[float | None], heights: list[float]
+) -> None:
+    person = actor()
+    floor = Floor(leaning(0), torch.zeros((), dtype=torch.float64), 0.0, 1.0)
+    people = [
+        Retargeted(sway(person, 3), None if each is None else floor, None, 1.0, each)
+        for each in lowered
+    ]
+    found = on_their_floors([(each, person) for each in people])
+    for one, before, height in zip(found, people, heights, strict=True):
+        moved = one.motion.translation - before.motion.translation
+        assert torch.allclose(moved, torch.tensor([0.0, height, 0.0]).to(moved))
+        assert one.floor is None or float(one.floor.height) == pytest.approx(height)
 
 
 def test_whoever_lies_in_a_retargeted_motion_lies_in_the_next(
