@@ -88,7 +88,8 @@ def upright(joints: Tensor, level: bool = False) -> Tensor:
 def shared_up(people: Sequence[Tensor], ups: Sequence[Tensor]) -> int:
     """Which of some directions is up for people of one world: all of them end below at one height.
 
-    Where one of two people lies, the axis of that body is not up: along it they lie side by side.
+    Where one of two people lies, the axis of that body is not up: along it they are side by side,
+    and who walks does not stay at one height.
 
     Args:
         people: landmarks, (F, 16, 3) each.
@@ -98,8 +99,8 @@ def shared_up(people: Sequence[Tensor], ups: Sequence[Tensor]) -> int:
         return 0
     apart = []
     for up in ups:
-        lowest = torch.stack([(joints @ up.to(joints)).amin(-1).median() for joints in people])
-        apart.append(float(lowest.std()))
+        lowest = torch.cat([(joints @ up.to(joints)).amin(-1) for joints in people])
+        apart.append(float((lowest - lowest.median()).abs().mean()))
     return apart.index(min(apart))
 
 

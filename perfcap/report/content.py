@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.io.result import Result
-from perfcap.pipeline.surroundings import Surroundings
+from perfcap.pipeline.surroundings import Surroundings, upright
 from perfcap.report.curves import Measured, charts
 from perfcap.report.marks import Mark, marks
 from perfcap.report.model import Model, scene_arrays
@@ -177,7 +177,9 @@ def content(
     arrays = pack({**model.arrays, **views.arrays})
     blobs = {f"{prefix}model": arrays.text}
     blobs |= {f"{prefix}{name}": encode(data) for name, data in views.videos.items()}
-    around = Surroundings.around(torch.from_numpy(result.joints), result.shown, shown=rows)
+    joints = torch.from_numpy(result.joints)
+    up = upright(joints, result.level)
+    around = Surroundings.around(joints, result.shown, up, rows)
     trust = measured.angles.trust
     data: dict[str, Any] = {
         "name": result.folder.resolve().name,

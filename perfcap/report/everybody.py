@@ -18,6 +18,7 @@ from perfcap.io.files import MEBIBYTE, named_path, read_json
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import PAGE, PEOPLE, REPORT, own_file, people_of
 from perfcap.metrics.contact import skin_gap
+from perfcap.pipeline.surroundings import shared_up, upright
 from perfcap.render.projected_mesh import vertex_normals
 from perfcap.report import sections
 from perfcap.report.angles import read_angles
@@ -81,8 +82,11 @@ def build_people_page(folder: Path, wanted: Wanted, progress: Progress | None = 
         shown.append(found)
         notes += [line for line in missing if line not in notes]
     marks = list(_marks(shown))
-    data = {key: shown[0].data[key] for key in ("first", "frames", "opening", "rate", "scene")}
+    people = [torch.from_numpy(each.joints) for each in results]
+    ups = [upright(joints, each.level) for joints, each in zip(people, results, strict=True)]
+    data = {key: shown[0].data[key] for key in ("first", "frames", "opening", "rate")}
     data |= {
+        "scene": shown[shared_up(people, ups)].data["scene"],
         "name": folder.resolve().name,
         "views": shown[0].data["views"],
         "marks": [mark.plain() for mark in marks],

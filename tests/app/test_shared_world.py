@@ -33,7 +33,9 @@ def leaning(degrees: float) -> torch.Tensor:
 
 def lying(result: Result, aside: float) -> Result:
     order, sign = LYING
-    return replace(result, joints=result.joints[..., order] * sign + [aside, 0.0, 0.0])
+    joints = result.joints[..., order] * sign
+    ground = result.joints[..., 1].min() - joints[..., 1].min()
+    return replace(result, joints=joints + np.array([aside, ground, 0.0]))
 
 
 def with_floor(result: Result, normal: torch.Tensor, support: float = 0.97) -> Result:

@@ -18,7 +18,7 @@ from perfcap.errors import InputError
 from perfcap.io.result import read_result
 from perfcap.io.result_folder import write_people
 from perfcap.metrics import skin_gap
-from perfcap.report import Wanted, make_people_report
+from perfcap.report import Wanted, make_people_report, make_report
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +141,29 @@ def test_both_are_drawn(pair: Path, chromium: Page) -> None:
         chromium.press(key)
     assert chromium.console == []
     assert chromium.requests == []
+
+
+def lay_down(place: Path) -> None:
+    """The person of a folder lies along x, beside where they stood."""
+    with np.load(place / "motion.npz") as file:
+        arrays = dict(file)
+    stood = arrays["joints3d"]
+    joints = stood[..., [1, 0, 2]] * [1.0, -1.0, 1.0]
+    joints += [1.5, stood[..., 1].min() - joints[..., 1].min(), 0.0]  # on the same ground
+    np.savez(place / "motion.npz", **arrays | {"joints3d": joints})
+
+
+def test_everybody_stands_on_one_ground(pair: Path, tmp_path: Path) -> None:
+    up = data_of(make_people_report(pair))[1]["scene"]["axes"][1]
+    other = Path(shutil.copytree(pair, tmp_path / "other"))
+    lay_down(other / "person1")
+    assert data_of(make_people_report(other))[1]["scene"]["axes"][1] == up
+
+
+def test_a_retargeted_person_lies_in_their_page(made: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(made, tmp_path / "lying"))
+    lay_down(folder)
+    assert abs(data_of(make_report(folder))[1]["scene"]["axes"][1][1]) < 0.1
+    run = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(run | {"retargeted_from": "a.bvh"}))
+    assert data_of(make_report(folder))[1]["scene"]["axes"][1] == [0, 1, 0]
