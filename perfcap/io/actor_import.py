@@ -16,6 +16,7 @@ from perfcap.actor.bone_owners import bone_owners
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io.actor_check import examine_actor
+from perfcap.io.actor_layers import layer_findings
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.files import MEBIBYTE, read_toml
 from perfcap.io.gltf_document import open_document
@@ -109,7 +110,9 @@ def rig_character(character: Character, mapping: ActorMapping | None = None) -> 
     bones = map_bones(raw, mapping.joints)
     correction = find_correction(raw, bones.joints, mapping.metres_per_unit)
     template = with_joints(correction.apply(raw), bones)
-    about_file = (*character.findings, *_about_import(raw, bones, correction))
+    about_import = _about_import(raw, bones, correction)
+    layers = layer_findings(template, character.parts)
+    about_file = (*character.findings, *about_import, *layers)
     actor = Actor(template)
     return ImportedActor(character, actor, bones, correction, about_file, examine_actor(template))
 

@@ -66,20 +66,48 @@ def read_material(document: Document, primitive: Object) -> tuple[Material, int,
     if "material" not in primitive:
         return _without_image(document, primitive, np.ones(3)), 0, identity
     material = document.item("materials", primitive["material"])
-    surface: Any = material.get("pbrMetallicRoughness")
-    surface = surface if isinstance(surface, dict) else {}
-    factor = document.numbers(surface.get("baseColorFactor", [1, 1, 1, 1]), 4, "baseColorFactor")
+    factor, reference = _painted_by(document, material)
     light = np.clip(factor[:3], 0, 1)
-    reference = surface.get("baseColorTexture")
-    if not isinstance(reference, dict):
+    if reference is None:
         return _without_image(document, primitive, light), 0, identity
     texture = document.item("textures", reference.get("index"))
-    coordinate = document.integer(reference.get("texCoord", 0), "texCoord", 0, 15)
+    coordinate, transform = _coordinates(document, reference)
     source = texture.get("source")
-    if source is None:  # the image is in an extension's format
+    for other in _extensions(texture).values() if source is None else ():
+        source = other.get("source")  # WebP and the like, which are named when they are decoded
+    if source is None:
         return _without_image(document, primitive, light), coordinate, identity
     number = document.integer(source, "texture.source", 0, len(document.items("images")) - 1)
-    return Material(number, _triple(light)), coordinate, _transform(document, reference)
+    return Material(number, _triple(light)), coordinate, transform
+
+
+def _painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:
+    """Colour of a material, (4,), and its reference to a texture.
+
+    Colour of light that is reflected; by the extension that came before metallic roughness; or,
+    where a material reflects nothing, of light that it emits.
+    """
+    surface: Any = material.get("pbrMetallicRoughness")
+    surface = surface if isinstance(surface, dict) else {}
+    glossy = _extensions(material).get("KHR_materials_pbrSpecularGlossiness", {})
+    reference = surface.get("baseColorTexture")
+    color, name = surface.get("baseColorFactor", [1, 1, 1, 1]), "baseColorFactor"
+    if not isinstance(reference, dict) and glossy:
+        reference, name = glossy.get("diffuseTexture"), "diffuseFactor"
+        color = glossy.get("diffuseFactor", [1, 1, 1, 1])
+    factor = document.numbers(color, 4, name)
+    emitted = material.get("emissiveTexture")
+    if isinstance(emitted, dict) and not factor[:3].any():
+        light = document.numbers(material.get("emissiveFactor", [0, 0, 0]), 3, "emissiveFactor")
+        reference, factor = emitted, np.append(light, 1.0)
+    return factor, reference if isinstance(reference, dict) else None
+
+
+def _extensions(entry: Object) -> dict[str, Object]:
+    """Extensions of an object of the file, by name."""
+    given = entry.get("extensions")
+    found = given.items() if isinstance(given, dict) else ()
+    return {name: value for name, value in found if isinstance(value, dict)}
 
 
 def _without_image(document: Document, primitive: Object, light: Floats) -> Material:
@@ -91,17 +119,15 @@ def _triple(light: Floats) -> tuple[float, float, float]:
     return float(light[0]), float(light[1]), float(light[2])
 
 
-def _transform(document: Document, reference: Object) -> Floats:
-    """Transform of texture coordinates by KHR_texture_transform, (2, 3)."""
-    extensions = reference.get("extensions")
-    given = extensions.get("KHR_texture_transform") if isinstance(extensions, dict) else None
-    if not isinstance(given, dict):
-        return np.eye(2, 3)
+def _coordinates(document: Document, reference: Object) -> tuple[int, Floats]:
+    """Set of texture coordinates, and their transform by KHR_texture_transform, (2, 3)."""
+    given = _extensions(reference).get("KHR_texture_transform", {})
+    number = given.get("texCoord", reference.get("texCoord", 0))
     offset = document.numbers(given.get("offset", [0, 0]), 2, "texture offset")
     scale = document.numbers(given.get("scale", [1, 1]), 2, "texture scale")
     (turn,) = document.numbers([given.get("rotation", 0)], 1, "texture rotation")
     linear = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) * scale
-    return np.column_stack((linear, offset))
+    return document.integer(number, "texCoord", 0, 15), np.column_stack((linear, offset))
 
 
 def one_texture(

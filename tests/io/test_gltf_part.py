@@ -122,21 +122,61 @@ def test_a_primitive_without_weights_is_an_error(tmp_path: Path) -> None:
     assert finding.severity is Severity.ERROR and "without weights" in finding.what
 
 
-def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
+def painted(**material: Any) -> Builder:
+    """A file with two sets of coordinates, an image, and a material."""
     builder = armature_file()
     uv = np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])
     tree = builder.tree
-    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = builder.add(uv)
+    tree["meshes"][0]["primitives"] = tree["meshes"][0]["primitives"][:1]
+    (primitive,) = tree["meshes"][0]["primitives"]
+    primitive["attributes"] |= {"TEXCOORD_0": builder.add(uv), "TEXCOORD_1": builder.add(uv / 2)}
     png = "data:image/png;base64,"
     tree["images"] = [{"uri": png + base64.b64encode(one_pixel_png()).decode()}]
     tree["textures"] = [{"source": 0}]
+    tree["materials"] = [material]
+    primitive["material"] = 0
+    return builder
+
+
+def based(**reference: Any) -> Builder:
+    return painted(pbrMetallicRoughness={"baseColorTexture": {"index": 0, **reference}})
+
+
+def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
     moved = {"offset": [0.5, 0.25], "scale": [0.5, 0.5], "rotation": np.pi / 2}
-    reference = {"index": 0, "extensions": {"KHR_texture_transform": moved}}
-    tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": reference}}]
-    for primitive in tree["meshes"][0]["primitives"]:
-        primitive["material"] = 0
-    tree["meshes"][0]["primitives"] = tree["meshes"][0]["primitives"][:1]
+    builder = based(extensions={"KHR_texture_transform": moved})
     found = character(builder, tmp_path).template
     # the matrix of the extension's text: translation * rotation * scale
     expected = [[0.5, 0.25], [0.5, -0.25], [1.0, 0.25], [1.0, -0.25]]
     np.testing.assert_allclose(found.uv, expected, atol=1e-6)
+
+
+def test_a_transform_names_coordinates_of_its_own(tmp_path: Path) -> None:
+    builder = based(extensions={"KHR_texture_transform": {"texCoord": 1}})
+    found = character(builder, tmp_path).template
+    np.testing.assert_allclose(found.uv, [[0, 0], [0.5, 0], [0, 0.5], [0.5, 0.5]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 0}}}},
+        {
+            "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]},
+            "emissiveTexture": {"index": 0},
+            "emissiveFactor": [1, 1, 1],
+        },
+    ],
+    ids=["glossiness", "emission"],
+)
+def test_images_of_other_materials_are_taken(tmp_path: Path, material: dict[str, Any]) -> None:
+    assert character(painted(**material), tmp_path).template.texture == one_pixel_png()
+
+
+def test_an_image_in_an_extension_s_format_is_named(tmp_path: Path) -> None:
+    builder = based()
+    webp = base64.b64encode(b"RIFF\0\0\0\0WEBP").decode()
+    builder.tree["images"] = [{"uri": f"data:image/webp;base64,{webp}"}]
+    builder.tree["textures"] = [{"extensions": {"EXT_texture_webp": {"source": 0}}}]
+    (finding,) = character(builder, tmp_path).findings
+    assert finding.severity is Severity.WARNING and "neither JPEG nor PNG" in finding.what
