@@ -26,6 +26,7 @@ from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
 from perfcap.io.doctor.shrunk import examine_shrunk
 from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.sparse import examine_sparse
 from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
 
@@ -83,7 +84,8 @@ def examine_detections(
         findings += examine_doubled(name, detections.joints2d[:, view], confident)
         if successive:
             findings += examine_shrunk(name, view, *shown)
-            findings += examine_straight(name, view, shown[0], confident)
+            straight = examine_straight(name, view, shown[0], confident)
+            findings += straight or examine_sparse(name, shown[0], confident)
         pixels = detections.joints2d[:, view][confident]
         findings += examine_placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
