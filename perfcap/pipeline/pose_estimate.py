@@ -120,7 +120,7 @@ def read_estimates(
 
 
 def _require_backward(raw: Raw) -> None:
-    """Refuse transforms of functions, in which solves would lose a part of the derivative.
+    """Refuse transforms of functions, whose derivatives would be others than those of ``backward``.
 
     Raises:
         InputError: this is one, or joints have tangents.

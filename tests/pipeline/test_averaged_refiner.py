@@ -49,7 +49,7 @@ def test_a_mean_of_whole_numbers_is_refused() -> None:
 
 @pytest.mark.parametrize("listed", [False, True])
 def test_derivatives_forwards_are_refused(listed: bool) -> None:
-    """They missed what goes through the solve, and were of another size than by backward()."""
+    """They were others than those of backward(), and of central differences."""
     layer, seen = PoseRefiner(TAKE.actor, rate=TAKE.rate), TAKE.detections
 
     def refined(joints2d: torch.Tensor) -> torch.Tensor:
