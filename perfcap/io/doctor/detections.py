@@ -15,6 +15,7 @@ from perfcap.io.doctor.backwards import examine_backwards
 from perfcap.io.doctor.crossed_parts import examine_crossed_parts
 from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.doubled import examine_doubled
+from perfcap.io.doctor.edges import examine_edges
 from perfcap.io.doctor.empty_joints import examine_empty, examine_placeholders
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.grid import examine_grid
@@ -89,7 +90,9 @@ def examine_detections(
         pixels = detections.joints2d[:, view][confident]
         findings += examine_placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
-        findings += [] if detected else _image_size(name, pixels, rig.cameras.size[view])
+        if not detected:
+            findings += _image_size(name, pixels, rig.cameras.size[view])
+            findings += examine_edges(name, pixels, rig.cameras.size[view])
         if detections.joints3d is not None and detections.trusted3d[:, view].any():
             findings += _poses3d(name, view, plane[:, view], detections, bool(repeated), successive)
         elif len(rig.names) == 1:
