@@ -50,7 +50,12 @@ class FrameProblem:
     def of(
         cls, actor: Actor, cameras: Camera, detections: Detections, config: PoseConfig | None = None
     ) -> Self:
-        """With the unit of pixels that the detections show."""
+        """With the unit of pixels that the detections show.
+
+        Raises:
+            InputError: numbers of the actor's joints were changed.
+        """
+        actor.skeleton.tree.require_own()
         unit = 0.01 * detections.person_height()
         return cls(actor, cameras, detections, config or PoseConfig(), unit)
 

@@ -263,7 +263,6 @@ def start_clip(
     Raises:
         InputError: nobody is detected in the whole clip, or the actor's joints were changed.
     """
-    actor.skeleton.tree.require_own()
     frames = FrameProblem.of(actor, clip.cameras, clip.detections, config)
     judged = frames
     if clip.targets is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
+from typing import Any
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from torch.autograd import forward_ad
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from perfcap.errors import InputError
-from perfcap.pipeline import PoseRefiner
+from perfcap.pipeline import PoseRefiner, capture
 
 TAKE = make_take(10)
 
@@ -39,6 +40,9 @@ def test_a_mean_of_whole_numbers_is_refused() -> None:
     layer = PoseRefiner(copy.deepcopy(TAKE.actor), rate=TAKE.rate).eval()
     with pytest.raises(InputError, match="numbers of its joints, were changed, as by a moving"):
         joints(averaged(layer, buffers=True))
+    with pytest.raises(InputError, match="numbers of its joints, were changed, as by a moving"):
+        actor: Any = averaged(layer, buffers=True).actor
+        capture(actor, TAKE.cameras, TAKE.detections, TAKE.rate)
     expected = joints(layer)
     assert torch.equal(joints(averaged(layer, buffers=False)), expected)
     assert torch.equal(joints(copy.deepcopy(layer)), expected)
