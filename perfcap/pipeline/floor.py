@@ -47,6 +47,7 @@ _UNSURE, _NEVER = (
 # in recorded motion with y up, climbing as well, a floor of such support leans by far less
 _LEANS, _LIES = 12.0, 60.0  # degrees
 _SURE = 0.8  # support of a floor that leans
+_WHILE = 1.0  # s, that such a motion lasts
 _UNLIKE = 0.85  # of it, that a level one has no more than
 
 
@@ -140,7 +141,8 @@ def find_floor(
 def lean_doubts(landmarks: Tensor, soles: Tensor, rate: float, level: Floor) -> Iterator[str]:
     """A sentence where feet stand on a plane that leans, and the body with it.
 
-    Who climbs stairs stands upright; in the world of a camera that looks down, both lean.
+    Who climbs stairs stands upright; in the world of a camera that looks down, both lean. A moment,
+    in which one foot stands, shows neither.
 
     Args:
         landmarks: (F, 16, 3), metres, in a world whose y is said to be up.
@@ -148,6 +150,8 @@ def lean_doubts(landmarks: Tensor, soles: Tensor, rate: float, level: Floor) -> 
         rate: frames a second.
         level: the floor if y is up.
     """
+    if len(landmarks) < _WHILE * rate:
+        return
     free = find_floor(landmarks, soles, rate)
     leans = [
         math.degrees(math.acos(min(1.0, float(each @ level.normal))))

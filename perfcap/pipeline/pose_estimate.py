@@ -125,8 +125,9 @@ def _require_backward(raw: Raw) -> None:
     Raises:
         InputError: this is one, or joints have tangents.
     """
-    parts = [part for part in (raw.joints2d, raw.confidence2d, raw.joints3d) if part is not None]
-    given = [each for part in parts for each in ([part] if isinstance(part, Tensor) else part)]
+    given: list[object] = []
+    for part in (raw.joints2d, raw.confidence2d, raw.joints3d):
+        given += part if isinstance(part, list | tuple) else [part]
     if goes_forwards(*(each for each in given if isinstance(each, Tensor))):
         raise InputError(
             "PoseRefiner cannot run inside of torch.func.jvp, jacfwd and the like, or forward-mode "
