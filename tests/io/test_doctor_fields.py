@@ -49,6 +49,7 @@ def test_doctor_says_so(tmp_path: Path, pictures: np.ndarray) -> None:
     assert sum("is interlaced" in each.what for each in told) == 1
 
 
+@pytest.mark.long
 def test_whole_frames(tmp_path: Path, pictures: np.ndarray) -> None:
     """As filmed; blended of two moments; with lines that stand still; too short to say."""
     whole = Clip.open(DEMO / "video.mp4")

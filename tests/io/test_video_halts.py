@@ -128,6 +128,7 @@ def test_a_view_that_is_late(tmp_path: Path, pictures: np.ndarray) -> None:
     assert told.frames == tuple(range(16, 27))
 
 
+@pytest.mark.long
 def test_every_way_in_says_so(tmp_path: Path) -> None:
     """``doctor``, ``capture``, and captures in Python."""
     whole = Clip.open(DEMO, frames=slice(0, FRAMES)).read_view(0, 0, FRAMES)

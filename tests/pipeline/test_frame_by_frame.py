@@ -249,6 +249,7 @@ def test_nothing_moved() -> None:
     assert before().texture(solver(), [None] * 5) is None
 
 
+@pytest.mark.long
 def test_search_finds_an_arm_by_silhouettes() -> None:
     surface = BODY.surface(POSES[:1])
     masks = [each.mask for each in SIGHT.look(surface, slice(0, 1))[0]]

@@ -27,6 +27,7 @@ def off(problem: JointProblem, state: Compound) -> float:
     return float(error.norm(dim=-1).mean())
 
 
+@pytest.mark.long
 def test_a_known_deformation_is_found_from_exact_masks_of_several_views() -> None:
     several = JointProblem(views=3, size=64, band=4.0)
     objective = several.objective(several.masks, several.joints, weight=1e5, rigid=0.01)

@@ -103,6 +103,7 @@ def test_a_brush_of_skins_stays(sam: Actor) -> None:
         assert far[0] == 0 and far[2] > 1e-3
 
 
+@pytest.mark.long
 def test_deep_ones_are_led_out_step_by_step(sam: Actor) -> None:
     """A hand through a hand, and no joint is thrown far out."""
     given = beside(sam, (0.46,))

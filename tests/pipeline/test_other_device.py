@@ -82,6 +82,7 @@ def test_people_are_told_apart() -> None:
     compare(run)
 
 
+@pytest.mark.long
 def test_people_are_kept_apart() -> None:
     still = actor().skeleton.rest_motion(1)
     beside = replace(still, translation=still.translation + still.angles.new_tensor([1.1, 0, 0]))

@@ -28,6 +28,8 @@ from perfcap.segment import FrameReport
 from perfcap.segment.silhouettes import encode_labels
 from perfcap.segment.trimap import bounds
 
+pytestmark = pytest.mark.long  # all of them look at one capture, which takes seconds
+
 CROWD = make_crowd(3, frames=10, views=3, size=200, noise=9.0)
 PAINTED = PaintedCrowd(CROWD)
 CONFIG = CaptureConfig(refine_surface=RefineSurfaceConfig(nodes=100))
@@ -58,7 +60,6 @@ def labels_of(performance: Performance) -> np.ndarray:
     return np.array([[silhouettes.labels(f, v) for f in frames] for v in views])
 
 
-@pytest.mark.long
 def test_pixels_come_to_whom_they_show(found: tuple[Performance, ...]) -> None:
     labels, truth = labels_of(found[0]), PAINTED.labels
     there = truth > 0
@@ -74,7 +75,6 @@ def sight_of(performance: Performance) -> Sight:
     return Sight(CROWD.cameras, torch.as_tensor(template.faces.copy()), template.weld()[0])
 
 
-@pytest.mark.long
 def test_where_people_meet_they_are_looked_for_from_refined_surfaces(
     found: tuple[Performance, ...],
 ) -> None:
@@ -91,7 +91,6 @@ def test_where_people_meet_they_are_looked_for_from_refined_surfaces(
     assert (other != PAINTED.labels)[there].mean() < 0.001
 
 
-@pytest.mark.long
 def test_a_refined_surface_is_drawn_and_believed_more(found: tuple[Performance, ...]) -> None:
     each = found[0]
     moved = StoredSurface(each.actor.surface(each.motion) + torch.tensor([0.0, 0.1, 0.0]))
@@ -217,7 +216,6 @@ def test_what_is_hidden_counts_for_nothing(found: tuple[Performance, ...]) -> No
     ]
 
 
-@pytest.mark.long
 def test_what_was_done_is_not_done_again(folder: Path, found: tuple[Performance, ...]) -> None:
     told: list[str] = []
     again = perfcap.capture(
@@ -241,7 +239,6 @@ def test_stages_share_the_time_of_what_they_share(found: tuple[Performance, ...]
     assert one["refine_pose"] != other["refine_pose"]
 
 
-@pytest.mark.long
 def test_one_person_of_a_scene_with_images_has_the_same_bits() -> None:
     whole = scene()
     person, images = whole.people[0], whole.images

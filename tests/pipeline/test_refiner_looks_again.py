@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+import pytest
 import torch
 from takes import make_take
 
@@ -25,6 +26,7 @@ def told(layer: PoseRefiner, *given: object, **more: object) -> bool:
     return any("x and y" in str(each.message) for each in found)
 
 
+@pytest.mark.long
 def test_later_batches_are_examined_now_and_then() -> None:
     """A first batch of a network that knew nothing yet was all that it ever looked at."""
     layer = PoseRefiner(TAKE.actor, config=SHORT)

@@ -24,6 +24,7 @@ def check(weights: np.ndarray) -> None:
     assert np.allclose(weights.sum(1), 1)
 
 
+@pytest.mark.long
 def test_weights_change_over_at_the_joint() -> None:
     at = limbs.positions()
     hip, knee, ankle = at["l_hip"], at["l_knee"], at["l_ankle"]
