@@ -125,7 +125,9 @@ class HeatmapHead(nn.Module):
         joints: what the maps are of, or the name of a known set.
         doublings: how often the resolution is doubled.
         hidden: channels between.
-        spread: standard deviation of a map, in map pixels, at which confidence is exp(-1/2).
+        spread: standard deviation of a map, in map pixels, at which confidence is a half.
+            It falls slowly: maps that were never trained are spread over all pixels, and have to
+            learn from the little that they weigh.
 
     Raises:
         InputError: the joint set is not known, or a number is none.
@@ -179,7 +181,7 @@ class HeatmapHead(nn.Module):
             points, spread = soft_argmax(logits.to(kind))
             to_image = to_image.to(kind)
             pixels = points @ to_image[..., :2].mT + to_image[..., None, :, 2]
-        confidence = torch.exp(-0.5 * (spread / self.spread).square())
+        confidence = 1 / (1 + (spread / self.spread).square())
         joints2d, trust = map_to_landmarks(pixels, confidence, self.joint_set)
         return Detections.from_joints(joints2d, trust)
 

@@ -46,7 +46,7 @@ from perfcap.rates import frame_rate, rate_doubts
 from perfcap.solve import Adjoint, Detached, Implicit, Status
 from perfcap.temporal.window import Window, partition
 
-_EXAMINED = 16  # clips of the first batch
+_EXAMINED, _LEARNT = 16, 100  # clips of a batch; and batches, after which a network sees a joint
 _ACTOR = "and give the actor of this person: actor.resized makes one of other bone lengths"
 
 
@@ -215,12 +215,12 @@ class PoseRefiner(nn.Module):
         Returns:
             Whether there was one, of each clip that was looked at.
         """
-        told: list[bool] = []
+        told, batch = list[bool](), max(self._batches.values())
         _warn(batch_doubts(clips), within=1)
         missing = self.joint_set.missing()
         for index, clip in enumerate(clips[:_EXAMINED]):
             seen = clip.detections.map(lambda part: part.detach().cpu())
-            tuned = clip.detections.confidence2d.requires_grad
+            tuned = clip.detections.confidence2d.requires_grad and batch < _LEARNT
             which = "" if len(clips) == 1 else f"clip {index}: "
             lines = [*estimate_doubts(clip.cameras, seen, missing, tuned), *empty_poses(clip.empty)]
             if clip.targets is not None and not lines:

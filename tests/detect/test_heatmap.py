@@ -90,6 +90,18 @@ def test_head_learns_where_features_point_and_maps_by_name() -> None:
     assert (found.confidence2d[:, :, toe] == 0).all()  # COCO-17 has no toes
 
 
+@pytest.mark.parametrize("width", [16, 64, 128])
+def test_a_head_that_was_never_trained_has_gradients(width: int) -> None:
+    """exp(-(spread / 3)^2 / 2) of a map that shows nothing yet was 1e-17: nothing was learned."""
+    torch.manual_seed(0)
+    head = HeatmapHead(8)
+    features, place = torch.randn(1, 1, 8, width, width), torch.eye(2, 3).expand(1, 1, 2, 3)
+    seen = head(features, place)
+    assert 1e-3 < seen.confidence2d.min() < seen.confidence2d.max() < 0.3  # sure of no joint
+    (moved,) = torch.autograd.grad(seen.confidence2d.log().sum(), head.maps.weight)
+    assert moved.norm() > 1e-3
+
+
 def test_head_doubles_resolution() -> None:
     head = HeatmapHead(8, COCO17, doublings=2, hidden=16)
     assert head.logits(torch.zeros(2, 3, 8, 6, 5)).shape == (2, 3, 17, 24, 20)

@@ -18,12 +18,16 @@ EXCHANGED = PIXELS.flip(-1)  # y before x
 SHORT = PoseConfig(max_steps=2)
 
 
-def told(layer: PoseRefiner, *given: object, **more: object) -> bool:
+def said(layer: PoseRefiner, *given: object, **more: object) -> str:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        with torch.no_grad():
-            layer(*given, **more)  # type: ignore[arg-type]
-    return any("x and y" in str(each.message) for each in found)
+        layer(*given, **more)  # type: ignore[arg-type]
+    return " ".join(str(each.message) for each in found)
+
+
+def told(layer: PoseRefiner, *given: object, **more: object) -> bool:
+    with torch.no_grad():
+        return "x and y" in said(layer, *given, **more)
 
 
 @pytest.mark.long
@@ -44,3 +48,14 @@ def test_each_mode_and_kind_is_examined() -> None:
     assert told(layer, ONE, EXCHANGED[:, :1], joints3d=poses[:, :1])
     layer.eval()
     assert told(layer, ONE, EXCHANGED[:, :1]) and not told(layer, ONE, EXCHANGED[:, :1])
+
+
+@pytest.mark.long
+def test_a_network_that_stays_unsure_is_told_of() -> None:
+    """Confidences that are next to nothing have no gradient; a new network's may be for a while."""
+    layer = PoseRefiner(TAKE.actor, config=SHORT)
+    sure = torch.full(PIXELS.shape[:-1], 1e-9, dtype=PIXELS.dtype)[:, :1].requires_grad_()
+    found = [said(layer, ONE, PIXELS[:, :1], confidence2d=sure) for _ in range(100)]
+    assert [batch for batch, what in enumerate(found, 1) if "confidences are 1e-09" in what] == [
+        100
+    ]
