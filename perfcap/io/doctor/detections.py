@@ -30,6 +30,7 @@ from perfcap.io.doctor.sides import examine_sides
 from perfcap.io.doctor.sparse import examine_sparse
 from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
+from perfcap.io.doctor.unsteady import examine_unsteady
 
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
@@ -87,6 +88,7 @@ def examine_detections(
             findings += examine_shrunk(name, view, *shown)
             straight = examine_straight(name, view, shown[0], confident)
             findings += straight or examine_sparse(name, shown[0], confident)
+            findings += order or examine_unsteady(name, shown[0], confident)
         pixels = detections.joints2d[:, view][confident]
         findings += examine_placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
