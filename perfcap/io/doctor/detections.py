@@ -88,7 +88,7 @@ def examine_detections(
             findings += examine_shrunk(name, view, *shown)
             straight = examine_straight(name, view, shown[0], confident)
             findings += straight or examine_sparse(name, shown[0], confident)
-            findings += order or examine_unsteady(name, shown[0], confident)
+            findings += [] if order else examine_unsteady(name, shown[0], confident)
         pixels = detections.joints2d[:, view][confident]
         findings += examine_placeholders(name, pixels)
         findings += _faint(name, detections.confidence2d[:, view]) if faint else []
