@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
@@ -31,7 +32,7 @@ def examine_jumps(
         confidence: (F, 16).
         alone: whether nobody else is followed, so that it helps to say who is.
     """
-    size = _size(pixels, confidence)
+    size = body_size(pixels, confidence > _SURE)
     if size is None:
         return []
     frames = _jumps(pixels, confidence, size) + _returns(pixels, confidence, size)
@@ -47,16 +48,6 @@ def examine_jumps(
         f"{choose}a part with --frames"
     )
     return [Finding(Severity.WARNING, name, what, remedy)]
-
-
-def _size(pixels: Tensor, confidence: Tensor) -> float | None:
-    """The longer side of the box of the body, px, in the median frame; None of nobody."""
-    seen = (confidence > _SURE).unsqueeze(-1)
-    low = pixels.masked_fill(~seen, torch.inf).amin(1)
-    high = pixels.masked_fill(~seen, -torch.inf).amax(1)
-    tall = (high - low).amax(-1)
-    tall = tall[tall.isfinite() & (tall > 0)]
-    return float(tall.median()) if len(tall) else None
 
 
 def _jumps(pixels: Tensor, confidence: Tensor, size: float) -> list[int]:

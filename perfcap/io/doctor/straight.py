@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import chain
+
 import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.finding import Finding, Severity, counted, ranges
 
 _SHORTEST, _LONG = 4, 8  # frames of a line, without its ends; and of those that are named alone
@@ -32,7 +36,7 @@ def examine_straight(
         what: they are called.
     """
     known = known & joints.isfinite().all(-1)
-    size = _size(joints, known)
+    size = body_size(joints, known)
     if len(joints) < _SHORTEST + 3 or size is None or _rounded(joints[known], _OFF * size):
         return []
     places = torch.where(known[..., None], joints / size, torch.nan)
@@ -63,18 +67,10 @@ def examine_straight(
         "no detector's do; were gaps or the frames between keys interpolated? Give confidence 0 "
         "(3D joints NaN) to what was not found: the motion is solved there"
     )
-    many = [f for f in frames if sum(any(f in each for each in found) for found in lines) >= _SOME]
+    joints_on = Counter(frame for found in lines for frame in set(chain.from_iterable(found)))
+    many = [frame for frame in frames if joints_on[frame] >= _SOME]
     views = (view,) if many else ()
     return [Finding(Severity.WARNING, subject, said, remedy, tuple(many), views)]
-
-
-def _size(joints: Tensor, known: Tensor) -> float | None:
-    """The longer side of the box of the body in the median frame; None of nobody."""
-    low = joints.masked_fill(~known[..., None], torch.inf).amin(1)
-    high = joints.masked_fill(~known[..., None], -torch.inf).amax(1)
-    sizes = (high - low).amax(-1)
-    sizes = sizes[sizes.isfinite() & (sizes > 0)]
-    return float(sizes.median()) if len(sizes) else None
 
 
 def _rounded(places: Tensor, step: float) -> bool:
@@ -85,7 +81,8 @@ def _rounded(places: Tensor, step: float) -> bool:
 
 def _merged(straight: list[range], curved: list[range]) -> list[range]:
     """Lines, and curves that hold none."""
-    return straight + [each for each in curved if not any(line[0] in each for line in straight)]
+    starts = {line[0] for line in straight}
+    return straight + [each for each in curved if starts.isdisjoint(each)]
 
 
 def _lines(bend: list[float], place: Tensor, reach: int) -> list[range]:
