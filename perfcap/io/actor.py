@@ -11,7 +11,7 @@ from pathlib import Path
 from perfcap.actor.actor import Actor
 from perfcap.actor.bone_correction import unit_name
 from perfcap.errors import InputError
-from perfcap.io.actor_check import examine_actor, examine_joints
+from perfcap.io.actor_check import examine_actor, examine_joints, examine_weights
 from perfcap.io.actor_folder import (
     MANIFEST,
     MESH,
@@ -213,8 +213,9 @@ def load_actor(
         actor = limited(imported.actor, manifest, path.parent)
         about_file, about_actor = imported.about_file, imported.about_actor
     require_sound(path, (*about_file, *about_actor))
-    limbs = [each for each in about_actor if each.subject == "limbs"]
-    for finding in (*about_file, *limbs, *limit_findings(actor.skeleton.rig)):
+    told = [each for each in about_actor if each.subject == "limbs"]
+    told += examine_weights(actor.template)
+    for finding in (*about_file, *told, *limit_findings(actor.skeleton.rig)):
         if finding.severity is Severity.WARNING:
             _LOG.warning("%s: %s", path, finding)
     return actor

@@ -40,7 +40,7 @@ def examine_actor(template: Template) -> tuple[Finding, ...]:
         *examine_joints(template),
         *_people(template),
         *(_skin(template) if _has_joints(template) else ()),
-        *(_weights(template) if _has_joints(template) else ()),
+        *examine_weights(template),
         *_surface(template, topology),
         *_inside_out(template, topology),
         *_outside(template, topology),
@@ -190,8 +190,14 @@ def _below(template: Template, bone: int, moved: Floats) -> bool:
     return any(moved[each] > 0 for each in carried_by(template, bone))
 
 
-def _weights(template: Template) -> Iterator[Finding]:
-    """Limbs that move what lies about another one: their weights hang on the wrong bones."""
+def examine_weights(template: Template) -> Iterator[Finding]:
+    """Limbs that move what lies about another one: their weights hang on the wrong bones.
+
+    None of a skeleton that lacks joints of a person.
+    """
+    template = _joined(template)
+    if not _has_joints(template):
+        return
     at = joint_places(template)
     height = float(np.ptp(template.vertices[:, 1]))
     limbs = _limbs(at, height)

@@ -93,3 +93,20 @@ def test_loading_such_a_character_warns(
         assert "limbs" not in caplog.text
         load_actor(tmp_path / "bad.glb")
     assert "limbs: the length of upper arms" in caplog.text
+
+
+def test_loading_one_whose_legs_move_each_other_warns(
+    sam: Template, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    left, right = (sam.joint_bones[f"{side}_knee"] for side in "lr")
+    exchanged = np.arange(len(sam.bone_names))
+    exchanged[[left, right]] = right, left
+    bad = replace(sam, weight_bones=exchanged[sam.weight_bones])
+    still = np.tile(np.eye(4), (1, len(sam.bone_names), 1, 1))
+    for name, template in (("good", sam), ("bad", bad)):
+        save_animation(tmp_path / f"{name}.glb", replace(template, joint_bones={}), still, 30)
+    with caplog.at_level(logging.WARNING):
+        load_actor(tmp_path / "good.glb")
+        assert "weights" not in caplog.text
+        load_actor(tmp_path / "bad.glb")
+    assert "weights: l_knee moves what lies about r_knee" in caplog.text
