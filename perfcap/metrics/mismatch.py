@@ -9,6 +9,7 @@ from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes, similarity_align
 from perfcap.metrics.alignment import HIPS, root_of
+from perfcap.metrics.mismatch_copies import copies
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
@@ -56,6 +57,16 @@ def mismatches(
     if not bool(valid.any()):
         return ()
     named = Numbered(frames, joints)
+    return (
+        *copies(estimate, truth, valid, named),
+        *_mistakes(estimate, truth, valid, mirrored, named),
+    )
+
+
+def _mistakes(
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], named: Numbered
+) -> tuple[str, ...]:
+    """Those that take most of the error away, or leave poses that have nothing in common."""
     far = _error(estimate, truth, valid) >= _FAR
     told = tuple(sizes_in_parts(estimate, truth, valid, named))
     if not told:  # a frame or two are most of the error of a good capture, and less than far

@@ -91,6 +91,7 @@ _RANGE = {
     "age": (18.0, 90.0),
     "muscle": (0.0, 1.0),
 }
+_THINNEST = 14.0  # kg/m², body mass index; below 16 is severe thinness (WHO)
 _MISSED = 6.0  # tolerances: 2.4 cm of a girth, 4 kg
 _UNITS = {**dict.fromkeys(LENGTHS, "metres"), "weight": "kilograms", "age": "years"}
 
@@ -151,7 +152,13 @@ class BuiltBody:
     missed: Mapping[str, float] = field(default_factory=dict)
 
     def doubts(self, person: Person) -> Iterator[str]:
-        """A sentence on each value that the body does not have."""
+        """A sentence on each value that the body does not have, and on one of skin and bones."""
+        index = self.weight / self.measurements.height**2
+        if index < _THINNEST:
+            yield (
+                f"the body weighs {self.weight:.0f} kg and is {self.measurements.height:.2f} m "
+                "tall, as hardly anybody is; girths are measured around the body, not across it"
+            )
         for name, value in self.missed.items():
             told = f"{value:.3g} {_UNITS.get(name, '')}".strip()
             yield (

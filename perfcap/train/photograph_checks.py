@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.doctor.doubled import examine_doubled
 
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -50,8 +52,16 @@ def require_people(path: Path, joints: Floats) -> None:
     _require_pixels(path, joints)
     _require_upright(path, joints)
     for part in stretches(len(joints)):
-        for what in (*_names(joints[part]), *_mirrored(joints[part])):
+        here = joints[part]
+        for what in (*_names(here), *_mirrored(here), *_doubled(here)):
             raise InputError(f"{path}: {where(part, len(joints))}{what}")
+
+
+def _doubled(joints: Floats) -> Iterator[str]:
+    """Joints that are copies of others, as of a list that was filled up."""
+    places = torch.from_numpy(joints)
+    for finding in examine_doubled("", places, places.isfinite().all(-1), true=True):
+        yield f"{finding.what}; leave joints out that were not annotated"
 
 
 def stretches(count: int) -> Iterator[slice]:

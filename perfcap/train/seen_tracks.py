@@ -23,6 +23,7 @@ from perfcap.detect.lifting import lifting_features
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.doctor.depth import examine_depth
+from perfcap.io.doctor.doubled import examine_doubled
 from perfcap.io.doctor.neighbours import examine_neighbours
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
@@ -162,7 +163,7 @@ class SeenTracks:
         Raises:
             InputError: of a twentieth of the tracks, feet point backwards in the truth, joints of
                 it are in each other's place, it has no depth or one in another unit, or the joints
-                move as in no order, or repeat those of the frame before.
+                move as in no order, repeat those of the frame before, or are copies of others.
         """
         wrong = [
             (track, finding.what)
@@ -177,6 +178,8 @@ class SeenTracks:
                 or examine_order("", places, sure)
                 or examine_shuffled("", places, sure)
                 or examine_held("", joints, torch.ones_like(sure), "true joints")
+                or examine_doubled("", joints, torch.ones_like(sure).bool(), true=True)
+                or examine_doubled("", places, sure > 0)
                 or examine_held("", places, sure)
             )
         ]

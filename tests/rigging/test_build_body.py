@@ -64,3 +64,10 @@ def test_measures_that_nobody_has_are_told(model: BodyModel) -> None:
 def test_implausible_values_are_refused(values: dict[str, float], words: str) -> None:
     with pytest.raises(InputError, match=words):
         Person(**values)
+
+
+def test_a_waist_that_was_measured_across_is_told(model: BodyModel) -> None:
+    for waist, words in ((0.42, "kg and is 1.75 m tall"), (0.65, "")):
+        person = Person(height=1.75, waist=waist)
+        doubts = " ".join(build_body(model, person).doubts(person))
+        assert words in doubts and bool(words) == bool(doubts)

@@ -123,6 +123,14 @@ def test_what_is_wrong_is_refused(name: str, part: slice) -> None:
         check(without(joints, "neck", "head_top"))  # as those of COCO
 
 
+def test_joints_that_are_copies_of_others() -> None:
+    for own, other in (("head_top", "neck"), ("l_toe", "l_ankle")):
+        joints = SOUND.copy()
+        joints[700:, LANDMARKS.index(own)] = joints[700:, LANDMARKS.index(other)]
+        with pytest.raises(InputError, match="at one place, to the last digit"):
+            check(joints)
+
+
 def test_neck_and_crown_exchanged() -> None:
     spoil = exchanged(("neck", "head_top"))
     with pytest.raises(InputError, match="are neck and head_top exchanged"):

@@ -262,7 +262,8 @@ def test_truth_of_no_motion_is_refused(tmp_path: Path) -> None:
 
     tracks(true).require_people(tmp_path)
     mixed = np.random.default_rng(1).permutation(40)
-    hands, arms = list(range(16)), list(range(16))
+    hands, arms, toes = list(range(16)), list(range(16)), list(range(16))
+    toes[LANDMARKS.index("l_toe")] = LANDMARKS.index("l_ankle")
     for name, other, order in (("l_wrist", "r_wrist", hands), ("l_elbow", "l_wrist", arms)):
         one, two = LANDMARKS.index(name), LANDMARKS.index(other)
         order[one], order[two] = two, one
@@ -274,6 +275,7 @@ def test_truth_of_no_motion_is_refused(tmp_path: Path) -> None:
         ("sorted as text", true[:, text]),
         ("l_wrist and r_wrist look exchanged", true[:, :, hands]),
         ("l_elbow and l_wrist look exchanged", true[:, :, arms]),
+        ("l_ankle and l_toe lie at one place", true[:, :, toes]),
         ("repeat the true joints of the frame before", true[:, np.arange(40) // 2 * 2]),
     ):
         with pytest.raises(InputError, match=f"6 of 6 tracks are no motion .* {words}"):

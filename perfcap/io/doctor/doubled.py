@@ -16,20 +16,25 @@ _REMEDY = (
 )
 
 
-def examine_doubled(subject: str, joints: Tensor, known: Tensor) -> list[Finding]:
+def examine_doubled(
+    subject: str, joints: Tensor, known: Tensor, *, true: bool = False
+) -> list[Finding]:
     """Joints that lie on another one to the last digit: those of people do so by accident alone.
 
     Args:
         subject: of the finding.
         joints: landmarks (F, 16, D), in pixels or metres.
         known: which of them count, (F, 16).
+        true: whether they are a truth, which has toes.
     """
     both = known[:, :, None] & known[:, None]  # F 16 16
     same = both & (joints[:, :, None] == joints[:, None]).all(-1)
     shown, shared = both.sum(0), same.sum(0)
     doubled = torch.triu((shown >= _FEWEST) & (shared > _SHARE * shown), diagonal=1)
     pairs = doubled.nonzero().tolist()
-    if joints.shape[-1] == 3:  # where a network has no toes, its poses have them at the ankles
+    if (
+        joints.shape[-1] == 3 and not true
+    ):  # where a network has no toes, its poses have them at the ankles
         pairs = [pair for pair in pairs if pair not in _GUESSED]
     if not pairs:
         return []

@@ -1,0 +1,60 @@
+"""Truths whose joints or poses are copies of others are told, and those of people are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from takes import make_take
+from torch import Tensor
+
+from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.io import models_folder
+from perfcap.metrics import mismatches
+
+ANKLES, TOES = ([LANDMARKS.index(f"{side}_{name}") for side in "lr"] for name in ("ankle", "toe"))
+
+
+@pytest.fixture(scope="module")
+def joints() -> Tensor:
+    take = make_take(60, turns=0.2)
+    places: Tensor = take.actor.joints(take.truth)
+    return places
+
+
+def told(truth: Tensor, joints: Tensor) -> str:
+    """Of a result with errors of a few millimetres."""
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    everything = torch.ones(truth.shape[:-1], dtype=torch.bool)
+    order = LANDMARKS16.mirrored()
+    found = mismatches(joints + 0.005 * noise, truth, everything, order, joints=LANDMARKS)
+    return "; ".join(found)
+
+
+def test_toes_that_are_copies_of_ankles(joints: Tensor) -> None:
+    truth = joints.clone()
+    truth[:, TOES] = joints[:, ANKLES]
+    assert "l_ankle and l_toe" in told(truth, joints) and "one is a copy" in told(truth, joints)
+    assert not told(joints, joints)
+
+
+@pytest.mark.parametrize("times", [2, 3, 4])
+def test_poses_that_are_held_for_a_few_frames(joints: Tensor, times: int) -> None:
+    truth = joints[::times].repeat_interleave(times, 0)
+    assert "recorded at a lower rate" in told(truth, joints)
+
+
+def test_a_person_who_stops_now_and_then_repeats_nothing(joints: Tensor) -> None:
+    still = torch.arange(60)
+    still[10:25], still[40:50] = 10, 40
+    assert "lower rate" not in told(joints[still], joints[still])
+
+
+def test_truths_of_people_have_no_copies() -> None:
+    data = Path(__file__).resolve().parents[3] / "shared" / "data"
+    for path in (models_folder() / "demo/truth.npz", *sorted(data.glob("rendered*/**/gt.npz"))):
+        with np.load(path) as arrays:
+            truth = torch.from_numpy(arrays["joints3d"]).double()
+        assert "copy" not in told(truth, truth) and "lower rate" not in told(truth, truth), path
