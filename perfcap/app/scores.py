@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,9 @@ from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.datasets import SurfaceTruth
+from perfcap.io.doctor.body_size import body_size
+from perfcap.io.doctor.sparse import detected_period
+from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.image_file import read_silhouette
 from perfcap.io.surface_file import SurfaceFile
 from perfcap.metrics import (
@@ -38,6 +41,7 @@ from perfcap.render import rasterize
 Scores = dict[str, float]
 Pairs = list[tuple[int, int]]  # rows of a result and of the truth
 
+_TALL = 500.0  # px, of a person in the images for which interpolation is looked for
 _WHATS, _PARTS = ("vertex", "surface"), ("", "_garment")
 _FEET = [LANDMARKS.index(f"{side}_{joint}") for side in "rl" for joint in ("ankle", "toe")]
 _LIMBS = [
@@ -109,7 +113,21 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
         ]
     numbers = found.frames[rows].tolist()
     order = LANDMARKS16.mirrored()
-    return list(mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS))
+    told = mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS)
+    return [*told, *_interpolated(true, valid)]
+
+
+def _interpolated(true: Tensor, valid: Tensor) -> Iterator[str]:
+    """That a truth was put in between for some frames: lines and splines are no motion."""
+    size = body_size(true, valid)
+    said = [finding.what for finding in examine_straight("", 0, true, valid, "its joints")]
+    if not said and size is not None and (period := detected_period(_TALL * true / size, valid)):
+        said = [f"one in {period} frames was measured, it seems, and the others lie on curves"]
+    for what in said:
+        yield (
+            f"the truth: {what}; errors there are those of what was put in between, give what was "
+            "measured in every frame"
+        )
 
 
 def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[Scores, list[str]]:

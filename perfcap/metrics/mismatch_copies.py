@@ -14,10 +14,13 @@ _SHARE = 0.5  # of the frames in which both are known
 _STILL = 1e-4  # m
 _REPEATED, _CHANGES = 1 / 3, 1 / 6  # of the frames: repeated ones, and those that end a repetition
 _FEWEST = 12  # frames
+# Frames in which a joint has one place, and m that the result's goes there: a foot that stands on
+# one place in the truth is not that far off
+_ONE_PLACE, _GOES = 5, 0.1
 
 
 def copies(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
-    """Joints that lie on another one, and frames that repeat the one before.
+    """Joints that lie on another one or on one place, and frames that repeat the one before.
 
     Args:
         estimate: joints (F, J, 3), metres.
@@ -37,7 +40,32 @@ def copies(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> I
             f"the truth has {said} at one place, to the last digit: one is a copy, and its error "
             "says nothing; give the places that were measured, or look at per_joint_mm alone"
         )
-    yield from _repeated(truth, valid)
+    repeated = list(_repeated(truth, valid))
+    yield from repeated or _filled(estimate, truth, valid, named)
+
+
+def _filled(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
+    """Single joints that a truth has at one place, to the last digit, while the result's move."""
+    moved = (truth.diff(dim=0).norm(dim=-1) > _STILL) & valid[1:] & valid[:-1]
+    awake = torch.cat((moved.any(-1), moved.new_zeros(1)))
+    awake[1:] |= moved.any(-1)  # where all joints stay is told of frames
+    found = []
+    for joint in range(truth.shape[1]):
+        rows = (valid[:, joint] & awake).nonzero()[:, 0]
+        if len(rows):
+            _, which, counts = torch.unique(
+                truth[rows, joint], dim=0, return_inverse=True, return_counts=True
+            )
+            there = rows[which == counts.argmax()]
+            way = (estimate[there, joint] - estimate[there[0], joint]).norm(dim=-1).max()
+            if _ONE_PLACE <= len(there) < len(truth) and float(way) > _GOES:
+                found.append(f"{named.joint(joint)} in {len(there)} frames")
+    if found:
+        said = ", ".join(found[:4]) + (f" and {len(found) - 4} more" if len(found) > 4 else "")
+        yield (
+            f"the truth has {said} at one place, to the last digit, while the result moves; were "
+            "gaps filled with the last place, or the mean? Give what was measured there"
+        )
 
 
 def _repeated(truth: Tensor, valid: Tensor) -> Iterator[str]:

@@ -18,6 +18,7 @@ from synthetic import cameras as circle
 from perfcap.app.truth import read_found
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io import models_folder
 from perfcap.io.surface_file import save_surface
 from perfcap.render import rasterize
 
@@ -291,3 +292,20 @@ def test_a_truth_that_was_not_measured(tmp_path: Path, joints: Any) -> None:
     save_motion(tmp_path, places, frames=range(10, 16))
     with pytest.raises(InputError, match=r"joints3d has joints at 0, 0, 0 in 1 of 6 frames .*14"):
         read_found(tmp_path / "motion.npz")
+
+
+def test_a_truth_of_some_frames_with_lines_between_is_named(
+    tmp_path: Path, perfcap: Command
+) -> None:
+    with np.load(models_folder() / "demo" / "truth.npz") as file:
+        joints = file["joints3d"].astype(float)
+    save_motion(tmp_path / "r", joints + 0.003 * np.random.default_rng(0).normal(size=joints.shape))
+    keys = np.arange(0, len(joints), 7)
+    rows = np.arange(keys[-1] + 1)
+    lines = [np.interp(rows, keys, track) for track in joints[keys].reshape(len(keys), -1).T]
+    between = np.concatenate((np.stack(lines, -1).reshape(-1, 16, 3), joints[len(rows) :]))
+    for truth, words in ((joints, ""), (between, "its joints move along straight lines")):
+        np.savez(tmp_path / "truth.npz", joints3d=truth)
+        outcome = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path / "truth.npz"])
+        assert outcome.code == 0 and words in outcome.out
+        assert bool(metrics_of(tmp_path / "r")["notes"]) == bool(words)

@@ -46,6 +46,19 @@ def test_poses_that_are_held_for_a_few_frames(joints: Tensor, times: int) -> Non
     assert "recorded at a lower rate" in told(truth, joints)
 
 
+@pytest.mark.parametrize("fill", ["last", "mean"])
+def test_gaps_of_one_joint_that_were_filled(joints: Tensor, fill: str) -> None:
+    truth, wrist = joints.clone(), LANDMARKS.index("l_wrist")
+    truth[20:32, wrist] = truth[20, wrist] if fill == "last" else truth[:, wrist].mean(0)
+    assert "l_wrist in 12 frames at one place" in told(truth, joints)
+
+
+def test_a_foot_that_stands_is_not_filled(joints: Tensor) -> None:
+    truth = joints.clone()
+    truth[20:50, ANKLES] = truth[20, ANKLES]
+    assert "at one place" not in told(truth, truth)
+
+
 def test_a_person_who_stops_now_and_then_repeats_nothing(joints: Tensor) -> None:
     still = torch.arange(60)
     still[10:25], still[40:50] = 10, 40
