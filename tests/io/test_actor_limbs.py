@@ -63,6 +63,7 @@ def test_hips_far_apart_are_told(sam: Template) -> None:
     assert "hips to shoulders is" in told(replace(sam, bone_rest=rest))
 
 
+@pytest.mark.long
 def test_sound_characters_have_no_such_finding(sam: Template) -> None:
     assert not told(sam)
     body = load_body_model("ada")
@@ -95,18 +96,21 @@ def test_loading_such_a_character_warns(
     assert "limbs: the length of upper arms" in caplog.text
 
 
-def test_loading_one_whose_legs_move_each_other_warns(
+def test_loading_one_whose_skin_does_not_fit_warns(
     sam: Template, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     left, right = (sam.joint_bones[f"{side}_knee"] for side in "lr")
     exchanged = np.arange(len(sam.bone_names))
     exchanged[[left, right]] = right, left
     bad = replace(sam, weight_bones=exchanged[sam.weight_bones])
+    aside = replace(sam, vertices=sam.vertices + np.array([0.12, 0.0, 0.0]))
     still = np.tile(np.eye(4), (1, len(sam.bone_names), 1, 1))
-    for name, template in (("good", sam), ("bad", bad)):
+    for name, template in (("good", sam), ("bad", bad), ("aside", aside)):
         save_animation(tmp_path / f"{name}.glb", replace(template, joint_bones={}), still, 30)
     with caplog.at_level(logging.WARNING):
         load_actor(tmp_path / "good.glb")
-        assert "weights" not in caplog.text
+        assert "weights" not in caplog.text and "joints" not in caplog.text
         load_actor(tmp_path / "bad.glb")
+        load_actor(tmp_path / "aside.glb")
     assert "weights: l_knee moves what lies about r_knee" in caplog.text
+    assert "lie outside the mesh" in caplog.text
