@@ -85,6 +85,7 @@ def test_a_clavicle_rises_by_the_published_range_and_little_at_first() -> None:
     assert torch.allclose(sides[SHOULDER], right, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bones", [False, True])
 def test_closed_form_is_the_derivative(bones: bool) -> None:
     motion = random_motion(SKELETON, 3, (2,), bones=bones)

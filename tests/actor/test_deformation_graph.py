@@ -100,6 +100,7 @@ def assert_sound(graph, vertices, faces):
     assert torch.equal(weights, weights[first])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(CHARACTERS))
 def test_graph_of_a_character(name):
     template, graph = character(name)

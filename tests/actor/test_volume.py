@@ -81,6 +81,7 @@ def test_longer_bones_carry_their_gaussians_along() -> None:
     assert bool(((moved[knee, 1] < 0) == (below < 0)).all())
 
 
+@pytest.mark.long
 def test_interior_of_a_person_of_tubes() -> None:
     person = load_actor("sam")
     points = interior(person, 0.02)
@@ -112,6 +113,7 @@ def test_volumes_that_do_not_fit_are_refused() -> None:
         GaussianCentres(actor().skeleton, replace(volume, joints=volume.joints + 1))
 
 
+@pytest.mark.long
 def test_few_steps_help_and_many_fill_the_silhouettes() -> None:
     person = load_actor("sam").double()
     rng = np.random.default_rng(0)

@@ -116,6 +116,7 @@ def test_a_capture_is_no_actor(perfcap: Command, captured: Path) -> None:
     assert "capture.glb for the person in it" in perfcap(["actor", "inspect", captured]).refused()
 
 
+@pytest.mark.long
 def test_another_actor_is_not_replaced(perfcap: Command, tmp_path: Path) -> None:
     folder = tmp_path / "me"
     call = ["actor", "build", write(tmp_path / "a.glb"), "--out", folder, "--name"]

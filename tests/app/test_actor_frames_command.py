@@ -67,6 +67,7 @@ def test_what_cannot_be_picked_is_told(
     assert "not an empty folder" in line
 
 
+@pytest.mark.long
 def test_a_box_beside_the_person_is_named(film: Path, tmp_path: Path, perfcap: Command) -> None:
     """Masks then showed a piece of the wall, or half of the person, with nothing said."""
     told = []

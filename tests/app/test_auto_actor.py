@@ -199,6 +199,7 @@ def test_an_actor_leaves_no_body_of_an_older_result(
     assert not (tmp_path / "body.npz").exists() and not (tmp_path / "body.jpg").exists()
 
 
+@pytest.mark.long
 def test_a_character_is_read_and_told_of_once(
     views: Views, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,6 +233,7 @@ def test_masks_of_something_else_are_told(
     assert any(words in note for note in done.notes), done.notes
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["empty", "aside", "inverted"])
 def test_masks_of_nobody_are_refused(
     views: Views, tmp_path: Path, perfcap: Command, kind: str

@@ -161,6 +161,7 @@ def test_a_network_beside_the_list_is_taken_and_watched(
     assert "0 of them captured already" in perfcap(call).out
 
 
+@pytest.mark.long
 def test_options_that_no_capture_has_are_told_in_words(tmp_path: Path) -> None:
     log = tmp_path / "log"
     perfcap = Path(sys.executable).parent / "perfcap"

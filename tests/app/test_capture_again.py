@@ -50,6 +50,7 @@ def test_detections_are_not_replaced_by_those_of_a_part(
     assert mine.read_bytes() == before and os.listdir(out) == ["detections.npz"]
 
 
+@pytest.mark.long
 def test_detections_in_the_folder_of_a_capture_that_writes_none(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_result_and_what_it_was_captured_from_are_spared(tmp_path: Path) -> No
 # --- resume ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_files_in_a_folder_that_have_changed_since(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -161,6 +163,7 @@ def test_the_state_of_files_and_folders(tmp_path: Path, monkeypatch: pytest.Monk
 # --- what an older result left --------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_nothing_tells_of_an_older_result(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -189,6 +192,7 @@ def test_where_no_result_lies_nothing_else_is_removed(
 # --- never overwritten without being told ---------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_result_is_not_overwritten(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     assert perfcap(take.command(tmp_path, *QUICK)).code == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -217,6 +221,7 @@ def test_links_and_folders_are_refused_before_the_solve(
     assert "masks: is a link" in perfcap(take.command(tmp_path, *QUICK)).refused()
 
 
+@pytest.mark.long
 def test_two_captures_into_one_folder(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     from perfcap.io.result_folder import locked
 
@@ -278,6 +283,7 @@ def test_a_killed_capture_goes_on(
     assert result(out) == result(whole) and not (out / ".perfcap").exists()
 
 
+@pytest.mark.long
 def test_unfinished_work_can_be_dropped(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,6 +70,7 @@ def test_views_of_different_people_are_refused() -> None:
         refuse_wrong(inputs_of(mixed))
 
 
+@pytest.mark.long
 def test_networks_may_follow_different_people() -> None:
     """Cameras that are right were said to be transposed, and nothing else."""
     first, other = make_take(20, views=3), make_take(20, views=3, turns=2.0)
@@ -97,6 +98,7 @@ def test_a_preset_of_several_views_is_named_for_one() -> None:
         assert not [*preset_doubts(preset, views)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("people", "advised"), [(False, True), (True, False), (None, False)])
 def test_people_are_advised_where_there_is_such_an_option(
     tmp_path: Path, people: bool | None, advised: bool
@@ -115,6 +117,7 @@ def test_people_are_advised_where_there_is_such_an_option(
     assert len(lines) == 1 and ("--people" in lines[0]) == advised
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("people", "advised"), [(False, True), (True, False), (None, False)])
 def test_a_view_that_looks_late_may_show_somebody_else(
     tmp_path: Path, people: bool | None, advised: bool

@@ -114,6 +114,7 @@ def test_overlay_shows_every_frame(captured: Path) -> None:
 # --- options --------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_part_keeps_the_numbers_of_the_video(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -127,6 +128,7 @@ def test_a_part_keeps_the_numbers_of_the_video(
     assert report(tmp_path)["windows"][0]["frames"] == [6, 15]  # type: ignore[index]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", ["0:1", "23:", ":2"])
 def test_very_short_parts(take: TakeFiles, tmp_path: Path, perfcap: Command, frames: str) -> None:
     assert perfcap(take.command(tmp_path, "--frames", frames)).code == 0
@@ -140,6 +142,7 @@ def test_until_initialize(take: TakeFiles, tmp_path: Path, perfcap: Command) -> 
     assert sorted(os.listdir(tmp_path)) == [f for f in FILES if f != "overlay.mp4"]
 
 
+@pytest.mark.long
 def test_the_published_preset(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     assert perfcap(take.command(tmp_path, "--preset", "monoperfcap", "--no-overlay")).code == 0
     pose = yaml.safe_load((tmp_path / "config.yaml").read_text())["pose"]
@@ -222,6 +225,7 @@ def test_a_video_in_other_pixels_than_its_calibration(
         assert next(container.decode(video=0)).to_ndarray(format="rgb24").shape == (60, 80, 3)
 
 
+@pytest.mark.long
 def test_images_run_at_the_rate_of_the_camera_file(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -236,6 +240,7 @@ def test_images_run_at_the_rate_of_the_camera_file(
     assert motion(tmp_path / "out")["fps"] == 25
 
 
+@pytest.mark.long
 def test_a_camera_that_moves(tmp_path: Path, perfcap: Command) -> None:
     files = write_take(tmp_path, 20, moving=True)
     assert perfcap(files.command(tmp_path / "out", "--frames", "5:")).code == 0

@@ -26,6 +26,7 @@ def test_good_input_is_quiet(take: TakeFiles, tmp_path: Path, perfcap: Command) 
     assert outcome.code == 0 and not outcome.notes
 
 
+@pytest.mark.long
 def test_what_is_asked_for_in_vain_is_told(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -247,6 +247,7 @@ def test_actors_that_cannot_be_told_apart(
     assert any("somebody else's bones fit it almost as well" in note for note in done.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "actors", "said"),
     [

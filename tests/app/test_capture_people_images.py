@@ -130,6 +130,7 @@ def test_the_preset_of_frames(tmp_path: Path, perfcap: Command) -> None:
     assert "Between people" in (out / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_what_is_behind_one_person_is_behind_everybody(
     pair: CrowdFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ from written_files import FILES, motion, report
 # --- when something goes wrong on the way ---------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["save_overlay", "capture"])
 def test_a_crash_leaves_nothing_half_written(
     take: TakeFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
@@ -90,6 +91,7 @@ def test_ctrl_c(
 # --- frames that cannot be captured ---------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_frames_without_a_person_are_named(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -126,6 +128,7 @@ def test_wild_coordinates_are_left_out(
     assert np.isfinite(motion(tmp_path / "out")["joints3d"]).all()
 
 
+@pytest.mark.long
 def test_3d_joints_that_are_not_finite_are_left_out(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -138,6 +141,7 @@ def test_3d_joints_that_are_not_finite_are_left_out(
     assert np.linalg.norm(found - truth, axis=-1).mean() < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.9, 0.5])
 def test_a_truncated_video_is_captured_as_far_as_it_goes(
     take: TakeFiles, tmp_path: Path, perfcap: Command, share: float
@@ -173,6 +177,7 @@ def test_a_few_frames_without_detections_at_the_end_are_named(
         assert sum(1 for _ in container.decode(video=0)) == 19
 
 
+@pytest.mark.long
 def test_a_few_detections_more_than_frames_are_left_out(
     take: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:

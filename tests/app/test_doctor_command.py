@@ -137,6 +137,7 @@ def test_cameras_of_another_rate_and_joints_of_another_view(
     assert "is named after the view right, the videos are of left" in outcome.out
 
 
+@pytest.mark.long
 def test_images_have_the_rate_of_their_cameras(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,6 +160,7 @@ def test_images_have_the_rate_of_their_cameras(
         assert outcome.code == 0 and outcome.out.count("30 a second assumed") == words
 
 
+@pytest.mark.long
 def test_joints_in_pixels_of_the_video(
     take: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,6 +58,7 @@ def test_given_masks_come_out_as_they_went_in(
     assert report(tmp_path / "out")["refinement"]["given_masks"] == list(GIVEN)
 
 
+@pytest.mark.long
 def test_masks_of_something_else_in_some_frames_are_named_and_not_used(
     small: TakeFiles, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -73,6 +74,7 @@ def test_masks_of_something_else_in_some_frames_are_named_and_not_used(
     assert found["mask_confidence"][7] == 0 and min(found["mask_confidence"][:7]) == 1
 
 
+@pytest.mark.long
 def test_masks_of_all_frames_leave_nothing_to_find(
     small: TakeFiles, tmp_path: Path, perfcap: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,6 +120,7 @@ def test_masks_without_legs_are_told(small: TakeFiles, tmp_path: Path, perfcap: 
         assert not told or ("l_ankle" in told[0] and "r_ankle" in told[0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -118,6 +118,7 @@ def test_a_lens_that_is_known_stays() -> None:
     assert torch.equal(found.rig.cameras.intrinsics[7], inputs.rig.cameras.intrinsics)
 
 
+@pytest.mark.long
 def test_a_camera_at_rest_stays() -> None:
     inputs = given(0.0)
     found, views = settled(inputs, sync=False, refine=False, assumed=True)

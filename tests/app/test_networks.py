@@ -90,6 +90,7 @@ def test_an_empty_room_is_named(detecting: Detecting, tmp_path: Path) -> None:
         detect_everybody(Clip.open(folders), detecting, make_take(1, views=2).cameras)
 
 
+@pytest.mark.long
 def test_a_finder_is_the_first_default_network_of_several_people() -> None:
     videos = (Path("a.mp4"), Path("b.mp4"))
     alone, pair = Capture(videos=videos), Capture(videos=videos, people=2)

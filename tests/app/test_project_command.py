@@ -65,6 +65,7 @@ def test_a_recording_of_freemocap_is_captured(
     assert perfcap(["report", tmp_path / "out"]).code == 0  # it finds the cameras again
 
 
+@pytest.mark.long
 def test_doctor_looks_at_a_project(take: Take, tmp_path: Path, perfcap: Command) -> None:
     project = write_pose2sim(tmp_path / "walk", take)
     outcome = perfcap(["doctor", project])

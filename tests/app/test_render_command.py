@@ -90,6 +90,7 @@ def test_a_turntable(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     assert len(frames(tmp_path / "a.mp4")) == 15
 
 
+@pytest.mark.long
 def test_the_captured_surface_is_what_is_drawn(
     folder: Path, tmp_path: Path, perfcap: Command
 ) -> None:

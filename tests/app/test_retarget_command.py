@@ -60,6 +60,7 @@ def test_a_capture_on_another_character(
     assert np.abs(apart - apart.mean((0, 1))).max() < 0.03
 
 
+@pytest.mark.long
 def test_what_no_person_does_is_told(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     """A capture that was not trusted, and a clip whose places and times are in other units."""
     doubted = Path(shutil.copytree(captured, tmp_path / "doubted"))
@@ -106,6 +107,7 @@ def test_a_root_in_another_unit_than_the_bones_is_told(tmp_path: Path, perfcap: 
         assert all(line in kept for line in found)
 
 
+@pytest.mark.long
 def test_what_is_told_is_kept(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     """In the result and on its page; as of a capture, doubts alone are no failure."""
     assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path, "--name", "b"]).code == 0
@@ -151,6 +153,7 @@ def test_places_that_no_person_is_in_are_told() -> None:
         assert any(words in line for line in places_doubts(case))
 
 
+@pytest.mark.long
 def test_part_of_a_moving_character(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     call = ["retarget", captured / "capture.glb", "--actor", "sam", "--out", tmp_path / "out"]
     assert perfcap([*call, "--frames", "3:9", "--floor", "none"]).code == 0

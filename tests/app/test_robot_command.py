@@ -19,6 +19,7 @@ from perfcap.pipeline.joint_motion import JointMotion
 from perfcap.pipeline.retargeting import retarget
 
 
+@pytest.mark.long
 def test_a_capture_on_a_robot(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     """Within limits, in the robot's own angles, and alike in all files."""
     robot, out = robots.write(tmp_path)["xml"], tmp_path / "out"

@@ -117,6 +117,7 @@ def test_files_are_level_where_the_floor_is_asked_for(
     assert perfcap([*drawn, "--up", "floor", "--out", tmp_path / "b.mp4"]).code == 0
 
 
+@pytest.mark.long
 def test_people_stay_together_on_another_character(
     captured: Path, tmp_path: Path, perfcap: Command
 ) -> None:
@@ -164,6 +165,7 @@ def test_whoever_stands_on_a_stage_stays_there(
         assert one.floor is None or float(one.floor.height) == pytest.approx(height)
 
 
+@pytest.mark.long
 def test_whoever_lies_in_a_retargeted_motion_lies_in_the_next(
     captured: Path, tmp_path: Path, perfcap: Command
 ) -> None:

@@ -69,6 +69,7 @@ def test_adapts_a_network_and_goes_on(perfcap: Command, call: list[object], tmp_
     assert OnnxDetector(tmp_path / "a" / "model").manifest.file.sha256 == written.file.sha256
 
 
+@pytest.mark.long
 def test_what_cannot_be_adapted_is_refused(
     perfcap: Command, call: list[object], tmp_path: Path
 ) -> None:

@@ -60,6 +60,7 @@ def test_order_of_slots_does_not_matter() -> None:
         assert torch.equal(a.joints2d, b.joints2d) and torch.equal(a.confidence2d, b.confidence2d)
 
 
+@pytest.mark.long
 def test_people_are_what_their_slots_hold() -> None:
     crowd = make_crowd(2, spoil=0.2)
     found = associate(crowd.cameras, crowd.candidates, RATE)
@@ -96,6 +97,7 @@ def test_limbs_come_back(views: int) -> None:
         assert dropped == (4 if person == 1 else 0)
 
 
+@pytest.mark.long
 def test_a_stranger_in_one_view_is_left_out() -> None:
     crowd = make_crowd(4, stranger=True)
     found = associate(crowd.cameras, crowd.candidates, RATE)
@@ -103,6 +105,7 @@ def test_a_stranger_in_one_view_is_left_out() -> None:
     assert any("view 0" in note and "no other view" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_a_blind_view_is_no_trouble() -> None:
     crowd = without_owner(make_crowd(5), view=1)
     found = associate(crowd.cameras, crowd.candidates, RATE)
@@ -110,6 +113,7 @@ def test_a_blind_view_is_no_trouble() -> None:
     assert all((each.confidence2d[:, 1] == 0).all() for each in found.people)
 
 
+@pytest.mark.long
 def test_a_candidate_listed_twice_counts_once() -> None:
     crowd = make_crowd(6)
     doubled = crowd.candidates.map(lambda each: torch.cat((each, each)))
@@ -150,6 +154,7 @@ def test_the_best_seen_are_kept_of_more_than_are_wanted() -> None:
     assert not any("no other view confirms" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_fewer_people_than_are_wanted() -> None:
     crowd = make_crowd(0)
     with pytest.raises(InputError, match="3 are wanted, 2 are seen"):
@@ -170,6 +175,7 @@ def test_exchanged_views_are_named(views: int) -> None:
     assert any(words in note for note in notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", [0, 2])
 def test_sides_that_are_swapped_in_a_view_are_named(view: int) -> None:
     crowd = make_crowd(1, views=3)
@@ -181,6 +187,7 @@ def test_sides_that_are_swapped_in_a_view_are_named(view: int) -> None:
     assert notes[0].startswith(f"left and right joints look swapped in view {view} (counted")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scale", "size"), [(0.5, "half"), (2 / 3, "two thirds of"), (2.0, "twice")]
 )

@@ -73,6 +73,7 @@ def test_a_passer_by_does_not_take_over_at_once() -> None:
     assert errors(found.joints2d[2, 0], 64, 120, 100, 0).max() < 3
 
 
+@pytest.mark.long
 def test_who_turns_up_elsewhere_is_doubted(caplog: pytest.LogCaptureFixture) -> None:
     """A jumper was lost, and a walker captured in their place, without a word."""
     here, gone, there = draw((60, 120, 100, 0)), draw(), draw((250, 130, 100, 0))

@@ -67,6 +67,7 @@ def test_joints_are_found_and_followed(models: dict[str, OnnxDetector], name: st
     assert landmark_error(models[name], images, joints) < coarse
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", WITH_2D)
 def test_sides_are_settled_by_motion(models: dict[str, OnnxDetector], name: str) -> None:
     """A person whose left and right are painted the other way round in three of twelve frames."""
@@ -205,6 +206,7 @@ def test_channels_in_the_other_order(tmp_path: Path) -> None:
 # --- following ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_person_who_leaves_is_unseen_and_found_again(models: dict[str, OnnxDetector]) -> None:
     images, joints = scene(models["vitpose"], 5)
     images[2:4] = 0
@@ -235,6 +237,7 @@ def test_a_box_says_which_of_two(models: dict[str, OnnxDetector]) -> None:
         assert (apart.norm(dim=-1) < 1).all()
 
 
+@pytest.mark.long
 def test_views_are_followed_one_by_one_and_floats_are_bytes(
     models: dict[str, OnnxDetector],
 ) -> None:

@@ -118,6 +118,7 @@ def test_inputs_of_networks(
         assert found.dtype == expected.dtype and np.array_equal(found, expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [1, 3, 17])
 def test_mirror_images_in_one_batch(count: int) -> None:
     """A look and its mirror image are what two looks are."""

@@ -192,6 +192,7 @@ def test_a_detector_is_no_segmenter():
         OnnxSegmenter(models_folder() / "detectors" / "blazepose")
 
 
+@pytest.mark.long
 def test_the_shipped_one_finds_the_dancer():
     network = OnnxSegmenter(models_folder() / "detectors" / "blazepose" / "segmenter.toml")
     dancer = demo()

@@ -20,6 +20,7 @@ def test_right_views_of_unsure_joints(seed: int, views: int, noise: float) -> No
     assert view_doubts(crowd.cameras, crowd.candidates, AssociationConfig()) == ()
 
 
+@pytest.mark.long
 def test_a_few_frames_say_nothing() -> None:
     crowd = make_crowd(1)
     exchanged = crowd.candidates.select([3, 1, 2, 0])

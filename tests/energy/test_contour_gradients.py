@@ -77,6 +77,7 @@ def test_second_derivative_against_differences(widths: bool) -> None:
     torch.testing.assert_close(found, found.mT)
 
 
+@pytest.mark.long
 def test_kernels_bend_like_plain_torch() -> None:
     energy, points = seen(truth(), 60)
     here = wider(points(near(truth())))
@@ -167,6 +168,7 @@ def test_gradients_reach_images_and_detections_through_a_solve() -> None:
         assert float((slopes[which] * move).sum()) == pytest.approx(change, rel=1e-4)
 
 
+@pytest.mark.long
 def test_newton_ends_where_bounds_on_the_curvature_have_not() -> None:
     energy, _ = seen(truth(), 90)
     energy.weight = torch.tensor(0.2, dtype=F64)

@@ -282,6 +282,7 @@ def test_fields_of_any_type(kind: torch.dtype) -> None:
     torch.testing.assert_close(*values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("twin", [False, True])
 def test_what_is_no_number_is_not_a_good_contour(twin) -> None:
     """A body without widths, or a frame without places, cost nothing at all."""

@@ -201,6 +201,7 @@ def test_rotations_follow_translations(graph):
     assert (solution.state.rotation - turn).abs().max() < 0.2
 
 
+@pytest.mark.long
 def test_minimum_is_that_of_the_dense_method(graph):
     nodes, target = bent(graph)
     start = random_deformation(size=0.1)

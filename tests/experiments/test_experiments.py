@@ -30,6 +30,7 @@ def test_every_script_is_run_by_all_of_them() -> None:
     assert not set(everything.SMALL) & set(everything.LONG)
 
 
+@pytest.mark.long
 def test_every_script_is_listed_once_by_what_it_asks() -> None:
     call = [sys.executable, "-m", "experiments"]
     done = subprocess.run([*call, "list"], cwd=FOLDER.parent, capture_output=True, text=True)

@@ -75,6 +75,7 @@ def test_float32_stays_accurate_near_the_identity() -> None:
         assert (back.double() - exact).norm(dim=-1).max() < 3e-7 * angle
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, math.pi - 1e-3, math.pi])
 def test_derivatives_are_finite_and_right(angle: float) -> None:
     rotvec = (angle * directions(2)).requires_grad_()

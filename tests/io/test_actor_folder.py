@@ -75,6 +75,7 @@ def test_limits_of_an_actor_are_kept(tmp_path: Path) -> None:
     assert manifest.shape_space == "shape.npz" and find_actor(tmp_path / "stiff").generic
 
 
+@pytest.mark.long
 def test_limits_beside_a_mesh_whose_joints_are_found(tmp_path: Path) -> None:
     """A manifest may say nothing of joints, as that of the shipped actor."""
     shutil.copytree(models_folder() / "actors" / "sam", tmp_path / "sam")

@@ -40,6 +40,7 @@ def test_zeros_that_pack_well_are_refused_before_they_are_unpacked(tmp_path: Pat
     assert "unpacks to" in words and peak < 4 * MEBIBYTE
 
 
+@pytest.mark.long
 def test_names_count_as_well(tmp_path: Path) -> None:
     path = tmp_path / "detections.npz"
     names = np.zeros(60, f"U{MEBIBYTE}")

@@ -190,6 +190,7 @@ def test_stream_without_time_stamps(tmp_path: Path, video: Path) -> None:
     assert [number(raw.read(i, i + 1)[0]) for i in (50, 3, 79)] == [50, 3, 79]
 
 
+@pytest.mark.long
 @needs_data
 def test_real_videos() -> None:
     clip = Clip.open(DATA / "rendered/dev_tight/video.mp4")

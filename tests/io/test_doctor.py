@@ -44,6 +44,7 @@ def test_one_file_for_two_views_is_named() -> None:
     assert "same joints to the last digit" in finding.what
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", range(VIEWS))
 @pytest.mark.parametrize("degrees", [8, 30])
 def test_a_turned_camera_is_named(view: int, degrees: float) -> None:
@@ -62,6 +63,7 @@ def test_a_wrong_focal_length_is_named() -> None:
     )
 
 
+@pytest.mark.long
 def test_two_bad_cameras_of_six() -> None:
     good = rig()
     both = [0, 1, 2, 3, 0, 1]
@@ -83,6 +85,7 @@ def test_camera_to_world_is_recognised() -> None:
     assert finding.subject == "cameras" and "camera-to-world" in finding.what
 
 
+@pytest.mark.long
 def test_half_of_an_inverse_is_recognised() -> None:
     upright = rig().cameras  # cameras that turn about one axis alone fit mirrored, too
     world = rotvec_to_matrix(torch.tensor([0.5, 0.3, 0.9], dtype=torch.float64))
@@ -171,6 +174,7 @@ def test_a_late_view_is_named() -> None:
     assert finding.subject == "cam1" and "5 or so frames late" in finding.what
 
 
+@pytest.mark.long
 def test_other_image_sizes_are_named() -> None:
     half = detections()
     finding = one(examine_agreement(rig(), replace(half, joints2d=half.joints2d / 2)))
@@ -183,6 +187,7 @@ def test_other_image_sizes_are_named() -> None:
     assert finding.subject == "cam2" and "image 2 times" in finding.what
 
 
+@pytest.mark.long
 def test_units() -> None:
     good = rig()
     translation = good.cameras.translation[1] * 1000

@@ -36,6 +36,7 @@ def written(path: Path, pictures: np.ndarray, crf: str = "18") -> Clip:
     return Clip.open(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("crf", ["5", "23"])
 def test_two_moments_in_a_frame(tmp_path: Path, pictures: np.ndarray, crf: str) -> None:
     clip = written(tmp_path / "a.mp4", interlaced(pictures), crf)

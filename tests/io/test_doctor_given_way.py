@@ -49,6 +49,7 @@ def drifting(camera: Camera, degrees: float) -> Camera:
     return replace(camera, rotation=turn @ camera.rotation, translation=moved)
 
 
+@pytest.mark.long
 def test_a_drift_is_named_with_its_frames() -> None:
     found = one(examined(ROOM, drifting(ROOM.camera, 3.0), first=200))
     assert found.severity is Severity.WARNING and found.subject == "phone"
@@ -57,15 +58,18 @@ def test_a_drift_is_named_with_its_frames() -> None:
     assert "moves otherwise" in found.what and "solve the camera again" in found.remedy
 
 
+@pytest.mark.long
 def test_a_lens_that_zooms() -> None:
     assert "K of every frame" in one(examined(Room(zoom=1.3))).remedy
 
 
+@pytest.mark.long
 def test_a_way_that_runs_backwards() -> None:
     found = one(examined(ROOM, ROOM.camera.frames(torch.arange(FRAMES).flip(0))))
     assert "as the poses do in reverse" in found.what and "first frame's pose" in found.remedy
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("late", "said"), [(8, "8 frames before"), (-5, "5 frames later")])
 def test_poses_of_other_frames_say_which(late: int, said: str) -> None:
     frames = (torch.arange(FRAMES) + late).clamp(0, FRAMES - 1)
@@ -104,6 +108,7 @@ def test_distortion_is_taken_out() -> None:
     one(examined(bent, replace(bent.camera, distortion=None)))
 
 
+@pytest.mark.long
 def test_each_of_several_views_is_looked_at() -> None:
     class Both:
         def __len__(self) -> int:

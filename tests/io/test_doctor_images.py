@@ -39,6 +39,7 @@ def spoiled(views: range, change: Callable[[Tensor], Tensor]) -> Detections:
     return replace(good, joints2d=joints)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -37,6 +37,7 @@ def said(frames: int, pixels: Tensor | None = None) -> list[str]:
     return [each.what for each in found]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("frames", "words"), [(3, "3 or so frames late"), (-4, "4 or so frames e")]
 )
@@ -45,10 +46,12 @@ def test_joints_of_other_frames(frames: int, words: str) -> None:
     assert words in line
 
 
+@pytest.mark.long
 def test_right_joints() -> None:
     assert said(0) == said(1) == []
 
 
+@pytest.mark.long
 def test_joints_of_the_other_side() -> None:
     other = SEEN.joints2d[..., OPPOSITE, :], SEEN.confidence2d[..., OPPOSITE]
     (found,) = examine_looks(CLIP, other[1], other[0])
@@ -58,6 +61,7 @@ def test_joints_of_the_other_side() -> None:
     assert examine_looks(CLIP, SEEN.confidence2d, some) == []
 
 
+@pytest.mark.long
 def test_joints_of_another_video() -> None:
     """Upside down they are in the right place."""
     middle = SEEN.joints2d.mean(-2, keepdim=True)
@@ -77,6 +81,7 @@ def test_where_the_network_sees_nobody() -> None:
     assert said(5, torch.full_like(SEEN.joints2d, torch.nan)) == []
 
 
+@pytest.mark.long
 def test_whatever_the_camera_does() -> None:
     """Before a camera that moves, or is said to, no check of moving pixels says anything."""
     count = SEEN.frame_count

@@ -31,6 +31,7 @@ def said(pixels: Tensor, confidence: Tensor, poses: Tensor) -> list[str]:
     return [line for line in input_doubts(CAMERAS, seen) if "mirror images" in line]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", [slice(0, 40), slice(40, 80), slice(80, 120)])
 def test_joints_that_are_mirrored_in_2d_or_3d_alone(part: slice) -> None:
     """As where images are flipped to have more of them, with one kind of joints forgotten."""

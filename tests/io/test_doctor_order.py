@@ -47,6 +47,7 @@ def test_a_capture_says_so() -> None:
     assert not any("jump" in line for line in told)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [12, 30, 90])
 def test_images_that_do_not_follow_one_another_are_named(count: int) -> None:
     """As in a shuffled batch; by 3D poses where nothing is seen in an image."""

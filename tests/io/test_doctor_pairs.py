@@ -42,6 +42,7 @@ def named(findings: list[Finding]) -> list[str]:
     return sorted(pair.split(" and ")[0].removeprefix("l_") for pair in pairs)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("names", [*((name,) for name in PAIRS), ("wrist", "toe")])
 def test_exchanged_joints_are_named(names: tuple[str, ...]) -> None:
     take = make_take(60, views=3)

@@ -62,6 +62,7 @@ def looked_at(source: Filmed) -> list[Finding]:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "later",
     [wall(1), np.roll(wall(0), (2, 3), (0, 1)), cv2.resize(wall(0)[40:200, 40:200], (SIDE, SIDE))],
@@ -118,6 +119,7 @@ def test_somebody_who_goes_by_is_no_cut() -> None:
     assert looked_at(Filmed(wall(1), until=CUT + 20)) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at_end", [True, False])
 def test_a_few_frames_of_little_at_an_end(at_end: bool) -> None:
     """Frames behind the last one, or before the first, were asked for."""
@@ -128,6 +130,7 @@ def test_a_few_frames_of_little_at_an_end(at_end: bool) -> None:
     assert looked_at(filmed) == []
 
 
+@pytest.mark.long
 def test_the_demo_is_one_shot() -> None:
     clip = Clip.open(DEMO / "video.mp4")
     seen, _ = read_detections([DEMO / "detections.npz"], views=("camera",))

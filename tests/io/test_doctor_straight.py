@@ -90,6 +90,7 @@ def test_whole_pixels_are_not() -> None:
     assert not told(drift.round())
 
 
+@pytest.mark.long
 def test_every_way_in_names_them() -> None:
     seen = TAKE.detections
     assert seen.joints3d is not None

@@ -53,6 +53,7 @@ def spoil(change: Callable[[Tensor], Tensor], view: int) -> Callable[[Tensor], N
     return spoiled
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", range(3))
 @pytest.mark.parametrize("views", [3, 4])
 @pytest.mark.parametrize(
@@ -107,6 +108,7 @@ def test_of_two_views_that_fit_alike_with_sides_exchanged_the_right_one_is_named
     assert finding.subject == "cam06" and "in frames 25-35" in finding.what
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not TAKE.exists(), reason="needs the shared data beside this tree")
 @pytest.mark.parametrize("start", [10, 18])
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
@@ -126,6 +128,7 @@ def test_two_of_three_views_are_exchanged_in_half_of_the_clip(
     assert finding.frames[0] == start and finding.frames[-1] >= 33
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [3, 4])
 def test_sides_that_change_places_in_all_views(views: int) -> None:
     """Rays cross as well as before: the motion shows it, and the feet which frames are wrong."""

@@ -81,6 +81,7 @@ def test_exchanged_axes_without_poses_lie_on_the_side() -> None:
 # --- several views ------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", [10, -7])
 def test_a_view_that_is_far_from_synchronous_is_named(frames: int) -> None:
     take = make_take(60, views=4, turns=0.2)
@@ -143,6 +144,7 @@ def painted(frames: int) -> tuple[Clip, Detections]:
     return Clip([Painted(limbs.reshape(len(ends), -1, 2), (120, 120))], 30.0), late(seen, frames)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", [0, 10, -10])
 def test_joints_of_other_frames_of_the_video(frames: int) -> None:
     clip, seen = painted(frames)
@@ -224,6 +226,7 @@ def test_joints_of_a_video_that_was_turned(name: str, turns: int) -> None:
     assert f"joints look {name} turned" in finding.what
 
 
+@pytest.mark.long
 def test_the_demo_is_in_time_and_a_shift_of_it_is_not() -> None:
     clip, seen = demonstrated()
     assert examine_footage(clip, clip.sizes, seen, seen.joints2d) == []

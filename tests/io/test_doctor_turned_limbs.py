@@ -31,6 +31,7 @@ def exchanged(seen: Detections, limbs: str, there: slice) -> Detections:
     return replace(seen, joints2d=joints, confidence2d=confidence)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limbs", ["arms", "legs"])
 @pytest.mark.parametrize("there", [slice(6, 16), slice(12, FRAMES), slice(0, 9)])
 @pytest.mark.parametrize("views", [2, 4])
@@ -44,6 +45,7 @@ def test_limbs_that_are_exchanged_for_a_while(views: int, there: slice, limbs: s
     assert len(set(finding.frames) ^ set(range(FRAMES)[there])) <= 1
 
 
+@pytest.mark.long
 @needs_data
 @pytest.mark.parametrize(
     ("name", "limbs", "start", "stop"),

@@ -72,6 +72,7 @@ def test_poses_that_are_mirror_images_for_a_while(change: Change, words: str, th
     assert finding.frames == tuple(range(FRAMES))[there] and finding.views == (0,)
 
 
+@pytest.mark.long
 @needs_data
 @pytest.mark.parametrize(
     ("name", "start", "stop"),

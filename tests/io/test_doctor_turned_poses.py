@@ -35,6 +35,7 @@ def test_poses_in_other_axes_are_named(degrees: float, axis: int) -> None:
     assert "axes of this camera, not those of gravity" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frames", [10, 60])
 def test_poses_in_their_own_axes_are_not(frames: int) -> None:
     assert not told(0, 0, frames)

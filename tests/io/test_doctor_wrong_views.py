@@ -60,6 +60,7 @@ MISTAKES: dict[str, tuple[Callable[[Tensor], None], tuple[int, ...]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", MISTAKES)
 def test_of_four_views(what: str) -> None:
     change, views = MISTAKES[what]
@@ -136,6 +137,7 @@ def test_what_is_corrected_is_not_doubted() -> None:
         assert found and not any(each.views for each in found)
 
 
+@pytest.mark.long
 def test_joints_that_are_held_for_long() -> None:
     """In a clip of any length, but not those between frames that a detector looked at."""
     seen = make_take(400, views=1).detections

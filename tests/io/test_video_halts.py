@@ -49,6 +49,7 @@ def found(clip: Clip) -> list[Finding]:
     return examine_halts(clip, clip.names, clip.start)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("crf", ["5", "18", "24"])
 def test_pictures_that_are_stored_twice(tmp_path: Path, pictures: np.ndarray, crf: str) -> None:
     twice = [frame // 2 for frame in range(FRAMES)]
@@ -58,12 +59,14 @@ def test_pictures_that_are_stored_twice(tmp_path: Path, pictures: np.ndarray, cr
     assert "setpts=N/15/TB -r 15" in told.remedy
 
 
+@pytest.mark.long
 def test_film_in_a_faster_video(tmp_path: Path, pictures: np.ndarray) -> None:
     """Four pictures in five frames, as converters make 30 a second of 24."""
     (told,) = examined(tmp_path / "a.mp4", pictures, [4 * f // 5 for f in range(FRAMES)])
     assert "24 pictures a second" in told.what and "frames 1, 6, 11" in told.what
 
 
+@pytest.mark.long
 def test_a_webcam_in_the_dark(tmp_path: Path, pictures: np.ndarray) -> None:
     """It has a new picture now and then: without the others, times would be wrong all the more."""
     shown = np.maximum.accumulate(
@@ -73,6 +76,7 @@ def test_a_webcam_in_the_dark(tmp_path: Path, pictures: np.ndarray) -> None:
     assert "15 pictures a second" in told.what and "ffmpeg" not in told.remedy
 
 
+@pytest.mark.long
 def test_a_picture_that_is_held(tmp_path: Path, pictures: np.ndarray) -> None:
     """Within the clip, and at its end."""
     shown = [*range(20), *[20] * 12, *range(32, 50), *[50] * 10]
@@ -83,6 +87,7 @@ def test_a_picture_that_is_held(tmp_path: Path, pictures: np.ndarray) -> None:
     assert told.frames == () and "(frames 26-31)" in told.what and "a second" not in told.what
 
 
+@pytest.mark.long
 def test_frames_as_they_were_filmed(tmp_path: Path, pictures: np.ndarray) -> None:
     """Also a few that are repeated, as where 29.97 pictures became 30, and who comes to rest."""
     assert found(Clip.open(DEMO)) == []
@@ -105,6 +110,7 @@ def test_a_clip_in_which_nobody_moves(tmp_path: Path, pictures: np.ndarray) -> N
     assert examined(tmp_path / "a.mp4", pictures, [0] * FRAMES) == []
 
 
+@pytest.mark.long
 def test_ten_bits(tmp_path: Path, pictures: np.ndarray) -> None:
     """As phones record them."""
     path = tmp_path / "a.mkv"
@@ -120,6 +126,7 @@ def test_ten_bits(tmp_path: Path, pictures: np.ndarray) -> None:
     assert "15 pictures a second" in told.what
 
 
+@pytest.mark.long
 def test_a_view_that_is_late(tmp_path: Path, pictures: np.ndarray) -> None:
     """``--sync auto`` reads it from other frames on."""
     examined(tmp_path / "a.mp4", pictures, [*range(20), *[20] * 12, *range(32, FRAMES)])

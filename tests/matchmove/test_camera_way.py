@@ -26,6 +26,7 @@ def centres(rotation: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArra
     return -np.einsum("fji,fj->fi", rotation, shift)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wild", [0.0, 0.3])
 def test_a_camera_that_walks_is_found_with_its_lens(wild: float) -> None:
     truth = filmed(walk=1.2, wild=wild)
@@ -53,6 +54,7 @@ def test_a_camera_on_a_tripod_only_turns() -> None:
     assert degrees(found, truth).max() < 0.6
 
 
+@pytest.mark.long
 def test_a_known_lens_stays() -> None:
     truth = filmed(walk=1.0)
     lens = (FOCAL, MIDDLE, MIDDLE)
@@ -61,6 +63,7 @@ def test_a_known_lens_stays() -> None:
     assert degrees(found, truth).max() < 0.6
 
 
+@pytest.mark.long
 def test_shrunk_images_are_seen_by_the_same_camera() -> None:
     truth = filmed(walk=1.0)
     whole = find_way(truth.sightings, truth.frames, LENS, RATE)
@@ -96,6 +99,7 @@ def test_the_same_sightings_give_the_same_bits() -> None:
     assert np.array_equal(one.translation, two.translation)
 
 
+@pytest.mark.long
 def test_too_little_shows_nothing() -> None:
     truth = filmed(points=8)
     assert find_way(truth.sightings, truth.frames, LENS, RATE) is None
@@ -108,6 +112,7 @@ def test_too_little_shows_nothing() -> None:
     assert find_way(replace(cut.sightings, pixels=noise), cut.frames, LENS, RATE) is None
 
 
+@pytest.mark.long
 def test_a_frame_that_fits_no_other_has_no_way() -> None:
     """It ended in the linear algebra: nothing was left to turn this frame by."""
     truth = filmed(walk=1.2, points=400)

@@ -114,6 +114,7 @@ def test_vertices_and_surfaces_equal_the_reference(score, surfaces):
     assert error.surface == pytest.approx(expected["surface_transl_mm"], rel=0.02)
 
 
+@pytest.mark.long
 def test_masks_equal_the_reference(score):
     frames = [40, 99]
     truth = np.stack(

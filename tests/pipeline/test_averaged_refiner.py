@@ -51,6 +51,7 @@ def test_a_mean_of_whole_numbers_is_refused() -> None:
     assert torch.equal(joints(other), expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("listed", [False, True])
 def test_derivatives_forwards_are_refused(listed: bool) -> None:
     """They were others than those of backward(), and of central differences."""

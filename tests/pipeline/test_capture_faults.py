@@ -117,6 +117,7 @@ def test_missing_frames_are_named_and_filled(take: Take) -> None:
     assert error[20:30].max() < 60
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [slice(0, 10), slice(50, 60)])
 def test_missing_ends_hold_on(take: Take, clean: Performance, gap: slice) -> None:
     performance = run(take, without(take.detections, gap))
@@ -138,6 +139,7 @@ def test_a_window_with_nothing_in_it_spoils_no_other() -> None:
     assert error[:50].mean() < 20 and error[140:].mean() < 20
 
 
+@pytest.mark.long
 def test_two_joints_are_nobody(take: Take) -> None:
     confidence = take.detections.confidence2d.clone()
     confidence[10, 0, 2:] = 0
@@ -146,6 +148,7 @@ def test_two_joints_are_nobody(take: Take) -> None:
     assert performance.gaps == ((10, 11),)
 
 
+@pytest.mark.long
 def test_a_view_without_the_person_leaves_the_others() -> None:
     pair = make_take(60, views=2, lifted=False)
     performance = run(pair, without(pair.detections, slice(20, 23), slice(1, 2)))

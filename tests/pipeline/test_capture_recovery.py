@@ -153,6 +153,7 @@ def test_until_initialize_solves_no_window() -> None:
     assert take.error_mm(performance.joints()).median() < 2
 
 
+@pytest.mark.long
 def test_progress_tells_every_stage_to_its_end() -> None:
     told: list[tuple[str, int, int]] = []
     run(make_take(60), progress=lambda *what: told.append(what))

@@ -189,6 +189,7 @@ def test_records_of_something_else_are_one_line(filmed: Filmed, tmp_path: Path) 
         filmed.run(Checkpoint(tmp_path))
 
 
+@pytest.mark.long
 def test_bone_lengths_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     take = make_take(8, views=2)
     parts = (take.actor, take.cameras, take.detections, take.rate)

@@ -107,6 +107,7 @@ def spoiled(take: Take, mistake: str) -> Performance:
     return captured(take, replace(take.detections, joints2d=joints))
 
 
+@pytest.mark.long
 def test_a_view_that_is_wrong_throughout() -> None:
     """The motion is trusted as far as the other views bear it out."""
     take = make_take(40, views=3, lifted=False)
@@ -135,6 +136,7 @@ def test_joints_of_one_view_that_are_held() -> None:
     assert third is not None and not third.doubtful
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("late", "other", "words"),
     [(0, False, ""), (8, False, "frames late"), (0, True, "left and right look exchanged")],

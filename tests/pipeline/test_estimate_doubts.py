@@ -86,6 +86,7 @@ def test_joints_of_the_world_are_named() -> None:
         layer(cameras, joints3d=world)
 
 
+@pytest.mark.long
 def test_good_joints_are_not() -> None:
     coco = torch.zeros(*LOCAL.shape[:2], len(COCO17), 3, dtype=LOCAL.dtype)
     pixels = torch.zeros(*LOCAL.shape[:2], len(COCO17), 2, dtype=LOCAL.dtype)
@@ -148,6 +149,7 @@ def test_an_actor_of_another_size_than_views_show() -> None:
         layer(two.cameras, middle + 0.6 * (pixels - middle))
 
 
+@pytest.mark.long
 def test_3d_joints_alone_of_several_views() -> None:
     """No joint is expected in the images; cameras in another order, and no place, are named."""
     two = make_take(12, views=2)

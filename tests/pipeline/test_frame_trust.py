@@ -87,6 +87,7 @@ def test_poses_that_are_said_to_be_far_off() -> None:
     assert 15 <= start <= 22 and 28 <= stop <= 34 and "not sure of them" in reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [2, 4])
 def test_a_joint_that_no_view_bears_out_is_named_in_several(views: int) -> None:
     """Other joints of many views that agree do not make up for it."""
@@ -103,6 +104,7 @@ def test_a_joint_that_no_view_bears_out_is_named_in_several(views: int) -> None:
     assert (trust.value[31:] > THRESHOLD).all()
 
 
+@pytest.mark.long
 def test_a_neck_that_is_defined_otherwise_says_nothing_of_frames() -> None:
     """Some detectors call the middle of the shoulders so, and actors a joint far above it."""
     take = make_take(40, views=3)

@@ -90,6 +90,7 @@ def test_a_frozen_frame_is_read_and_lit_once(monkeypatch: pytest.MonkeyPatch) ->
     assert len(lit) == 1 and len(calls) == 2
 
 
+@pytest.mark.long
 def test_long_captures_are_read_in_blocks() -> None:
     spans = []
 

@@ -65,6 +65,7 @@ def test_a_view_that_never_sees_the_person_changes_nothing() -> None:
         assert torch.equal(getattr(both, name), getattr(alone, name))
 
 
+@pytest.mark.long
 def test_views_that_hand_the_person_over_start_as_each_alone() -> None:
     take = pair()
     early = without(take.detections, slice(6, None), FIRST)

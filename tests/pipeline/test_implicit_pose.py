@@ -153,6 +153,7 @@ def test_bounds_act() -> None:
     assert int(((here <= lower) | (here >= upper)).sum()) >= 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_full_hessian_is_exact(name: str) -> None:
     value = getattr(WINDOW, name)

@@ -25,6 +25,7 @@ def swapped(detections: Detections, view: int, frames: slice) -> Detections:
     return replace(detections, joints2d=pixels)
 
 
+@pytest.mark.long
 def test_the_published_two_stages_find_the_motion() -> None:
     take = make_take(45, views=3, lifted=False)
     found = capture(take.actor, take.cameras, take.detections, take.rate, PRESETS["muvs2017"])

@@ -51,6 +51,7 @@ def test_motion_and_surface_come_from_one_solve(start: Performance, masks: torch
     assert not found.vertices().requires_grad
 
 
+@pytest.mark.long
 def test_gradients_reach_masks_and_detections(start: Performance, masks: torch.Tensor) -> None:
     soft = (0.1 + 0.8 * masks).requires_grad_()
     pixels = start.detections.joints2d.clone().requires_grad_()
@@ -99,6 +100,7 @@ def test_detections_of_other_frames_are_named(start: Performance, masks: torch.T
         refine_jointly(start, masks, detections=moved, config=QUICK)
 
 
+@pytest.mark.long
 def test_gradients_reach_cameras_alone(start: Performance, masks: torch.Tensor) -> None:
     """Without the graph of the solve nothing would reach them, and an actor's only in part."""
     shift = VIEWS.translation.clone().requires_grad_()

@@ -2,6 +2,7 @@
 
 import warnings
 
+import pytest
 import torch
 from takes import make_take
 from torch import Tensor
@@ -32,6 +33,7 @@ def test_joints_in_another_order_are_named() -> None:
     assert any("order of the joint set" in line for line in lines)
 
 
+@pytest.mark.long
 def test_joints_in_their_order_are_not() -> None:
     noise = torch.randn(PIXELS.shape, generator=torch.Generator().manual_seed(0))
     for size in (0.0, 5.0):

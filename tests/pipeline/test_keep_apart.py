@@ -45,6 +45,7 @@ def moved(actor: Actor, one: Motion, other: Motion) -> Tensor:
     return (actor.joints(one) - actor.joints(other)).norm(dim=-1).amax(-1)
 
 
+@pytest.mark.long
 def test_they_touch_and_do_not_pass(sam: Actor) -> None:
     given = beside(sam)
     found = list(keep_apart([sam, sam], given, ApartConfig()))
@@ -58,6 +59,7 @@ def test_they_touch_and_do_not_pass(sam: Actor) -> None:
             assert torch.equal(new.angles[frame], old.angles[frame]) and far[frame] == 0
 
 
+@pytest.mark.long
 def test_who_is_named_first_does_not_matter(sam: Actor) -> None:
     given = beside(sam)
     one = keep_apart([sam, sam], given, ApartConfig())

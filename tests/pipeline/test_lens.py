@@ -29,6 +29,7 @@ def with_lens(cameras: Camera, factor: float) -> Camera:
     return Lens(factor, 0.0, shown=True).of_camera(cameras)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [0.5, 0.7])
 def test_a_wrong_lens_is_corrected(wrong: float) -> None:
     """With a generic body, whose bones are other than the person's."""
@@ -42,6 +43,7 @@ def test_a_wrong_lens_is_corrected(wrong: float) -> None:
     assert float(focal) == pytest.approx(found.factor)
 
 
+@pytest.mark.long
 def test_a_shorter_lens_is_not_believed() -> None:
     take = taken()
     stated = with_lens(take.cameras, 1.4)

@@ -112,6 +112,7 @@ def test_names_that_are_taken_and_energies_already_made_are_refused() -> None:
         PoseRefiner(take.actor, energies={"mine": made})  # type: ignore[dict-item]
 
 
+@pytest.mark.long
 def test_one_without_frames_to_act_in_changes_nothing() -> None:
     take = make_take(12)
     parts = take.actor, take.cameras, take.detections, take.rate
@@ -119,6 +120,7 @@ def test_one_without_frames_to_act_in_changes_nothing() -> None:
     assert torch.equal(found.motion.angles, capture(*parts).motion.angles)
 
 
+@pytest.mark.long
 def test_a_constant_motion_may_be_posed_in_a_residual() -> None:
     """Compiled loops keep out of transforms, where what they make has no memory."""
     take = make_take(12)
@@ -157,6 +159,7 @@ class Detached(Differs):
         return Residual(super().residual(motion).value.detach())
 
 
+@pytest.mark.long
 def test_one_that_does_not_follow_the_motion_is_named() -> None:
     take = make_take(6)
     parts = take.actor, take.cameras, take.detections, take.rate

@@ -117,6 +117,7 @@ def test_what_a_mask_does_not_show_is_not_looked_at(body: Template) -> None:
     assert low.any() and not known[low].any() and known[~low].any()
 
 
+@pytest.mark.long
 def test_unseen_parts_look_like_their_mirror_image(body: Template) -> None:
     atlas = _Atlas.of(body)
     left = atlas.rest[:, 0] > 0

@@ -35,6 +35,7 @@ def same(one: Performance, other: Performance) -> bool:
     )
 
 
+@pytest.mark.long
 def test_one_person_is_a_tuple_of_one_with_the_same_bits() -> None:
     whole = scene()
     person = whole.people[0]

@@ -51,6 +51,7 @@ def test_views_exchanged_from_the_middle_on() -> None:
     assert f"view 0 and view 1: look exchanged in frames {COUNT // 2}-{COUNT - 1}" in line
 
 
+@pytest.mark.long
 def test_places_at_another_distance_than_lines_of_sight_have() -> None:
     """It was said that joints may be in another order, or nothing."""
     for line in said(1.06 * LOCAL):
@@ -63,6 +64,7 @@ def test_places_at_another_distance_than_lines_of_sight_have() -> None:
     assert "beside where lines of sight" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [1, 2])
 def test_places_that_images_contradict(views: int) -> None:
     """As those of a network that has a lens of its own: one view followed them anywhere."""

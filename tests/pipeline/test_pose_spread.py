@@ -1,5 +1,6 @@
 """How far parts may be off: from fewer views farther, and about as far as they are."""
 
+import pytest
 import torch
 from crowds import RATE, make_crowd
 
@@ -25,6 +26,7 @@ def deviations(views: list[int], noise: float = 6.0, seed: int = 0):
     return part_deviations(problem, found.motion), found.joints()
 
 
+@pytest.mark.long
 def test_fewer_views_know_less() -> None:
     many, few = (deviations(views)[0].mean(0) for views in ([0, 1, 2, 3], [0, 2]))
     assert many.shape == (16,) and (few > 1.1 * many).all()

@@ -127,6 +127,7 @@ def test_stiffness_multiplies_the_weight_of_its_features() -> None:
     torch.testing.assert_close(four, 4 * plain)
 
 
+@pytest.mark.long
 def test_exact_detections_are_followed_closer() -> None:
     """The prior lets go: less than half of the error of one solve is left."""
     start = make_take(60).truth

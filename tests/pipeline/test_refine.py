@@ -189,6 +189,7 @@ def test_a_view_that_detects_nobody_knows_how_tall_the_person_is() -> None:
     assert not capture(made.actor, made.cameras, made.detections, 30.0).warnings
 
 
+@pytest.mark.long
 def test_a_stage_that_needs_images_asks_for_them(take: dict[str, object]) -> None:
     parts = (take["actor"], take["cameras"], take["detections"])
     with pytest.raises(InputError, match="looks at images"):

@@ -87,6 +87,7 @@ def test_cameras_are_found_where_they_stand(tmp_path: Path) -> None:
     assert torch.equal(sight.cameras.rotation, real.rotation)
 
 
+@pytest.mark.long
 def test_cameras_that_stand_as_stated_stay() -> None:
     truth, problem, sight, evidence = filmed()
     found = refine_cameras(problem, sight, evidence, truth, QUICK)
@@ -96,6 +97,7 @@ def test_cameras_that_stand_as_stated_stay() -> None:
     assert moved < 0.2 * apart(sight.cameras.nudged(errors()), sight.cameras)
 
 
+@pytest.mark.long
 def test_views_that_say_nothing_stay_where_they_are() -> None:
     truth, problem, sight, evidence = filmed()
     none = np.zeros(sight.cameras.size[0], bool)

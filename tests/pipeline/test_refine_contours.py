@@ -169,6 +169,7 @@ def test_a_person_outside_of_the_images(take: Take) -> None:
     assert float(take.error_mm(found.joints()).mean()) < 20
 
 
+@pytest.mark.long
 def test_without_images_only_the_motion(take: Take) -> None:
     found = captured(take, None)
     assert found.contours is None and found.surface is None

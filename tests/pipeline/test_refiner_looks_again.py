@@ -39,6 +39,7 @@ def test_later_batches_are_examined_now_and_then() -> None:
     assert later == [batch == 10 for batch in range(2, 12)]
 
 
+@pytest.mark.long
 def test_each_mode_and_kind_is_examined() -> None:
     layer = PoseRefiner(TAKE.actor, config=SHORT)
     poses = TAKE.detections.joints3d

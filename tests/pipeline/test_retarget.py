@@ -101,6 +101,7 @@ BUILDS = ({"thigh": 0.15, "shank": 0.1, "upper_arm": 0.1, "forearm": 0.1}, {"hip
           {"thigh": -0.15, "shank": -0.12, "foot": -0.1})  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("build", BUILDS)
 def test_other_builds_keep_directions_reach_and_feet(build: dict[str, float]) -> None:
     other, motion = built(**build), walk(PERSON)
@@ -120,6 +121,7 @@ def test_other_builds_keep_directions_reach_and_feet(build: dict[str, float]) ->
     assert soles.amin(1).abs().median() < 0.005
 
 
+@pytest.mark.long
 def test_corrections_are_slow() -> None:
     """Where feet land and leave, the motion does not pop: accelerations stay those of a person."""
     other, motion = built(thigh=0.15, hips=0.2), walk(PERSON)
@@ -263,6 +265,7 @@ def test_a_rest_pose_before_or_after_the_motion(place: int, words: str) -> None:
     assert not list(order_doubts(quick))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 def test_a_world_that_leans_is_told(degrees: float) -> None:
     """As that of a camera that looks down, in which other programs give motion."""

@@ -133,12 +133,14 @@ def test_a_person_partly_outside_is_captured_from_the_rest(take: Take) -> None:
     assert not any("outside every image" in line for line in part.warnings)
 
 
+@pytest.mark.long
 def test_a_person_outside_is_left_as_skinned(take: Take) -> None:
     found = run(take, cameras=aimed(take, 5000))
     assert any("outside every image" in line for line in found.warnings)
     assert moved_mm(found) < 1e-3
 
 
+@pytest.mark.long
 def test_a_person_behind_the_camera_is_outside(take: Take) -> None:
     turn = torch.diag(torch.tensor([-1.0, 1.0, -1.0])).to(take.cameras.rotation)
     behind = replace(
@@ -250,6 +252,7 @@ def test_one_empty_mask_spoils_no_other_frame(take: Take) -> None:
     assert bool(found.surface[0:FRAMES].isfinite().all())
 
 
+@pytest.mark.long
 def test_frames_that_share_a_block_share_nothing_else(take: Take) -> None:
     """Without smoothing in time, a frame is what its own masks make of it."""
     alone = replace(CONFIG.refine_surface, smoothing=1, settle_smoothing=1)
@@ -312,6 +315,7 @@ def test_a_mesh_of_200_000_triangles_is_captured(take: Take) -> None:
     assert found.refinement.surface.after.mean() > 0.8
 
 
+@pytest.mark.long
 def test_a_node_that_moves_no_vertex_does_no_harm(take: Take) -> None:
     graph = DeformationGraph.build(take.actor.vertices, take.actor.template.faces, 80)
     idle = DeformationGraph(

@@ -29,6 +29,7 @@ def filmed() -> tuple[Take, Detections]:
     return take, Detections.from_joints(pixels, torch.ones(pixels.shape[:-1], dtype=F64))
 
 
+@pytest.mark.long
 def test_clocks_are_found_between_frames() -> None:
     take, detections = filmed()
     found = solve_views(actor(), take.cameras, detections, 30.0)
@@ -39,6 +40,7 @@ def test_clocks_are_found_between_frames() -> None:
     assert set(found.report(["a", "b", "c"])) == {"clock_frames"}
 
 
+@pytest.mark.long
 def test_cameras_are_brought_together() -> None:
     take, _ = filmed()
     random = torch.Generator().manual_seed(8)
@@ -150,6 +152,7 @@ def test_clocks_that_nothing_tells_are_left_alone(blind: bool) -> None:
     assert len(told) == 2 and "clocks of b are not found" in told[1]
 
 
+@pytest.mark.long
 def test_joints_that_are_no_numbers_are_unseen() -> None:
     take, detections = filmed()
     pixels = detections.joints2d.clone()

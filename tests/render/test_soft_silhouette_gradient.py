@@ -158,6 +158,7 @@ def test_gradient_in_the_vertices_of_a_closed_mesh() -> None:
     assert pixel_error(silhouette, pixels, 4 + points[:, 2], step=1e-6) < 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_gradient_in_a_random_pose(sam: Actor, seed: int) -> None:
     assert pose_error(sam, seed) < 1e-3

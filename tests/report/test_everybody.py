@@ -110,6 +110,7 @@ def sphere(x: float, radius: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
     return radius * normals + np.array([x, 0, 0]), normals
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("apart", [0.2, 0.05, -0.03])
 def test_gap_of_two_balls(apart: float) -> None:
     assert skin_gap(sphere(0), sphere(0.6 + apart)) == pytest.approx(apart, abs=0.012)

@@ -63,6 +63,7 @@ def test_silhouettes_pull_on_the_shape(model: BodyModel) -> None:
     assert torch.allclose(rows, shape.grad, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.long
 def test_girths_are_recovered_from_two_views(model: BodyModel) -> None:
     cameras = synthetic.cameras(4, size=400, distance=4.0).select([0, 1])
     truth = person(model)
@@ -79,6 +80,7 @@ def test_girths_are_recovered_from_two_views(model: BodyModel) -> None:
         assert abs(mine - true) < 3 * spread and spread < 0.04
 
 
+@pytest.mark.long
 def test_a_height_fixes_the_size_of_one_view(model: BodyModel) -> None:
     cameras = synthetic.cameras(1, size=400, distance=4.0)
     truth = person(model)
@@ -188,6 +190,7 @@ def test_wrong_arguments_are_named(model: BodyModel) -> None:
         replace(QUICK, offsets=(0.02,) * 3)
 
 
+@pytest.mark.long
 def test_joints_that_are_no_numbers_are_unseen(model: BodyModel) -> None:
     """The body was the mean one."""
     cameras, truth = synthetic.cameras(2, size=400, distance=4.0), person(model)

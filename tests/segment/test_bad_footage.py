@@ -42,6 +42,7 @@ def passer(clip: DiscClip) -> Images:
     return images
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spoil", "least", "typical"),
     [(lamp, 0.90, 0.93), (mirror, 0.87, 0.92), (passer, 0.91, 0.95)],

@@ -54,6 +54,7 @@ def behind(key, scene, person):
     return shown.sum() / person[rows, columns].sum(), np.median(apart), np.quantile(apart, 0.9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gain", [0.0, 0.3])
 def test_floor_and_wall_are_found_behind_the_person(gain):
     images, people, scenes = floor_and_wall(gain=gain)
@@ -78,6 +79,7 @@ def test_floor_and_wall_are_found_behind_the_person(gain):
     assert np.median(apart) < 6
 
 
+@pytest.mark.long
 def test_one_homography_would_not_do():
     images, people, scenes = floor_and_wall()
     hidden = [hide(person, 0.05) for person in people]
@@ -95,6 +97,7 @@ def test_one_homography_would_not_do():
     assert errors[1] < errors[0]
 
 
+@pytest.mark.long
 def test_samples_of_another_shot_are_left_out():
     images, people, scenes = floor_and_wall()
     others, strangers, _ = floor_and_wall(seed=7)
@@ -166,6 +169,7 @@ def passer_by(images):
         image[130:200, left : left + 18] = rng.integers(0, 255, (70, 18, 3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("spoil", "most"), [(lamp, 5.0), (black, 3.0), (passer_by, 7.0)])
 def test_what_happens_in_a_clip(spoil, most):
     images, people, scenes = floor_and_wall()

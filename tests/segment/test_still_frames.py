@@ -67,6 +67,7 @@ def test_whoever_moves_otherwise_is_the_person(turntable: bool) -> None:
     assert mask_overlap(found, truth).iou > 0.85
 
 
+@pytest.mark.long
 def test_a_flat_place_that_passes_by_leaves_the_colours() -> None:
     """Nobody moves otherwise than the surroundings do: all would be place."""
     passing = [WALL[:, 300 + shift : 480 + shift].copy() for shift in (-4, 0, 4)]

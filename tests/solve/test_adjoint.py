@@ -119,6 +119,7 @@ def test_degenerate_bounds_count_as_free(target: float, expected: float) -> None
     assert float(torch.autograd.grad(found.sum(), leaf)[0]) == pytest.approx(expected)
 
 
+@pytest.mark.long
 def test_gradcheck() -> None:
     """A curved residual, so that Gauss-Newton's matrix is not the Hessian."""
 

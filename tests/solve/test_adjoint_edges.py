@@ -35,6 +35,7 @@ from perfcap.solve import (
 from perfcap.solve.stationarity import kernel_bend
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("adjoint", [Implicit(), Unrolled()])
 def test_values_are_those_of_the_solve(adjoint: Adjoint) -> None:
     objective, state, bounds = problem()
@@ -90,6 +91,7 @@ def test_gradients_of_gradients_are_refused(adjoint: Adjoint, power: int) -> Non
         torch.autograd.grad((found**power).sum(), leaf, create_graph=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("adjoint", [Implicit(), Implicit("gauss_newton"), Unrolled(3)])
 @pytest.mark.parametrize("spoiled", ["target", "confidence", "matrix"])
 def test_failed_elements_get_zero_and_spoil_nothing(adjoint: Adjoint, spoiled: str) -> None:

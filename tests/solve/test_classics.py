@@ -68,6 +68,7 @@ def test_convergence_is_claimed_only_at_first_order_points(settings):
     assert claims > (0 if settings == "short" else 10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FEW)
 def test_units_of_unknowns_change_neither_steps_nor_answer(name):
     problem = PROBLEMS[name]

@@ -203,6 +203,7 @@ def test_energy_never_rises_and_belongs_to_the_state(name: str) -> None:
     assert rejected > 5  # so that this was worth asking
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", METHODS)
 def test_batch_equals_loop_where_steps_are_rejected(name: str) -> None:
     objective, state = valleys()

@@ -103,6 +103,7 @@ def test_damping_that_is_not_finite_is_no_step():
     assert (found.step == 0).all()
 
 
+@pytest.mark.long
 def test_single_precision_finds_the_same_steps():
     objective, state = toy(windows=1, batch=(2,))
     double = assemble(objective, state)

@@ -41,6 +41,7 @@ def test_bounds_are_a_pair_of_anything_that_broadcasts(upper):
     assert found.status == Status.CONVERGED
 
 
+@pytest.mark.long
 def test_a_batch_is_a_loop():
     starts = START + torch.linspace(-1, 1, 5).double()[:, None]
     together = solve(rosenbrock, starts, bounds=(-1.5, None))

@@ -82,6 +82,7 @@ def test_truth_is_recovered_from_a_perturbed_start():
     torch.testing.assert_close(solution.state.frame, smooth.frame, rtol=0, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bounded", [False, True])
 def test_batch_equals_loop(bounded):
     objective, state = toy(batch=(2, 2), windows=1, data=0.05)

@@ -22,6 +22,7 @@ from perfcap.solve.stationarity import gradient
 SHORT = LevenbergMarquardt(max_steps=6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shared", [0, 3])
 def test_ends_at_the_minimum(shared: int) -> None:
     objective, state, _ = problem(GemanMcClure(2.0), shared)

@@ -175,6 +175,7 @@ def test_stream_refuses_gaps_disorder_and_wrong_lengths():
         blender.push(Window(6, 11), torch.zeros(5))
 
 
+@pytest.mark.long
 def test_gradients_of_blends():
     windows = partition(5, 3, 2)
     values = torch.randn(len(windows), 3, 3, dtype=torch.float64, requires_grad=True)

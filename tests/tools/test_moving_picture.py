@@ -24,6 +24,7 @@ def tool() -> ModuleType:
     return module
 
 
+@pytest.mark.long
 def test_pictures_play_in_order_at_the_rate_of_the_video(tool: ModuleType, tmp_path: Path) -> None:
     clip = Clip.open(models_folder() / "demo" / "video.mp4")
     pictures = [tool.side_by_side([clip, clip, clip], frame, (40, 30), 2) for frame in (0, 40, 80)]

@@ -46,6 +46,7 @@ def test_a_graph_computes_keeps_half_floats_and_drops_what_nobody_needs(tmp_path
     np.testing.assert_allclose(answer, expected + np.arange(5)[:, None, None], atol=1e-4)
 
 
+@pytest.mark.long
 def test_shipped_networks_answer_any_number_of_crops_alike() -> None:
     rng = np.random.default_rng(1)
     sizes = {"thunder": 256, "lightning": 192, "blazepose": 256, "blazepose_heavy": 256}
@@ -58,6 +59,7 @@ def test_shipped_networks_answer_any_number_of_crops_alike() -> None:
         np.testing.assert_allclose(both, np.stack(apart), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.long
 def test_the_shipped_network_of_several_people_takes_images_of_any_number_and_size() -> None:
     model = ROOT / "models" / "detectors" / "multipose" / "model.onnx"
     session = onnxruntime.InferenceSession(str(model))

@@ -35,6 +35,7 @@ def test_places_are_fine(tmp_path: Path, finder: OnnxFinder) -> None:
     assert not doubts(places(tmp_path / "places", 12), finder)
 
 
+@pytest.mark.long
 def test_people_are_named(tmp_path: Path, finder: OnnxFinder) -> None:
     folder = places(tmp_path / "places", 8)
     for number, frame in enumerate(VideoFile(models_folder() / "demo" / "video.mp4").read(0, 2)):

@@ -133,6 +133,7 @@ def test_spoiling_keeps_bytes() -> None:
     assert min(f.zoom for f in framings) < 0.8 < 1.1 < max(f.zoom for f in framings)
 
 
+@pytest.mark.long
 def test_store_is_made_once_and_read_back(scenes: Scenes, tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     store = render_crops(tmp_path, scenes, 3, {"a": 1}, lambda *what: told.append(what))

@@ -171,6 +171,7 @@ def test_a_tiny_network_learns_in_a_few_steps() -> None:
     assert last[0] < 0.85 * first[0] and (last < first).all(), (first, last)
 
 
+@pytest.mark.long
 def test_resumed_training_ends_with_the_same_weights(tmp_path: Path) -> None:
     described = asdict(CONFIG)
 

@@ -59,6 +59,7 @@ def test_lifting_equals_torch(network: Lifter, folder: Path) -> None:
         torch.testing.assert_close(spread, error.transpose(0, 1).double(), atol=1e-4, rtol=0)
 
 
+@pytest.mark.long
 def test_other_rates_are_tracks_of_the_usual_one(folder: Path) -> None:
     """At twice the rate a frame is the mean of its own track and of the other's between."""
     take = make_take(41)

@@ -22,6 +22,7 @@ def doubts(folder: Path, lost: slice) -> list[str]:
     return [each for each in MotionLibrary.read(folder).doubts(["02"]) if "leap" in each]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lost", "leaps"), [(slice(0, 0), 0), (slice(20, None, 40), 1)])
 def test_frames_of_zeros_are_named(tmp_path: Path, lost: slice, leaps: int) -> None:
     found = doubts(tmp_path, lost)

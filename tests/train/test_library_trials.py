@@ -217,6 +217,7 @@ def test_recorded_people_are_accepted(tmp_path: Path) -> None:
         assert len(read(tmp_path, recorded(tmp_path, part)).recordings) == len(part)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not CMU.is_dir(), reason="needs shared/data/mocap_cmu_library")
 @pytest.mark.parametrize("name", MISTAKES)
 def test_wrong_parts_of_recorded_motion_are_refused(tmp_path: Path, name: str) -> None:

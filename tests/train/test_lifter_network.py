@@ -71,6 +71,7 @@ def test_the_middle_of_three_poses_is_the_whole_networks() -> None:
         lifter(LifterConfig(16, (1, 2))).sparse(features)
 
 
+@pytest.mark.long
 def test_taps_that_are_not_apart_by_powers_of_three_learn_from_whole_tracks(
     library: MotionLibrary,
 ) -> None:
@@ -133,6 +134,7 @@ class Stop(Exception):
     pass
 
 
+@pytest.mark.long
 def test_a_run_that_was_killed_ends_with_the_same_weights(
     library: MotionLibrary, tmp_path: Path
 ) -> None:

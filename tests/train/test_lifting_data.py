@@ -29,6 +29,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> MotionLibrary:
 # --- the library ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_library_reads_people_and_leaves_glitches(library: MotionLibrary) -> None:
     assert library.subjects == ("01", "02", "03") and len(library.recordings) == 6
     assert library.of(["02"]).subjects == ("02",)

@@ -197,6 +197,7 @@ def test_people_with_the_bones_of_one_who_is_held_out(tmp_path: Path, same: tupl
     assert not list(MotionLibrary.read(tmp_path).doubts(["02"]))
 
 
+@pytest.mark.long
 def test_frames_that_are_there_twice(tmp_path: Path) -> None:
     """As of 30 a second that were filled up to 60; of one clip of several nothing is said."""
     write_library(tmp_path)

@@ -49,6 +49,7 @@ def test_both_outputs_of_blazepose_read_the_same_features(blazepose: FrozenNetwo
     torch.testing.assert_close(found.estimate.joints3d, expected.joints3d, atol=1e-4, rtol=0)
 
 
+@pytest.mark.long
 def test_a_new_head_changes_nothing(blazepose: FrozenNetwork, tmp_path: Path) -> None:
     export_head(blazepose, head_of(blazepose, 0.0), tmp_path / "same", "a test", None)
     seen = crops(blazepose)
@@ -63,6 +64,7 @@ def test_a_new_head_changes_nothing(blazepose: FrozenNetwork, tmp_path: Path) ->
     assert "a test; on " in written.manifest.file.origin
 
 
+@pytest.mark.long
 def test_what_is_written_moves_landmarks_as_torch_does(
     blazepose: FrozenNetwork, tmp_path: Path
 ) -> None:

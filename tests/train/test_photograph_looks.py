@@ -80,6 +80,7 @@ def test_joints_where_they_are_seen_are_believed(people: list[Annotation]) -> No
     )
 
 
+@pytest.mark.long
 def test_sides_and_mirror_images_are_refused(people: list[Annotation]) -> None:
     with pytest.raises(InputError, match="100% of the joints where those of the other side"):
         doubts(moved(people, lambda joints: joints[OPPOSITE]))
@@ -88,6 +89,7 @@ def test_sides_and_mirror_images_are_refused(people: list[Annotation]) -> None:
             doubts(moved(people, how))
 
 
+@pytest.mark.long
 def test_joints_of_others_are_warned_of(people: list[Annotation]) -> None:
     others = [
         replace(a, joints2d=b.joints2d)

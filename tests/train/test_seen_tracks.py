@@ -233,6 +233,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> MotionLibrary:
     return MotionLibrary.read(write_library(tmp_path_factory.mktemp("motion")))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_batches_are_mixed_and_repeat(library: MotionLibrary, tmp_path: Path, share: float) -> None:
     data = replace(EXACT, seen=share)
