@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from takes import make_take
 
@@ -9,6 +10,7 @@ from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor import examine_agreement
+from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.sides import examine_sides
 
 MIRRORED = list(LANDMARKS16.mirrored())
@@ -34,6 +36,25 @@ def test_exchanged_in_both_of_two_views_that_see_badly() -> None:
     )
     assert WORDS in [each.what for each in examine_agreement(rig, wrong)]
     assert not examine_agreement(rig, right)
+
+
+@pytest.mark.parametrize("limb", [("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "toe")])
+def test_arms_or_legs_of_one_view(limb: tuple[str, ...]) -> None:
+    take = make_take(40, lifted=False, turns=0.1)
+    rig, order = CameraRig(("view",), take.cameras), list(range(len(LANDMARKS)))
+    for name in limb:
+        left, right = (LANDMARKS.index(f"{side}_{name}") for side in "lr")
+        order[left], order[right] = right, left
+    wrong = replace(
+        take.detections,
+        joints2d=take.detections.joints2d[:, :, order],
+        confidence2d=take.detections.confidence2d[:, :, order],
+    )
+    words = "hips and shoulders have left and right opposite ways"
+    told = [
+        " ".join(f.what for f in examine_detections(rig, seen)) for seen in (take.detections, wrong)
+    ]
+    assert words not in told[0] and words in told[1]
 
 
 def test_one_foot_and_the_middle_of_the_shoulders_are_enough() -> None:

@@ -26,7 +26,7 @@ from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.pairs import examine_pairs
 from perfcap.io.doctor.repeated import examine_held, examine_repeated
 from perfcap.io.doctor.shrunk import examine_shrunk
-from perfcap.io.doctor.sides import examine_sides
+from perfcap.io.doctor.sides import examine_limbs_of_view, examine_sides
 from perfcap.io.doctor.sparse import examine_sparse
 from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.doctor.turned_parts import examine_turned_poses, examine_turned_view
@@ -99,6 +99,7 @@ def examine_detections(
             findings += _poses3d(name, view, plane[:, view], detections, bool(repeated), successive)
         elif len(rig.names) == 1:
             findings += examine_turned_view(name, *shown) if successive else []
+            findings += examine_limbs_of_view(name, shown[0], confident)
             findings += examine_crown(name, *shown)
             return findings + _upright(name, detections.joints2d[:, view], confident)
     return findings + _headlong(detections)

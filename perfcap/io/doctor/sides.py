@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 AHEAD = 0.2  # cosine between what sides and feet call ahead, below which a frame says nothing
@@ -17,6 +18,10 @@ _MOST = 0.75  # share of them
 _SEVERAL, _SOME = 12, 0.3
 _NEAR, _LONG = 3, 8  # frames on each side of an exchange, and as many in which it lasts
 _CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of 1
+# Of an image: lines of hips and of shoulders that are seen, shares of the person's size, and their
+# cosine; frames that show both, and share of them in which they run opposite ways
+_HIPS, _SHOULDERS, _CLEARLY = 0.05, 0.08, 0.5
+_SHOW, _OPPOSITE = 8, 0.8
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
 _REMEDY = (
     "left and right are the person's own: exchange the names; a calibration whose world is a "
@@ -67,6 +72,36 @@ def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     up = top - 0.5 * (at["l_hip"] + at["r_hip"])
     toes = torch.stack([at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]).nanmean(0)
     return _cosine(torch.linalg.cross(hips, up), toes), _cosine(hips, shoulders)
+
+
+def examine_limbs_of_view(subject: str, pixels: Tensor, known: Tensor) -> list[Finding]:
+    """Arms or legs of one image that have left and right exchanged against the others.
+
+    Whoever turns their shoulders does not turn them about; of one view without 3D poses it is
+    unknown which of the two are right.
+
+    Args:
+        subject: of the finding.
+        pixels: landmarks (F, 16, 2).
+        known: which of them count, (F, 16).
+    """
+    size = body_size(pixels, known)
+    if size is None:
+        return []
+    seen = torch.where(known[..., None], pixels, torch.nan)
+    at = dict(zip(LANDMARKS, seen.unbind(1), strict=True))
+    hips, shoulders = at["l_hip"] - at["r_hip"], at["l_shoulder"] - at["r_shoulder"]
+    wide = (hips.norm(dim=-1) > _HIPS * size) & (shoulders.norm(dim=-1) > _SHOULDERS * size)
+    cosine = _cosine(hips, shoulders)[wide]
+    clear = cosine[cosine.abs() > _CLEARLY]
+    if len(clear) < _SHOW or float((clear < 0).double().mean()) < _OPPOSITE:
+        return []
+    what = (
+        f"hips and shoulders have left and right opposite ways in {int((clear < 0).sum())} of "
+        f"{len(clear)} frames that show both: those of the arms or of the legs look exchanged"
+    )
+    remedy = "left and right are the person's own: exchange the names of the ones that are wrong"
+    return [Finding(Severity.WARNING, subject, what, remedy)]
 
 
 def of_sides(points: Tensor) -> tuple[Tensor, Tensor]:
