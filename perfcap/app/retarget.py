@@ -26,11 +26,9 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.io.actor import find_actor, load_actor
 from perfcap.io.actor_import import ActorMapping, read_mapping
 from perfcap.io.atomic import writing
-from perfcap.io.doctor.finding import ranges
 from perfcap.io.gltf_merge import merge_characters
 from perfcap.io.made_folder import made_folder
 from perfcap.io.moving_rig import MovingRig, read_moving_rig
@@ -46,6 +44,7 @@ from perfcap.io.result_folder import (
 )
 from perfcap.pipeline.config import RetargetConfig
 from perfcap.pipeline.joint_motion import JointMotion, leg_length
+from perfcap.pipeline.motion_leaps import turn_doubts
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
@@ -57,7 +56,6 @@ _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
 _NECKS = 5.0  # degrees more of trunks, whose necks are drawn elsewhere: up to 13 in recordings
 _OFF_FLOOR = 0.5  # m
 _LYING, _MOSTLY = 0.34, 0.9  # sine of a trunk's slope; share of frames
-_AT_ONCE, _SPIN = 60.0, 2400.0  # degrees a frame, and a second: who skates spins by 2050 a second
 _HASTE = 0.98  # of the speed that hinges of robots may have
 _RATES = 5.0, 1000.0  # frames a second of recorded motion
 
@@ -239,26 +237,6 @@ def _doubts(part: _Part) -> Iterator[str]:
         )
     if not _RATES[0] <= rate <= _RATES[1]:
         yield f"the source runs at {rate:.4g} frames a second; check its frame time"
-
-
-def turn_doubts(rotation: Tensor, rate: float, frames: Sequence[int]) -> Iterator[str]:
-    """Frames in which the whole person turns at once as nobody does.
-
-    Args:
-        rotation: of the root, (F, 3) rotation vectors, radians.
-        rate: frames a second.
-        frames: their numbers, F.
-    """
-    turn = rotvec_to_matrix(rotation)
-    angle = matrix_to_rotvec(turn[:-1].mT @ turn[1:]).norm(dim=-1).rad2deg()
-    at_once = ((angle > _AT_ONCE) & (angle * rate > _SPIN)).nonzero().flatten().tolist()
-    if at_once:
-        where = ranges([frames[frame + 1] for frame in at_once])
-        yield (
-            f"the person turns by up to {float(angle.max()):.0f} degrees within a frame (frames "
-            f"{where}); check the source's rotations there, and whether takes were joined or its "
-            "first frame is a rest pose (--frames 1:)"
-        )
 
 
 def rest_doubts(scores: RetargetScores) -> Iterator[str]:

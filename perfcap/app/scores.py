@@ -16,6 +16,7 @@ from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
 from perfcap.io.datasets import SurfaceTruth
 from perfcap.io.doctor.body_size import body_size
+from perfcap.io.doctor.doubled import examine_doubled
 from perfcap.io.doctor.sparse import detected_period
 from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.image_file import read_silhouette
@@ -114,11 +115,16 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
     numbers = found.frames[rows].tolist()
     order = LANDMARKS16.mirrored()
     told = mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS)
-    return [*told, *_interpolated(true, valid)]
+    return [*told, *_made_up(true, valid)]
 
 
-def _interpolated(true: Tensor, valid: Tensor) -> Iterator[str]:
-    """That a truth was put in between for some frames: lines and splines are no motion."""
+def _made_up(true: Tensor, valid: Tensor) -> Iterator[str]:
+    """That joints of a truth are copies of others, or were put in between for some frames."""
+    for copied in examine_doubled("", true, valid, true=True):
+        yield (
+            f"the truth: {copied.what}, and its error says nothing; give the places that were "
+            "measured, or look at per_joint_mm alone"
+        )
     size = body_size(true, valid)
     said = [finding.what for finding in examine_straight("", 0, true, valid, "its joints")]
     if not said and size is not None and (period := detected_period(_TALL * true / size, valid)):

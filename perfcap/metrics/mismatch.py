@@ -9,8 +9,8 @@ from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes, similarity_align
 from perfcap.metrics.alignment import HIPS, root_of
-from perfcap.metrics.mismatch_copies import copies
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
+from perfcap.metrics.mismatch_repeats import repeats
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
@@ -58,7 +58,7 @@ def mismatches(
         return ()
     named = Numbered(frames, joints)
     return (
-        *copies(estimate, truth, valid, named),
+        *repeats(estimate, truth, valid, named),
         *_mistakes(estimate, truth, valid, mirrored, named),
     )
 

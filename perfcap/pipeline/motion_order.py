@@ -13,6 +13,7 @@ from perfcap.io.doctor.finding import Finding, ranges
 from perfcap.io.doctor.order import examine_order, examine_shuffled
 from perfcap.io.doctor.repeated import examine_held
 from perfcap.pipeline.joint_motion import LIMBS, unit_vectors
+from perfcap.pipeline.motion_leaps import smoothing_doubts
 
 _LIMBS = [(JOINTS.index(start), JOINTS.index(end)) for start, end in LIMBS]
 # degrees, mean of the limbs, from a frame at either end to the next; and times as far as in any
@@ -22,17 +23,22 @@ _LEAPS, _BEYOND = 25.0, 2.0
 _FEWEST = 8  # frames
 
 
-def order_doubts(position: Tensor) -> Iterator[str]:
+def order_doubts(position: Tensor, rate: float) -> Iterator[str]:
     """Sentences about frames in no order, sorted as text, backwards, held, or of a rest pose.
+
+    And about limbs that leap or trunks that spin in frames that are in order.
 
     Args:
         position: of joints in the world, (F, 16, 3) metres.
+        rate: frames a second.
     """
     joints = position.detach().double().cpu()
     sure = torch.ones_like(joints[..., 0])
     order = examine_order("", joints, sure) or examine_shuffled("", joints, sure)
     yield from map(_sentence, order)
-    for found in () if order else examine_backwards("", 0, joints, sure):
+    backwards = [] if order else examine_backwards("", 0, joints, sure)
+    yield from () if order or backwards else smoothing_doubts(joints, rate)
+    for found in backwards:
         yield (
             f"frames {ranges(found.frames)} (counted from 0) look as if played backwards: joints "
             f"leap where they begin and end, and would not the other way round; {found.remedy}"

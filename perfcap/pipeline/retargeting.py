@@ -40,7 +40,6 @@ from perfcap.pipeline.joint_motion import (
     wanted_turns,
 )
 from perfcap.pipeline.motion_order import order_doubts
-from perfcap.pipeline.motion_spins import spin_doubts
 from perfcap.pipeline.objective import angle_bounds, soft_edge
 from perfcap.pipeline.place_units import place_doubts
 from perfcap.pipeline.pose_paths import Pace, in_turn, paced
@@ -103,14 +102,13 @@ def retarget(
     rate = frame_rate(rate)
     _require_arguments(source, joints, target)
     points = carried_landmarks(source.skeleton, joints)[:, : len(LANDMARKS)]
-    doubts = *order_doubts(joints.position), *spin_doubts(joints.position, rate)
-    places = place_doubts(points, rate, leg_length(source))
-    for line in (*rate_doubts(rate), *doubts, *places):
-        warnings.warn(f"retarget: {line}", stacklevel=2)
     if scale is not None and not 0 < scale < math.inf:
         raise InputError(f"scale is {scale}, expected a number above 0")
     config = config or RetargetConfig()
     require_same_limbs(source, joints)
+    doubts = *order_doubts(joints.position, rate), *place_doubts(points, rate, leg_length(source))
+    for line in (*rate_doubts(rate), *doubts):
+        warnings.warn(f"retarget: {line}", stacklevel=2)
     scale = leg_length(target) / leg_length(source) if scale is None else scale
     wanted = wanted_turns(source, joints, target.skeleton)
     begun = _placed(source, joints, target, wanted, scale)

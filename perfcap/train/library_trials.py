@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
+from perfcap.io.doctor.leaps import LEAP, LEAPING, leaping
 
 Array = NDArray[np.float64]
 Read = Callable[[Array], Array]
@@ -29,9 +31,6 @@ _HALF = 0.6  # times what it is, that another reading makes of it
 _SLIDING = 0.5  # m/s, of which people are warned; of the six of the CMU library it is 0.21
 _BENT, _HANGS = 0.35, -0.5  # sine of an elbow, and cosine of an upper arm to the way up the trunk
 _WARNED = 600  # frames: a single short clip may slide
-# m of a joint from the middle of where it is before and after, and share of the frames: the six
-# people of the CMU library are far below it, without clips that are marked as glitches
-_LEAP, _LEAPING = 0.2, 0.005
 
 
 @dataclass(frozen=True)
@@ -254,16 +253,13 @@ def sliding(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
         )
 
 
-def leaping(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
+def leap_doubts(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
     """What speaks against frames of landmarks of clips (F, 16, 3): no limb leaps there and back."""
-    leaps: list[Array] = []
-    for points in clips:
-        middles = 0.5 * (points[2:] + points[:-2])
-        leaps.append(np.linalg.norm(points[1:-1] - middles, axis=-1).max(-1, initial=0.0))
-    share = float((np.concatenate(leaps) > _LEAP).mean()) if sum(map(len, leaps)) else 0.0
-    if share > _LEAPING:
+    leaps = [leaping(torch.from_numpy(points))[1:-1] for points in clips]
+    share = float(torch.cat(leaps).double().mean()) if sum(map(len, leaps)) else 0.0
+    if share > LEAPING:
         yield (
-            f"joints leap by {_LEAP} m or more from one frame to the next in {share:.1%} of the "
+            f"joints leap by {LEAP} m or more from one frame to the next in {share:.1%} of the "
             "frames, as where some were lost and filled with zeros, or angles were interpolated "
             "over half a turn: leave these out, or mark their clips as glitch in the remark column"
         )

@@ -28,7 +28,7 @@ from perfcap.train.library_checks import (
     size_doubts,
     usually_upright,
 )
-from perfcap.train.library_trials import leaping, require_readings, sliding
+from perfcap.train.library_trials import leap_doubts, require_readings, sliding
 
 RATE = 60.0  # Hz
 _WHAT = "the arrays of a packed motion library"
@@ -194,7 +194,7 @@ class MotionLibrary:
                     "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
                 )
         for subject, own in clips.items():
-            lines = (*order_doubts(names[subject], own), *leaping(each.numpy() for each in own))
+            lines = (*order_doubts(names[subject], own), *leap_doubts(each.numpy() for each in own))
             told += [f"subject {subject}: {line}" for line in lines]
         yield from told
         same = shared_bodies(clips, kept)

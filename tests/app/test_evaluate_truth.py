@@ -294,7 +294,7 @@ def test_a_truth_that_was_not_measured(tmp_path: Path, joints: Any) -> None:
         read_found(tmp_path / "motion.npz")
 
 
-def test_a_truth_of_some_frames_with_lines_between_is_named(
+def test_a_truth_that_was_filled_up_or_interpolated_is_named(
     tmp_path: Path, perfcap: Command
 ) -> None:
     with np.load(models_folder() / "demo" / "truth.npz") as file:
@@ -304,7 +304,14 @@ def test_a_truth_of_some_frames_with_lines_between_is_named(
     rows = np.arange(keys[-1] + 1)
     lines = [np.interp(rows, keys, track) for track in joints[keys].reshape(len(keys), -1).T]
     between = np.concatenate((np.stack(lines, -1).reshape(-1, 16, 3), joints[len(rows) :]))
-    for truth, words in ((joints, ""), (between, "its joints move along straight lines")):
+    copied, (ankle, toe) = joints.copy(), map(LANDMARKS.index, ("l_ankle", "l_toe"))
+    copied[:, toe] = copied[:, ankle]
+    cases = (
+        (joints, ""),
+        (between, "its joints move along straight lines"),
+        (copied, "l_ankle and l_toe lie at one place"),
+    )
+    for truth, words in cases:
         np.savez(tmp_path / "truth.npz", joints3d=truth)
         outcome = perfcap(["evaluate", tmp_path / "r", "--truth", tmp_path / "truth.npz"])
         assert outcome.code == 0 and words in outcome.out

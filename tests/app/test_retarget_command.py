@@ -14,7 +14,7 @@ from runs import Command
 from synthetic import actor
 from takes import make_take, sway
 
-from perfcap.app.retarget import places_doubts, turn_doubts
+from perfcap.app.retarget import places_doubts
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.io.bvh_read import bvh_motion
 from perfcap.io.bvh_write import save_bvh
@@ -124,18 +124,6 @@ def test_what_is_told_is_kept(captured: Path, tmp_path: Path, perfcap: Command) 
     assert perfcap(["report", out]).code == 0
     page = (out / "report.html").read_text()
     assert all(words in page for words in doubts)
-
-
-def test_turns_that_nobody_makes_are_told() -> None:
-    """Half a turn within a frame; not a pirouette, nor a somersault at few frames a second."""
-    spin = torch.zeros(40, 3, dtype=torch.float64)
-    spin[:, 1] = torch.arange(40) * 2 * torch.pi * 5.5 / 30  # five and a half turns a second
-    assert not list(turn_doubts(spin, 30.0, range(40)))
-    assert not list(turn_doubts(2.6 * spin, 12.0, range(40)))
-    jump = torch.zeros(40, 3, dtype=torch.float64)
-    jump[25:, 1] = torch.pi
-    (line,) = turn_doubts(jump, 30.0, range(100, 140))
-    assert "by up to 180 degrees within a frame (frames 125)" in line
 
 
 def test_places_that_no_person_is_in_are_told() -> None:

@@ -258,11 +258,11 @@ def test_a_rest_pose_before_or_after_the_motion(place: int, words: str) -> None:
     angles = motion.angles.clone()
     angles[place] = 0
     angles[place, elevation] = 1.5
-    (line,) = order_doubts(joints_of(PERSON, replace(motion, angles=angles)).position)
+    (line,) = order_doubts(joints_of(PERSON, replace(motion, angles=angles)).position, 30.0)
     assert words in line and "leave a rest pose out" in line
-    assert not list(order_doubts(joints_of(PERSON, motion).position))
+    assert not list(order_doubts(joints_of(PERSON, motion).position, 30.0))
     quick = joints_of(PERSON, motion).position[::6]  # five frames a second
-    assert not list(order_doubts(quick))
+    assert not list(order_doubts(quick, 5.0))
 
 
 @pytest.mark.long

@@ -32,9 +32,7 @@ def examine_doubled(
     shown, shared = both.sum(0), same.sum(0)
     doubled = torch.triu((shown >= _FEWEST) & (shared > _SHARE * shown), diagonal=1)
     pairs = doubled.nonzero().tolist()
-    if (
-        joints.shape[-1] == 3 and not true
-    ):  # where a network has no toes, its poses have them at the ankles
+    if joints.shape[-1] == 3 and not true:  # poses of networks without toes have ankles there
         pairs = [pair for pair in pairs if pair not in _GUESSED]
     if not pairs:
         return []

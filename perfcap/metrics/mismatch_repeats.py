@@ -1,4 +1,4 @@
-"""Joints and poses of a truth that are copies of others."""
+"""Poses of a truth that repeat the one before, and joints of it that stay at one place."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from torch import Tensor
 
 from perfcap.metrics.mismatch_parts import Numbered
 
-_APART = 0.02  # m between joints of the result of which the truth has one place
-_SHARE = 0.5  # of the frames in which both are known
 _STILL = 1e-4  # m
 _REPEATED, _CHANGES = 1 / 3, 1 / 6  # of the frames: repeated ones, and those that end a repetition
 _FEWEST = 12  # frames
@@ -19,8 +17,8 @@ _FEWEST = 12  # frames
 _ONE_PLACE, _GOES = 5, 0.1
 
 
-def copies(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
-    """Joints that lie on another one or on one place, and frames that repeat the one before.
+def repeats(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> Iterator[str]:
+    """Frames that repeat the one before, or else joints that stay at one place.
 
     Args:
         estimate: joints (F, J, 3), metres.
@@ -28,18 +26,6 @@ def copies(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> I
         valid: joints that count, (F, J).
         named: what frames and joints are called.
     """
-    both = valid[:, :, None] & valid[:, None]  # F J J
-    same = both & (truth[:, :, None] == truth[:, None]).all(-1)
-    apart = (estimate[:, :, None] - estimate[:, None]).norm(dim=-1) > _APART
-    shown, shared = both.sum(0), (same & apart).sum(0)
-    pairs = torch.triu((shown > 0) & (shared > _SHARE * shown), diagonal=1).nonzero().tolist()
-    if pairs:
-        said = ", ".join(f"{named.joint(one)} and {named.joint(other)}" for one, other in pairs[:4])
-        said += f" and {len(pairs) - 4} more pairs" if len(pairs) > 4 else ""
-        yield (
-            f"the truth has {said} at one place, to the last digit: one is a copy, and its error "
-            "says nothing; give the places that were measured, or look at per_joint_mm alone"
-        )
     repeated = list(_repeated(truth, valid))
     yield from repeated or _filled(estimate, truth, valid, named)
 
