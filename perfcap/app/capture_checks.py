@@ -216,7 +216,7 @@ def made_up(performance: Performance, first: int) -> Iterator[str]:
     """Frames without a capture, for a person; ``first`` is the number of the first frame."""
     for start, stop in performance.gaps:
         which, they = _spanned(first + start, first + stop)
-        yield f"{which}: nobody is detected; {they} interpolated"
+        yield f"{which}: no person is detected; {they} interpolated"
     if performance.lost:
         start, stop = first + performance.frames, first + performance.frames + performance.lost
         which, they = _spanned(start, stop)

@@ -55,9 +55,10 @@ def inputs_of(detections: Detections, count: int = 3) -> Inputs:
     return Inputs(None, rig, detections, None, ())  # type: ignore[arg-type]
 
 
-def test_good_views_are_not_spoken_of() -> None:
+def test_good_views_are_not_spoken_of(caplog: pytest.LogCaptureFixture) -> None:
     take = make_take(20, views=3)
     refuse_wrong(inputs_of(take.detections))
+    assert not caplog.records
 
 
 def test_views_of_different_people_are_refused() -> None:

@@ -233,7 +233,7 @@ def test_somebody_who_leaves_is_named(tmp_path: Path, perfcap: Command) -> None:
     files = write_crowd(tmp_path / "in", crowd)
     done = perfcap(files.command(tmp_path / "out", "--no-overlay"))
     assert done.code == 3
-    lost = [note for note in done.notes if "nobody is detected" in note]
+    lost = [note for note in done.notes if "no person is detected" in note]
     assert len(lost) == 1 and lost[0].startswith("person 2: frames 24 to 39")
     assert json.loads((tmp_path / "out/run.json").read_text())["complete"] is False
 

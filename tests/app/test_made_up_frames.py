@@ -11,8 +11,8 @@ from perfcap.app.capture_checks import made_up
 @pytest.mark.parametrize(
     ("gap", "said"),
     [
-        ((5, 6), "frame 25: nobody is detected; it is interpolated"),
-        ((5, 8), "frames 25 to 27: nobody is detected; they are interpolated"),
+        ((5, 6), "frame 25: no person is detected; it is interpolated"),
+        ((5, 8), "frames 25 to 27: no person is detected; they are interpolated"),
     ],
 )
 def test_gaps(gap: tuple[int, int], said: str) -> None:

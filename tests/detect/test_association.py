@@ -143,6 +143,8 @@ def test_people_who_come_later_are_somebody_else() -> None:
     crowd = make_crowd(8, count=3, frames=160, away=[slice(0), slice(70, 160), slice(0, 115)])
     found = associate(crowd.cameras, crowd.candidates, RATE)
     check(crowd, found)
+    assert sorted(crowd.matched(found.slots)[0]) == [0, 1, 2]
+    assert not any("known again" in note for note in found.notes)
 
 
 @pytest.mark.long

@@ -147,11 +147,17 @@ def test_masks_beside_the_person_are_warned_of(start: Performance, masks: torch.
 def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
     some = masks.clone()
     some[1:, 1] = 0
-    refine_jointly(start, some, config=QUICK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = refine_jointly(start, some, config=QUICK)
+    assert found.vertices().isfinite().all()
 
 
 def test_masks_that_are_learned_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
-    refine_jointly(start, (1 - masks).requires_grad_(), config=QUICK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = refine_jointly(start, (1 - masks).requires_grad_(), config=QUICK)
+    assert found.vertices().requires_grad
 
 
 def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tensor) -> None:
