@@ -99,7 +99,7 @@ def test_frames_without_a_person_are_named(
     call = take.command(tmp_path / "out", detections=tmp_path / "gap.npz")
     outcome = perfcap([*call, "--frames", "4:"])
     assert outcome.code == 3
-    assert [n for n in outcome.notes if n.startswith("frames 9 to 11: nobody")]
+    assert [n for n in outcome.notes if n.startswith("frames 9 to 11: no person is detected")]
     run = report(tmp_path / "out")
     assert run["not_captured"] == [[9, 12]] and run["complete"] is False
     arrays = motion(tmp_path / "out")
