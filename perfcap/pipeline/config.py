@@ -198,8 +198,6 @@ class PoseConfig(Settings):
     cleanest: float = 0.004  # least share of their weights that is kept
     clavicles: bool = True  # shoulders rise with the arms, on actors whose rigs have clavicles
     rest_hands: bool = True  # fingers are bent as at rest, where rigs have them
-    initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
-    widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     position: PositionConfig = field(default_factory=PositionConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
@@ -212,8 +210,7 @@ class PoseConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_counts(self, "window", "batch", "initial_batch")
-        require_counts(self, "overlap", "widened_steps", least=0)
-        require_sizes(self, "initial_widening")
+        require_counts(self, "overlap", least=0)
         require_shares(self, "clean", most=float("inf"))
         require_shares(self, "cleanest")
 

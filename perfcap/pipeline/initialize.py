@@ -8,31 +8,27 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.geometry.alignment import procrustes
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.geometry.triangulation import translation_from_plane, triangulate
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
-from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps, require_somebody
 from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
+from perfcap.pipeline.placed_start import FIT_POINTS, TRUNK, placed_start, trunk_start
 from perfcap.pipeline.prepare import Prepared
 from perfcap.solve import LevenbergMarquardt, solve
 
-_TRUNK = [LANDMARKS.index(n) for n in ("neck", "r_shoulder", "l_shoulder", "r_hip", "l_hip")]
 _MIN_VIEWS = 2
-_FIT_POINTS = 3  # joints that fix a pose in space
 
 
 def initialize(prepared: Prepared, checkpoint: Checkpoint = NO_CHECKPOINT) -> tuple[Motion, Tensor]:
     """Minimise E_2d + E_3d frame by frame (Xu et al. 2018, Sec. 4; MPC-15).
 
-    Where the joints' places in the world are roughly known (two views, or 3D joints) the root
-    starts from a rigid fit of the trunk. Frames of which one view shows 2D joints only leave the
-    heading open: eight are tried.
+    Where the joints' places in the world are roughly known (two views, or 3D joints) frames start
+    from the pose nearest to them. Frames of which one view shows 2D joints only leave the heading
+    open: eight are tried.
 
     Args:
         prepared: F frames.
@@ -46,7 +42,7 @@ def initialize(prepared: Prepared, checkpoint: Checkpoint = NO_CHECKPOINT) -> tu
         InputError: no view shows the person in any frame.
     """
     detections, batch = prepared.detections, prepared.problem.config.initial_batch
-    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= _FIT_POINTS
+    seen = (detections.confidence2d > 0).flatten(1).sum(-1) >= FIT_POINTS
     require_somebody(seen)  # before anything is kept
     starts = range(0, detections.frame_count, batch)
     tasks = [slice(start, start + batch) for start in starts]
@@ -82,27 +78,12 @@ def _initialize_part(prepared: Prepared) -> tuple[Motion, Tensor]:
     """Motion (F,) of some frames, and in which of them joints' places are known, (F,)."""
     problem = prepared.problem
     points, weights = joint_places(prepared)
-    known = (weights[..., _TRUNK] > 0).sum(-1) >= _FIT_POINTS
-    start = trunk_start(problem.actor, points, weights)
+    known = (weights[..., TRUNK] > 0).sum(-1) >= FIT_POINTS
     if not bool(known.any()):
-        return start, known
-    if problem.detections.views >= _MIN_VIEWS:
-        start, _ = solve_frames(replace(problem, config=_widened(problem.config)), start)
+        return trunk_start(problem.actor, points, weights), known
+    certain = (weights > 0).to(points)
+    start = placed_start(problem.actor, points[:, None], certain[:, None], problem.config)
     return solve_frames(problem, start)[0], known
-
-
-def _widened(config: PoseConfig) -> PoseConfig:
-    """Wider robust kernels for a few steps: limbs start at rest, which is far from where they are.
-
-    One view does not need it, its 3D joints lead each limb on their own.
-    """
-    scale = config.reprojection.scale
-    wide = None if scale is None else scale * config.initial_widening
-    return replace(
-        config,
-        initial_steps=config.widened_steps,
-        reprojection=replace(config.reprojection, scale=wide),
-    )
 
 
 def joint_places(prepared: Prepared) -> tuple[Tensor, Tensor]:
@@ -126,19 +107,6 @@ def joint_places(prepared: Prepared) -> tuple[Tensor, Tensor]:
         points = torch.where(enough[..., None], across, points)
         weights = torch.where(enough, 1.0, weights)
     return points, weights
-
-
-def trunk_start(actor: Actor, points: Tensor, weights: Tensor) -> Motion:
-    """Root from a rigid fit of the trunk; angles at the neutral pose."""
-    skeleton = actor.skeleton
-    rest = skeleton.rest_landmarks[_TRUNK]
-    target, share = points[:, _TRUNK], weights[:, _TRUNK]
-    fit = procrustes(
-        rest.expand_as(target), torch.where(share[..., None] > 0, target, 0.0), share, scale=False
-    )
-    root = (fit.rotation @ skeleton.rest_positions[0]) + fit.translation
-    angles = neutral_angles(actor).expand(len(points), -1)
-    return Motion(root, matrix_to_rotvec(fit.rotation), angles)
 
 
 # --- Frames solved on their own: windows of one frame, all at once --------------------------------

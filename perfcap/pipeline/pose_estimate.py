@@ -13,25 +13,23 @@ from perfcap.actor.motion import Motion
 from perfcap.detect.detections import Detections, extents, unit_of
 from perfcap.detect.joint_set import LANDMARKS, JointSet, map_to_landmarks
 from perfcap.detect.retarget import mid_hip
-from perfcap.energy.prior import PosePrior
-from perfcap.energy.reprojection import Reprojection
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import goes_forwards
-from perfcap.pipeline.clip_problem import ClipProblem, targets_energy
+from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps
-from perfcap.pipeline.initialize import initialize, joint_places, trunk_start
+from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import (
     require_cameras,
     require_joints,
     require_shares,
     require_usable,
 )
-from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
+from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.padded_clips import cut_clips
+from perfcap.pipeline.placed_start import FIT_POINTS, placed_start
 from perfcap.pipeline.prepare import prepare, relaxed
-from perfcap.solve import LevenbergMarquardt, Objective, solve
 
 Clips = Tensor | Sequence[Tensor]
 """A clip (F, ...), a padded batch of them (B, F, ...), or a list of clips."""
@@ -250,8 +248,6 @@ def _require_metres(spans: Tensor) -> None:
 
 # --- Where the solve of an estimate begins: every frame of a clip on its own ----------------------
 
-_FIT_POINTS = 3  # joints that fix a pose in space
-
 
 @torch.no_grad()
 def start_clip(
@@ -274,54 +270,7 @@ def start_clip(
     if clip.has_pixels or clip.targets is None:
         prepared = prepare(frames)
         motion, _ = initialize(prepared)
-        if clip.targets is None:
-            motion = _better_seen(frames, clip, motion, *joint_places(prepared))
         trusted = prepared.detections.trusted3d
         return replace(problem, detections=replace(clip.detections, trusted3d=trusted)), motion
-    return problem, _placed_start(actor, clip, config)
-
-
-def _better_seen(
-    frames: FrameProblem, clip: ClipEstimate, motion: Motion, points: Tensor, weights: Tensor
-) -> Motion:
-    """Each frame as it is, or as its joints' rough places show it, whichever images fit better.
-
-    From the neutral pose, places lead limbs around where pixels catch them in a wrong minimum.
-
-    Args:
-        frames: the clip as it was estimated.
-        clip: the estimate.
-        motion: (F,).
-        points: rough places of the joints in the world, (F, 16, 3).
-        weights: of them, 0 where there are none, (F, 16).
-    """
-    if not int(((weights > 0).sum(-1) >= _FIT_POINTS).sum()):
-        return motion
-    certain = (weights > 0).to(points)[:, None]
-    placed = replace(clip, targets=points.nan_to_num()[:, None], certain=certain)
-    other = _placed_start(frames.actor, placed, frames.config)
-    pixels = frames.objective().energies["joints2d"]
-    assert isinstance(pixels, Reprojection)
-    own, others = (
-        pixels.kernel.value(pixels.residual(each).squared_norm()).sum(-1)
-        for each in (motion, other)
-    )
-    return other.where(others < own, motion)
-
-
-def _placed_start(actor: Actor, clip: ClipEstimate, config: PoseConfig) -> Motion:
-    """Each frame's pose where only places of joints are known; frames without any are filled."""
-    assert clip.targets is not None
-    points, certain = clip.targets, clip.certain
-    total = certain.sum(1)
-    middle = (certain[..., None] * points).sum(1) / total.clamp(min=1e-9)[..., None]
-    start = trunk_start(actor, middle, total)
-    energies = {
-        "targets": targets_energy(actor, points[:, None], certain[:, None], config),
-        "prior": PosePrior(neutral_angles(actor), config.prior.deviation, config.prior.weight),
-    }
-    initial = start.map(lambda each: each[:, None])
-    method = LevenbergMarquardt(config.initial_steps, tolerance=config.initial_tolerance)
-    objective = Objective(energies).to(actor.skeleton.lower)
-    found: Motion = solve(objective, initial, method, angle_bounds(actor)).state
-    return fill_gaps(found.map(lambda each: each[:, 0]), (total > 0).sum(-1) >= _FIT_POINTS)
+    motion = placed_start(actor, clip.targets, clip.certain, config)
+    return problem, fill_gaps(motion, (clip.certain.sum(1) > 0).sum(-1) >= FIT_POINTS)

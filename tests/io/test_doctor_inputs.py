@@ -177,6 +177,19 @@ def test_joints_in_another_order(views: int) -> None:
     assert "videos are upside down" in one(told).remedy
 
 
+def test_who_leans_far_upside_down() -> None:
+    """Axes are told by where feet are, however far a dancer leans."""
+    seen, size = detections(), rig().cameras.size[0][0]
+    lean = torch.linspace(-1.2, 1.2, seen.frame_count).sin()[:, None, None] * 1.4
+    hips = seen.joints2d[..., 8:10, :].mean(-2, keepdim=True)
+    away = seen.joints2d - hips
+    leaning = torch.stack([away[..., 0] + lean * away[..., 1], away[..., 1]], dim=-1) + hips
+    turned = torch.stack([leaning[..., 0], size - leaning[..., 1]], dim=-1)
+    for points, known in ((leaning, False), (turned, True)):
+        found = examine_detections(rig(), replace(seen, joints2d=points))
+        assert any("stands on their head" in each.what for each in found) == known
+
+
 def pose3d() -> Tensor:
     """The person in camera axes about the mid-hip, (F, C, 16, 3)."""
     local = rig().cameras.to_camera(person())

@@ -97,8 +97,8 @@ def examine_agreement(
     # what was undone on the way explains nothing, since the views still disagree
     what = f"disagree on the person by {now:.0f} px, {now / height:.0%} of their height"
     remedy = (
-        "check that calibration, videos and detections belong together and come in one order; "
-        "calibrate again"
+        "check that calibration, videos and detections belong together and come in one order, and "
+        "that joints are of one person and side; else calibrate again"
     )
     return [
         *_behind(given.sampled(), rig.names),

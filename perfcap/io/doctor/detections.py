@@ -36,7 +36,7 @@ CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
 _FAINT = 0.1  # the most confident joint of a whole clip
-_LYING = 0.9  # share of frames
+_LYING, _LEANING = 0.9, 0.5  # shares of frames; who dances leans to the side in some
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a copied view
 _NECK = LANDMARKS.index("neck")
@@ -191,12 +191,10 @@ def _headlong(detections: Detections) -> list[Finding]:
     """Somebody who stands on their head in every view (F, C), in nearly all frames."""
     seen = detections.confidence2d > CONFIDENT
     downs = [_down(detections.joints2d[:, view], seen[:, view]) for view in range(detections.views)]
-    shares = [
-        float((down[:, 1] < -down[:, 0].abs()).double().mean())
-        for down in downs
-        if len(down) >= _FEWEST
-    ]
-    if not shares or min(shares) < _LYING:
+    downs = [down for down in downs if len(down) >= _FEWEST]
+    shares = [float((down[:, 1] < 0).double().mean()) for down in downs]
+    steep = [float((down[:, 1] < -down[:, 0].abs()).double().mean()) for down in downs]
+    if not shares or min(shares) < _LYING or min(steep) < _LEANING:
         return []
     what = f"the person stands on their head in every view, in {min(shares):.0%} of the frames"
     remedy = (
