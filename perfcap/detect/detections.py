@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from perfcap.detect.extent import end_to_end
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.geometry.record import Record
@@ -89,20 +90,17 @@ class Detections(Record):
         return self.joints2d.shape[-3]
 
     def person_height(self) -> Tensor:
-        """Median height of the person in the images of a clip, (C,), pixels; 1 where undetected.
+        """Median size of the person in the images of a clip, (C,), pixels; 1 where undetected.
 
-        Joints count from a share of a view's largest confidence, since detectors differ in what
-        they call confident, and frames with at least six of them, or with as many as the view ever
-        shows.
+        From end to end, their height if they stand. Joints count from a share of a view's largest
+        confidence, since detectors differ in what they call confident, and frames with at least
+        six of them, or with as many as the view ever shows.
         """
         peak = self.confidence2d.amax((0, 2))[:, None]  # C 1
         seen = self.confidence2d > _SEEN * peak
         count = seen.sum(-1)
         enough = count >= count.amax(0).clamp(min=1, max=_ENOUGH_JOINTS)
-        rows = self.joints2d[..., 1]
-        top = torch.where(seen, rows, torch.inf).amin(-1)
-        bottom = torch.where(seen, rows, -torch.inf).amax(-1)
-        height = torch.where(enough, bottom - top, torch.nan)
+        height = end_to_end(self.joints2d, seen).where(enough, torch.nan)
         return height.nanmedian(0).values.nan_to_num(1.0).clamp(min=1.0)
 
     def views_with_person(self) -> Tensor:

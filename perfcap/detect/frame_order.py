@@ -8,6 +8,8 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
+from perfcap.detect.extent import end_to_end
+
 SURE = 0.3
 """Confidence of joints that are looked at."""
 
@@ -67,13 +69,11 @@ def in_no_order(way: Way, count: int, height: float) -> float | None:
 
 
 def person_height(joints: Tensor, confidence: Tensor) -> float:
-    """Median size along y of people (*b, 16, D) who are seen; NaN where no joint is sure.
+    """Median size of people (*b, 16, D) who are seen, from end to end; NaN where none is sure.
 
     Args:
         joints: (*b, 16, D).
         confidence: (*b, 16).
     """
-    sure, along = confidence > SURE, joints[..., 1]
-    low = along.where(sure, torch.inf).amin(-1)
-    high = along.where(sure, -torch.inf).amax(-1)
-    return float((high - low)[sure.any(-1)].median()) if bool(sure.any()) else float("nan")
+    sure = confidence > SURE
+    return float(end_to_end(joints, sure)[sure.any(-1)].median()) if sure.any() else float("nan")

@@ -33,9 +33,10 @@ def drawn(joints: NDArray[np.float64]) -> NDArray[np.bool_]:
     return image > 0
 
 
-def found(frame_of: Callable[[int], int]) -> list[Finding]:
-    """Of masks that show other frames than their own."""
+def found(frame_of: Callable[[int], int], repeated: bool = False) -> list[Finding]:
+    """Of masks that show other frames than their own, or of a video that repeats one in six."""
     joints = walker()
+    joints = joints[[frame - frame // 6 for frame in range(FRAMES)]] if repeated else joints
     noise = np.random.default_rng(0).normal(0, 1.0, joints.shape)
 
     def read(frame: int) -> NDArray[np.bool_] | None:
@@ -66,6 +67,18 @@ def test_masks_of_other_frames_from_some_frame_on(late: int) -> None:
 def test_masks_that_are_repeated() -> None:
     (finding,) = found(lambda frame: min(frame, FROM))
     assert f"the same in frames {FIRST + FROM}-{FIRST + FRAMES - 1}" in finding.what
+
+
+@pytest.mark.parametrize("every", [2, 3, 5, 7])
+def test_masks_of_one_frame_in_several(every: int) -> None:
+    (finding,) = found(lambda frame: frame // every * every)
+    share = (every - 1) / every
+    assert "are those of the frame before" in finding.what
+    assert abs(int(finding.what.split("%")[0]) - 100 * share) < 6
+
+
+def test_masks_of_a_video_that_repeats_one_frame_in_six_are_quiet() -> None:
+    assert found(lambda frame: frame, repeated=True) == []
 
 
 def test_nobody_and_no_masks_say_nothing() -> None:

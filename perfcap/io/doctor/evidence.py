@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
+from perfcap.detect.extent import end_to_end
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.triangulation import triangulate
 from perfcap.io.doctor.detections import CONFIDENT
@@ -66,11 +67,9 @@ class Scene:
 
 
 def person_height(scene: Scene) -> float:
-    """Typical height of a person's joints in the images, pixels; NaN when nobody is seen."""
+    """Typical size of a person in the images, end to end, pixels; NaN when nobody is seen."""
     seen = scene.detections.confidence2d > 0
-    y = scene.detections.joints2d[..., 1]
-    height = y.masked_fill(~seen, -torch.inf).amax(-1) - y.masked_fill(~seen, torch.inf).amin(-1)
-    height = height[seen.sum(-1) > 3]
+    height = end_to_end(scene.detections.joints2d, seen)[seen.sum(-1) > 3]
     return float(height.median()) if len(height) else math.nan
 
 

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from perfcap.detect.extent import end_to_end
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.geometry.triangulation import translation_from_plane
@@ -106,9 +107,7 @@ class _View:
         self.pose, self.plane = pose, plane
         seen = confidence > _CONFIDENT
         self.confidence = torch.where(seen, confidence, 0)
-        y = plane[..., 1]
-        height = y.masked_fill(~seen, -math.inf).amax(-1) - y.masked_fill(~seen, math.inf).amin(-1)
-        height = height[seen.sum(-1) > 8]
+        height = end_to_end(plane, seen)[seen.sum(-1) > 8]
         self.height = float(height.median()) if len(height) else math.nan
 
     def parts(self) -> tuple[Tensor, Tensor, Tensor]:

@@ -6,8 +6,10 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from perfcap.detect.extent import end_to_end
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 _SURE = 0.3  # confidence of a joint
@@ -19,6 +21,8 @@ _SHORTEST = 8  # frames
 _FAR = 0.004
 _LEFT = 0.3  # share of it that masks of other frames may leave
 _MOVED = 0.04  # of the height, by which joints move while masks stay the same
+_REACH = 5  # frames before and after one, within which the person moves
+_OFTEN = 0.3  # share of masks that repeat; of a video taken from 25 to 30 frames a second, 0.17
 
 Mask = NDArray[np.bool_]
 Reader = Callable[[int], "Mask | None"]
@@ -53,6 +57,10 @@ def examine_masks(
         what = f"the masks are the same in frames {ranges([first + each for each in held])}"
         remedy = "the person moves there: were gaps filled with the last mask? leave those out"
         findings.append(Finding(Severity.WARNING, f"masks of {name}", what, remedy))
+    elif repeated := _repeated(shown, found):
+        what = f"{repeated:.0%} of the masks are those of the frame before, while the person moves"
+        remedy = "were they made of one frame in several? give those alone, or one of every frame"
+        return [Finding(Severity.WARNING, f"masks of {name}", what, remedy)]
     for shift, frames in _shifted(found, starts, set(held)):
         what = (
             f"look as if of {abs(shift)} or so frames {'later' if shift > 0 else 'earlier'} in "
@@ -69,9 +77,10 @@ def _starts(count: int) -> int:
 
 
 def _height(pixels: Array, confidence: Array) -> float:
-    y = np.where(confidence > _SURE, pixels[..., 1], np.nan)
-    known = (confidence > _SURE).sum(-1) > 3
-    return float(np.median(np.nanmax(y[known], -1) - np.nanmin(y[known], -1))) if known.any() else 0
+    seen = torch.from_numpy(confidence > _SURE)
+    known = seen.sum(-1) > 3
+    sizes = end_to_end(torch.from_numpy(pixels), seen)[known].numpy()
+    return float(np.median(sizes)) if len(sizes) else 0.0
 
 
 class _Shown:
@@ -97,21 +106,42 @@ class _Shown:
                     off[place] = outside[y[inside], x[inside]].mean() / self.height
         return off
 
+    def repeats(self, frame: int) -> bool:
+        """Whether a mask is that of the frame before, to the pixel."""
+        return frame in self.prints and self.prints.get(frame - 1) == self.prints[frame]
+
+    def moves(self, start: int, stop: int) -> bool:
+        """Whether joints leave, within some frames, the places where they were in the first."""
+        pixels, both = self.pixels[start:stop], self.sure[start:stop].all(0)
+        way = np.linalg.norm(pixels - pixels[0], axis=-1)[:, both]
+        return bool(both.any() and way.mean(-1).max() > _MOVED * self.height)
+
 
 def _held(shown: _Shown, found: dict[int, Array]) -> list[int]:
     """Frames whose masks are those of the frame before, or begin such a stretch."""
-    prints = shown.prints
-    same = [f for f in found if f in prints and prints.get(f - 1) == prints[f]]
+    same = [f for f in found if shown.repeats(f)]
     held: list[int] = []
     for run in np.split(np.array(same, int), np.flatnonzero(np.diff(same) > 1) + 1):
         if len(run) + 1 < _SHORTEST:
             continue
-        whole = np.arange(run[0] - 1, run[-1] + 1)
-        both = shown.sure[whole].all(0)
-        way = np.linalg.norm(shown.pixels[whole] - shown.pixels[whole[0]], axis=-1)[:, both]
-        if both.any() and way.mean(-1).max() > _MOVED * shown.height:
-            held += whole.tolist()
+        if shown.moves(run[0] - 1, run[-1] + 1):
+            held += range(run[0] - 1, run[-1] + 1)
     return held
+
+
+def _repeated(shown: _Shown, found: dict[int, Array]) -> float:
+    """Share of masks that repeat the one before where the person moves and joints differ, or 0.
+
+    Masks of one frame in several, each given for those after it as well, stay for a few frames,
+    in which nobody moves far.
+    """
+    moving = [f for f in found if f in shown.prints and f - 1 in shown.prints]
+    moving = [f for f in moving if shown.moves(max(f - _REACH, 0), f + _REACH)]
+    same = [
+        f for f in moving if shown.repeats(f) and (shown.pixels[f] != shown.pixels[f - 1]).any()
+    ]
+    share = len(same) / max(len(moving), 1)
+    return share if len(same) >= _SHORTEST and share > _OFTEN else 0.0
 
 
 def _shifted(

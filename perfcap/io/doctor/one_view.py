@@ -33,7 +33,7 @@ def examine_one_view(scene: Scene, names: Sequence[str], height: float) -> list[
         height: of the person, pixels.
     """
     given = joint_residuals(scene)
-    usual = float(given.nanmedian())
+    usual, seen = float(given.nanmedian()), scene.detections.confidence2d > 0
     found: list[tuple[float, str, int]] = []
     for what, order in _orders():
         moved = [k for k, other in enumerate(order) if k != other]
@@ -41,8 +41,10 @@ def examine_one_view(scene: Scene, names: Sequence[str], height: float) -> list[
         if not now * scene.focal > _LEAST * height:
             continue
         for view in range(len(names)):
+            here = seen[:, view][:, moved] & seen[:, view][:, [order[k] for k in moved]]
             undone = joint_residuals(_exchanged(scene, view, order))
-            if _median(undone[:, moved]) < min(_BETTER * now, _LIKE * usual):
+            left = _median(undone[:, moved][here])  # where a view loses joints, fewer disagree
+            if left < min(_BETTER * _median(given[:, moved][here]), _LIKE * usual):
                 # elbows are a part of arms: what explains most
                 found.append((float(undone.nanmedian(0).values.nansum()), what, view))
     if not found:
