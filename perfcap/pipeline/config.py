@@ -194,6 +194,8 @@ class PoseConfig(Settings):
     damping: float = 1e-2  # of a window's first step, relative to the curvature of the data
     initial_steps: int = 8
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
+    initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
+    widened_steps: int = 6
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.004  # least share of their weights that is kept
     clavicles: bool = True  # shoulders rise with the arms, on actors whose rigs have clavicles
@@ -210,7 +212,8 @@ class PoseConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_counts(self, "window", "batch", "initial_batch")
-        require_counts(self, "overlap", least=0)
+        require_counts(self, "overlap", "widened_steps", least=0)
+        require_sizes(self, "initial_widening")
         require_shares(self, "clean", most=float("inf"))
         require_shares(self, "cleanest")
 

@@ -14,6 +14,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.geometry.triangulation import translation_from_plane, triangulate
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, NOTHING, Checkpoint, Codec, Kept, motions
+from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.gaps import fill_gaps, require_somebody
 from perfcap.pipeline.objective import FrameProblem, angle_bounds, neutral_angles
 from perfcap.pipeline.placed_start import FIT_POINTS, TRUNK, placed_start, trunk_start
@@ -26,9 +27,10 @@ _MIN_VIEWS = 2
 def initialize(prepared: Prepared, checkpoint: Checkpoint = NO_CHECKPOINT) -> tuple[Motion, Tensor]:
     """Minimise E_2d + E_3d frame by frame (Xu et al. 2018, Sec. 4; MPC-15).
 
-    Where the joints' places in the world are roughly known (two views, or 3D joints) frames start
-    from the pose nearest to them. Frames of which one view shows 2D joints only leave the heading
-    open: eight are tried.
+    Where the joints' places in the world are roughly known (two views, or 3D joints) the root
+    starts from a rigid fit of the trunk; of several views limbs start as they hang and where these
+    places are, and the lower minimum counts. Frames of which one view shows 2D joints only leave
+    the heading open: eight are tried.
 
     Args:
         prepared: F frames.
@@ -79,11 +81,36 @@ def _initialize_part(prepared: Prepared) -> tuple[Motion, Tensor]:
     problem = prepared.problem
     points, weights = joint_places(prepared)
     known = (weights[..., TRUNK] > 0).sum(-1) >= FIT_POINTS
+    start = trunk_start(problem.actor, points, weights)
     if not bool(known.any()):
-        return trunk_start(problem.actor, points, weights), known
-    certain = (weights > 0).to(points)
-    start = placed_start(problem.actor, points[:, None], certain[:, None], problem.config)
-    return solve_frames(problem, start)[0], known
+        return start, known
+    if problem.detections.views < _MIN_VIEWS:  # its 3D joints lead each limb on their own
+        return solve_frames(problem, start)[0], known
+    return _better_of_two(problem, start, points, (weights > 0).to(points)), known
+
+
+def _better_of_two(problem: FrameProblem, start: Motion, points: Tensor, certain: Tensor) -> Motion:
+    """Each frame solved from two poses, (F,); the lower minimum.
+
+    Limbs that start as they hang are far from where they are: kernels are wider for a few steps,
+    and still pixels catch some in wrong minima. Places of joints (F, 16, 3) lead limbs there, and
+    are themselves wrong where two views are.
+    """
+    wide, _ = solve_frames(replace(problem, config=_widened(problem.config)), start)
+    motion, energy = solve_frames(problem, wide)
+    placed = placed_start(problem.actor, points[:, None], certain[:, None], problem.config)
+    other, others = solve_frames(problem, placed)
+    return other.where(others < energy.nan_to_num(torch.inf), motion)
+
+
+def _widened(config: PoseConfig) -> PoseConfig:
+    scale = config.reprojection.scale
+    wide = None if scale is None else scale * config.initial_widening
+    return replace(
+        config,
+        initial_steps=config.widened_steps,
+        reprojection=replace(config.reprojection, scale=wide),
+    )
 
 
 def joint_places(prepared: Prepared) -> tuple[Tensor, Tensor]:

@@ -39,6 +39,7 @@ NAN = float("nan")
         (PoseConfig, {"overlap": 2.5}),
         (PoseConfig, {"clean": NAN}),
         (PoseConfig, {"cleanest": -1.0}),
+        (PoseConfig, {"initial_widening": 0.0}),
         (PoseConfig, {"paths": True}),
         (PoseConfig, {"reprojection": None}),
         (ReprojectionConfig, {"deviation": 0.0}),
