@@ -13,6 +13,7 @@ from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import matrix_to_rotvec, rotvec_to_matrix
 from perfcap.io.calibration import CameraRig
 from perfcap.io.doctor.agreement import examine_agreement
+from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.finding import Finding
 from perfcap.pipeline.config import ContactConfig, PoseConfig
 from perfcap.pipeline.jobs import capture
@@ -78,6 +79,27 @@ def test_who_lies_is_as_large(axis: list[float]) -> None:
     lying = replace(take.truth, rotation=turned)
     seen = noisy(take, detect(take.actor, take.cameras, lying, lifted=False), 0.02)
     assert findings(take.cameras, seen) == []
+
+
+@pytest.mark.parametrize("times", [14.0, 0.45])
+def test_stadiums_and_small_children(times: float) -> None:
+    """Cameras far away with long lenses, and everything smaller, as one who just stands sees it."""
+    take = make_take(FRAMES, views=VIEWS, lifted=False)
+    cameras = take.cameras
+    if times > 1:
+        longer = cameras.intrinsics * torch.tensor([times, times, 1.0], dtype=F64).diag()
+        longer[..., 2] = cameras.intrinsics[..., 2]
+        middle = cameras.rotation @ take.truth.translation.mean(0)
+        near = cameras.translation + middle
+        away = torch.tensor([1.0, 1.0, times], dtype=F64)
+        cameras = replace(cameras, intrinsics=longer, translation=near * away - middle)
+        seen = detect(take.actor, cameras, take.truth, lifted=False)
+        assert torch.pdist(cameras.centre).max() > 100
+    else:
+        cameras = replace(cameras, translation=times * cameras.translation)
+        seen = take.detections
+    rig = CameraRig(("a", "b", "c"), cameras)
+    assert examine_cameras(rig) == findings(cameras, seen) == []
 
 
 def test_half_figures_have_no_knees_in_the_place_of_hips() -> None:

@@ -45,7 +45,7 @@ PREFERRED = 1.4  # a specific mistake is preferred to "a bad camera" up to this 
 IN_TIME = 1.6
 COMMON = 0.25  # share of the joints that two views see
 _OF_SIDES = 120  # frames in which left and right are looked at
-LEG = (0.4, 1.3)  # m, hip to ankle
+LEG = (0.3, 1.3)  # m, hip to ankle, of children who just stand to the tallest
 _LEGS = [[LANDMARKS.index(f"{s}_{n}") for n in ("hip", "knee", "ankle")] for s in "lr"]
 
 
