@@ -51,6 +51,15 @@ def test_doctor_says_so(tmp_path: Path, pictures: np.ndarray) -> None:
 
 
 @pytest.mark.long
+def test_noise_of_whole_frames(tmp_path: Path, pictures: np.ndarray) -> None:
+    """As of a sensor in the dark: single lines stand out, and single columns as often."""
+    random = np.random.default_rng(0)
+    noise = random.normal(0, 14, pictures.shape[:3])[..., None]
+    grainy = (pictures + noise).clip(0, 255).astype(np.uint8)
+    assert examine_fields(written(tmp_path / "n.mp4", grainy, "5"), ["n"]) == []
+
+
+@pytest.mark.long
 def test_whole_frames(tmp_path: Path, pictures: np.ndarray) -> None:
     """As filmed; blended of two moments; with lines that stand still; too short to say."""
     whole = Clip.open(DEMO / "video.mp4")
