@@ -194,12 +194,12 @@ class PoseConfig(Settings):
     damping: float = 1e-2  # of a window's first step, relative to the curvature of the data
     initial_steps: int = 8
     initial_tolerance: float = 1e-3  # likewise, of a frame on its own
-    initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
-    widened_steps: int = 6
     clean: float = 0.15  # jitter, in deviations, below which trajectory and prior weigh less
     cleanest: float = 0.004  # least share of their weights that is kept
     clavicles: bool = True  # shoulders rise with the arms, on actors whose rigs have clavicles
     rest_hands: bool = True  # fingers are bent as at rest, where rigs have them
+    initial_widening: float = 5.0  # of the 2D kernel, in the first steps of several views
+    widened_steps: int = 6
     reprojection: ReprojectionConfig = field(default_factory=ReprojectionConfig)
     position: PositionConfig = field(default_factory=PositionConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
