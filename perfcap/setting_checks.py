@@ -13,6 +13,8 @@ from typing import Any, Literal, TypeGuard, Union, get_args, get_origin, get_typ
 
 from perfcap.errors import InputError
 
+_LONGEST = 1.0  # metres, of deviations of points of a body
+
 
 class Settings:
     """Base of frozen dataclasses of settings: every field is what its annotation says.
@@ -166,6 +168,37 @@ def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
     """
     for name in names:
         require_size(getattr(settings, name), _named(settings, name), finite=finite)
+
+
+def require_metres(settings: Any, *names: str) -> None:
+    """Refuse fields that are no lengths above zero of a part of a body, or tuples of such.
+
+    Infinite ones switch a term off; finite ones above a metre are of another unit.
+
+    Raises:
+        InputError: one is none.
+    """
+    _require_unit(settings, names, _LONGEST, "metres")
+
+
+def require_radians(settings: Any, *names: str) -> None:
+    """Refuse fields that are no angles above zero: finite ones above a turn are degrees.
+
+    Raises:
+        InputError: one is none.
+    """
+    _require_unit(settings, names, math.tau, "radians")
+
+
+def _require_unit(settings: Any, names: Sequence[str], most: float, unit: str) -> None:
+    for name in names:
+        value = getattr(settings, name)
+        of_all = value if isinstance(value, tuple | list) else (value,)
+        if not all(_number(one) and one > 0 and (one <= most or math.isinf(one)) for one in of_all):
+            raise InputError(
+                f"{_named(settings, name)} is {value!r:.80}, expected {unit}: above zero and at "
+                f"most {most:.3g}, or inf, which switches it off"
+            )
 
 
 def require_shares(settings: Any, *names: str, most: float = 1.0) -> None:

@@ -15,6 +15,8 @@ from perfcap.errors import InputError
 from perfcap.setting_checks import (
     Settings,
     require_counts,
+    require_metres,
+    require_radians,
     require_shares,
     require_sizes,
 )
@@ -52,11 +54,12 @@ class PositionConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.deviation) != len(_DEVIATION_3D) or not all(d > 0 for d in self.deviation):
+        if len(self.deviation) != len(_DEVIATION_3D):
             raise InputError(
-                f"deviation of PositionConfig is {self.deviation}, expected metres above zero, one "
-                f"for each of the {len(_DEVIATION_3D)} landmarks"
+                f"deviation of PositionConfig has {len(self.deviation)} numbers, expected one for "
+                f"each of the {len(_DEVIATION_3D)} landmarks"
             )
+        require_metres(self, "deviation")
         require_sizes(self, "gate", "lasting")
 
     def weight_of(self, views: int) -> float:
@@ -121,7 +124,7 @@ class PathConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_counts(self, "rank")
-        require_sizes(self, "deviation")
+        require_metres(self, "deviation")
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ class PriorConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "deviation", "alone", "beyond")
+        require_radians(self, "deviation", "alone", "beyond")
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,8 @@ class ContactConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "deviation", "depth")
+        require_metres(self, "deviation", "depth")
+        require_shares(self, "margin")
         require_shares(self, "support")
 
 
@@ -304,8 +308,8 @@ class RetargetConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "limbs", "reach", "together", "near", "root", "feet", "depth")
-        require_sizes(self, "still", "speed")
+        require_metres(self, "reach", "together", "near", "root", "feet", "depth")
+        require_sizes(self, "limbs", "still", "speed")
         require_counts(self, "frames", "steps")
         strange = sorted(set(self.turns) - set(JOINTS))
         if strange or min(self.change) <= 0:

@@ -29,7 +29,7 @@ from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
 from perfcap.pipeline.track_motion import MotionBlender
 from perfcap.render.soft_silhouette import SoftSilhouette
-from perfcap.setting_checks import Settings, require_counts, require_sizes
+from perfcap.setting_checks import Settings, require_counts, require_metres
 from perfcap.solve import (
     Adjoint,
     Bounds,
@@ -67,7 +67,7 @@ class JointConfig(Settings):
         if not self.bands or not all(band > 0 for band in self.bands):
             raise InputError(f"bands are {self.bands}, expected one above zero for each round")
         require_counts(self, "nodes")
-        require_sizes(self, "stretch", "reach")
+        require_metres(self, "stretch", "reach")
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from perfcap.energy.skin_contact import SkinContact
 from perfcap.geometry.signed_gap import Mesh, signed_gap
 from perfcap.pipeline.objective import angle_bounds
 from perfcap.render.projected_mesh import vertex_normals
-from perfcap.setting_checks import Settings, require_sizes
+from perfcap.setting_checks import Settings, require_metres
 from perfcap.solve import Bounds, Energy, LevenbergMarquardt, Objective, Step, solve
 from perfcap.solve.compound import Compound, of_part
 
@@ -46,7 +46,7 @@ class ApartConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "depth", "moved")
+        require_metres(self, "depth", "moved")
 
 
 def keep_apart(

@@ -21,7 +21,7 @@ from perfcap.geometry.camera import NEAR, Camera
 from perfcap.geometry.laplacian import laplacian
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.segment import Matches, Matching
-from perfcap.setting_checks import Settings, require_sizes
+from perfcap.setting_checks import Settings, require_metres, require_sizes
 
 Floats = NDArray[np.float64]
 Pairs = Callable[[Floats], Sequence[Matches]]  # of a surface (V, 3) with its silhouettes, ``[C]``
@@ -62,7 +62,8 @@ class LaplacianConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "pixel", "edge", "unit", "reach")
+        require_sizes(self, "pixel")
+        require_metres(self, "edge", "unit", "reach")
 
 
 class LaplacianSurface:

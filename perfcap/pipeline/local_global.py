@@ -32,7 +32,7 @@ from perfcap.pipeline.pose_search import (
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.surface_config import ContourConfig
 from perfcap.segment import Matches, Matching
-from perfcap.setting_checks import Settings, require_sizes
+from perfcap.setting_checks import Settings, require_metres, require_radians, require_sizes
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, solve
 
 Mask = NDArray[np.bool_]
@@ -69,7 +69,9 @@ class LocalConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "outlier", "unit", *(() if self.scale is None else ("scale",)))
+        require_metres(self, "unit")
+        require_radians(self, "prediction")
+        require_sizes(self, "outlier", *(() if self.scale is None else ("scale",)))
 
 
 @dataclass(frozen=True, eq=False)

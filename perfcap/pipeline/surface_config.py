@@ -11,7 +11,14 @@ from dataclasses import dataclass, field
 from perfcap.segment import Matching, SequenceSettings
 from perfcap.segment.label_people import PeopleSettings
 from perfcap.segment.settings import PAPER, SECOND_PASS
-from perfcap.setting_checks import Settings, require_counts, require_shares, require_sizes
+from perfcap.setting_checks import (
+    Settings,
+    require_counts,
+    require_metres,
+    require_radians,
+    require_shares,
+    require_sizes,
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ class RefinePoseConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_sizes(self, "deviation")
+        require_metres(self, "deviation")
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,8 @@ class RefineCamerasConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_counts(self, "frames", "rounds", "max_steps")
-        require_sizes(self, "turn", "shift", "deviation")
+        require_radians(self, "turn")
+        require_metres(self, "shift", "deviation")
 
 
 @dataclass(frozen=True)
@@ -119,7 +127,7 @@ class RefineSurfaceConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_counts(self, "nodes", "smoothing", "settle_smoothing")
-        require_sizes(self, "stretch", "reach")
+        require_metres(self, "stretch", "reach")
         require_shares(self, "folds")
 
 

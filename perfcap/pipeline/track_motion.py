@@ -17,6 +17,7 @@ from perfcap.io.journal import Record
 from perfcap.pipeline.checkpoint import NOTHING, Codec, Kept, motions
 from perfcap.pipeline.clip_problem import ClipProblem, WindowData
 from perfcap.pipeline.objective import angle_bounds, kernel
+from perfcap.pipeline.own_energies import saying_which_frames, warn_of_windows
 from perfcap.solve import Adjoint, LevenbergMarquardt, Objective, Solution, Status, solve
 from perfcap.temporal.window import Blender, Window, mean_rotations, mean_vectors, partition
 
@@ -124,11 +125,14 @@ def solve_windows(
     objective = problem.objective_of(
         WindowData.stack([clips[clip].at(window, clip) for clip, window in group])
     )
-    start = Motion.stack([initial[clip][window.index] for clip, window in group])
-    objective, start = _with_paths(problem, objective, start)
+    given = Motion.stack([initial[clip][window.index] for clip, window in group])
+    objective, start = _with_paths(problem, objective, given)
     method = LevenbergMarquardt(config.max_steps, config.tolerance, config.damping)
     bounds = angle_bounds(problem.actor)
-    return solve(objective, start, method, bounds, adjoint), objective
+    with saying_which_frames(problem.terms, group):
+        solution = solve(objective, start, method, bounds, adjoint)
+    warn_of_windows(problem.terms, objective, given, group)
+    return solution, objective
 
 
 def _with_paths(

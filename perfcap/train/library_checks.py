@@ -54,7 +54,7 @@ def read_index(path: Path) -> list[dict[str, str]]:
     if lacking:
         raise InputError(f"{path}: has no column {' and '.join(lacking)}; expected {_INDEX}")
     cells = [{key: (row[key] or "").strip() for key in lines.fieldnames or ()} for row in lines]
-    rows = [row for row in cells if "glitch" not in row.get("remark", "")]
+    rows = [row for row in cells if "glitch" not in row.get("remark", "").lower()]
     seen: set[str] = set()
     for row in rows:
         if not row["clip"] or not row["subject"]:

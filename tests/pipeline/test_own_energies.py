@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import pytest
@@ -217,3 +218,47 @@ def test_terms_that_are_none_are_named(energies, message) -> None:  # type: igno
     take = make_take(6)
     with pytest.raises(InputError, match=message):
         capture(take.actor, take.cameras, take.detections, take.rate, energies=energies)
+
+
+class Targets(Energy[Motion]):
+    """Places of a wrist that are held for every frame of a clip."""
+
+    def __init__(self, actor: Actor, where: FrameNumbers, places: Tensor, right: bool) -> None:
+        super().__init__(weight=100.0)
+        self.actor, self.where, self.places, self.right = actor, where, places, right
+
+    def residual(self, motion: Motion) -> Residual:
+        wanted = self.places[self.where.frames if self.right else slice(motion.frames)]
+        return Residual(self.actor.joints(motion)[..., WRIST : WRIST + 1, :] - wanted)
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_targets_of_the_first_window_in_every_one_are_named(right: bool) -> None:
+    """The last frames followed the first ones' targets, without a word."""
+    take, quick = make_take(16), PoseConfig(window=10, overlap=4)
+    places = take.actor.joints(take.truth)[:, WRIST : WRIST + 1].detach()
+    own = {"wrist": lambda actor, where: Targets(actor, where, places, right)}
+    layer = PoseRefiner(take.actor, rate=take.rate, config=quick, energies=own)
+    views, joints = take.cameras, take.detections.joints2d
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        layer(views, joints, take.detections.confidence2d, take.detections.joints3d)
+    lines = [str(each.message) for each in said if "energy 'wrist'" in str(each.message)]
+    assert bool(lines) != right
+    for line in lines:
+        assert "in the window from frame 0" in line and "where.frames" in line
+
+
+def test_errors_of_torch_say_which_frames_they_are_of() -> None:
+    take, quick = make_take(16), PoseConfig(window=10, overlap=4)
+    places = torch.zeros(16, 1, 3, dtype=F64)
+
+    class Whole(Targets):
+        def residual(self, motion: Motion) -> Residual:
+            return Residual(self.actor.joints(motion)[..., WRIST : WRIST + 1, :] - self.places)
+
+    own = {"wrist": lambda actor, where: Whole(actor, where, places, True)}
+    layer = PoseRefiner(take.actor, rate=take.rate, config=quick, energies=own)
+    with pytest.raises(RuntimeError) as found:
+        layer(take.cameras, take.detections.joints2d)
+    assert any("wrist" in note and "0 to 9" in note for note in found.value.__notes__)

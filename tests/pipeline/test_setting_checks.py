@@ -24,7 +24,12 @@ from perfcap.pipeline.config import (
 )
 from perfcap.pipeline.keep_apart import ApartConfig
 from perfcap.pipeline.presets import PRESETS, CaptureConfig
-from perfcap.pipeline.surface_config import ContourConfig, RefinePoseConfig, RefineSurfaceConfig
+from perfcap.pipeline.surface_config import (
+    ContourConfig,
+    RefineCamerasConfig,
+    RefinePoseConfig,
+    RefineSurfaceConfig,
+)
 from perfcap.setting_checks import Settings
 
 NAN = float("nan")
@@ -73,6 +78,39 @@ def test_settings_that_are_none_are_refused_by_name(kind: Any, wrong: dict[str, 
     """They ended in a traceback, in NaN, or in another motion without a word."""
     with pytest.raises(InputError, match=f"{next(iter(wrong))}.* expected"):
         kind(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "unit"),
+    [
+        (
+            PositionConfig,
+            {"deviation": tuple(1000 * d for d in PositionConfig().deviation)},
+            "metres",
+        ),
+        (PositionConfig, {"deviation": (0.05,) * 15 + (50.0,)}, "metres"),
+        (PathConfig, {"deviation": 20.0}, "metres"),
+        (ContactConfig, {"deviation": 20.0}, "metres"),
+        (ContactConfig, {"depth": 5.0}, "metres"),
+        (RefinePoseConfig, {"deviation": 30.0}, "metres"),
+        (RefineSurfaceConfig, {"reach": 30.0}, "metres"),
+        (RefineCamerasConfig, {"shift": 30.0}, "metres"),
+        (RefineCamerasConfig, {"turn": 10.0}, "radians"),
+        (RetargetConfig, {"feet": 3.0}, "metres"),
+        (ApartConfig, {"moved": 20.0}, "metres"),
+        (PriorConfig, {"alone": 45.0}, "radians"),
+    ],
+)
+def test_other_units_are_refused(kind: Any, wrong: dict[str, Any], unit: str) -> None:
+    """Deviations in millimetres left 3D joints without a say, and nothing showed it."""
+    with pytest.raises(InputError, match=f"{next(iter(wrong))} of .* expected {unit}"):
+        kind(**wrong)
+
+
+def test_infinite_deviations_switch_terms_off() -> None:
+    assert PathConfig(deviation=float("inf")).deviation > 1
+    assert PositionConfig(deviation=(0.05,) * 15 + (float("inf"),)).deviation[-1] > 1
+    assert PriorConfig(alone=float("inf")).alone > 1
 
 
 def every_kind() -> list[type]:

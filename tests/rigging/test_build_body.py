@@ -66,6 +66,7 @@ def test_implausible_values_are_refused(values: dict[str, float], words: str) ->
         Person(**values)
 
 
+@pytest.mark.long
 def test_a_waist_that_was_measured_across_is_told(model: BodyModel) -> None:
     for waist, words in ((0.42, "kg and is 1.75 m tall"), (0.65, "")):
         person = Person(height=1.75, waist=waist)

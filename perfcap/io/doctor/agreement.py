@@ -189,9 +189,10 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     suspect = min(views, key=rest.__getitem__)
     if rest[suspect] < BETTER * now and errors[suspect] > enough:
         return _Outcast(suspect, errors[suspect], rest[suspect])
-    suspect = max(views, key=errors.__getitem__)
+    known = [view for view in views if math.isfinite(errors[view])]
+    suspect = max(known, key=errors.__getitem__, default=suspect)
     others = statistics.median(errors[view] for view in views if view != suspect)
-    if len(views) > 3 and errors[suspect] > max(enough, OUTLIER * others):
+    if len(known) > 3 and errors[suspect] > max(enough, OUTLIER * others):
         return _Outcast(suspect, errors[suspect], rest[suspect])
     return None
 
@@ -234,10 +235,12 @@ def _stretches(
 
 
 def _accuse(outcast: _Outcast, name: str, height: float, alone: bool) -> Finding:
-    share = outcast.error / height
+    off = "elsewhere than"
+    if math.isfinite(outcast.error):  # two others see them at once
+        share = outcast.error / height
+        off = f"{outcast.error:.0f} px ({share:.0%} of their height) from where"
     what = (
-        f"sees the person {outcast.error:.0f} px ({share:.0%} of their height) from where the "
-        f"other views see them, which agree within {outcast.rest:.0f} px"
+        f"sees the person {off} the other views see them, which agree within {outcast.rest:.0f} px"
     )
     follow = " (--people follows everybody)" if alone else ""
     remedy = (
