@@ -71,3 +71,20 @@ def test_a_view_that_lies_aside_is_not_called_late(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(agreement, "late_view", late)
     (found,) = examine_agreement(rig, aside)
     assert found.subject == "b" and "sees the person 60 px" in found.what
+
+
+@pytest.mark.parametrize("aside", [0.0, 60.0])
+def test_a_view_that_sees_nobody_is_not_to_blame(aside: float) -> None:
+    """Its distance from what the others see is unknown; it was called infinite, and the worst."""
+    take = make_take(60, views=5)
+    seen, draw = take.detections.without_poses(), torch.Generator().manual_seed(1)
+    confidence = seen.confidence2d.clone()
+    confidence[:, 2] = 0.0
+    noise = 3.0 * torch.randn(seen.joints2d.shape, generator=draw, dtype=torch.float64)
+    joints = seen.joints2d + noise
+    joints[:, 1, :, 0] += aside
+    rig = CameraRig(tuple("abcde"), take.cameras)
+    given = replace(seen, joints2d=joints, confidence2d=confidence)
+    found = examine_agreement(rig, given)
+    assert [each.subject for each in found] == (["b"] if aside else [])
+    assert all("inf" not in each.what for each in found)

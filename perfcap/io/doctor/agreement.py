@@ -180,11 +180,12 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
 
     The first sign is sharp when a view is far off, the second when many views dilute its error.
     """
-    views = range(scene.detections.views)
+    seeing = (scene.detections.confidence2d > 0).any(-1).any(0)
+    views = [view for view, sees in enumerate(seeing.tolist()) if sees]
     if len(views) < 3:
         return None
-    rest = [disagreement(scene.select([v for v in views if v != out])) for out in views]
-    errors = [left_out_error(scene, view) for view in views]
+    rest = {out: disagreement(scene.select([v for v in views if v != out])) for out in views}
+    errors = {view: left_out_error(scene, view) for view in views}
     enough = CULPRIT * height * (1 if len(views) > 3 else SLACK_OF_TWO)
     suspect = min(views, key=rest.__getitem__)
     if rest[suspect] < BETTER * now and errors[suspect] > enough:
