@@ -170,15 +170,16 @@ def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
         require_size(getattr(settings, name), _named(settings, name), finite=finite)
 
 
-def require_metres(settings: Any, *names: str) -> None:
-    """Refuse fields that are no lengths above zero of a part of a body, or tuples of such.
+def require_metres(settings: Any, *names: str, zero: bool = False) -> None:
+    """Refuse fields that are no lengths of parts of a body, or tuples of such: above zero, or
+    from ``zero`` on.
 
     Infinite ones switch a term off; finite ones above a metre are of another unit.
 
     Raises:
         InputError: one is none.
     """
-    _require_unit(settings, names, _LONGEST, "metres")
+    _require_unit(settings, names, _LONGEST, "metres", zero)
 
 
 def require_radians(settings: Any, *names: str) -> None:
@@ -190,15 +191,19 @@ def require_radians(settings: Any, *names: str) -> None:
     _require_unit(settings, names, math.tau, "radians")
 
 
-def _require_unit(settings: Any, names: Sequence[str], most: float, unit: str) -> None:
+def _require_unit(
+    settings: Any, names: Sequence[str], most: float, unit: str, zero: bool = False
+) -> None:
     for name in names:
         value = getattr(settings, name)
-        of_all = value if isinstance(value, tuple | list) else (value,)
-        if not all(_number(one) and one > 0 and (one <= most or math.isinf(one)) for one in of_all):
-            raise InputError(
-                f"{_named(settings, name)} is {value!r:.80}, expected {unit}: above zero and at "
-                f"most {most:.3g}, or inf, which switches it off"
-            )
+        for one in value if isinstance(value, tuple | list) else (value,):
+            known = _number(one) and (one > 0 or (zero and one == 0))
+            if not known or most < one < math.inf:
+                least = "zero or above" if zero else "above zero"
+                raise InputError(
+                    f"{_named(settings, name)} is {value!r:.80}, expected {unit}: {least}, at most "
+                    f"{most:.3g}, or inf, which switches it off"
+                )
 
 
 def require_shares(settings: Any, *names: str, most: float = 1.0) -> None:

@@ -271,32 +271,6 @@ class WindowData(Record):
         return replace(stacked, cameras=cameras, detections=Detections.stack(seen))
 
 
-def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
-    """An author's energies, if their names are free.
-
-    Raises:
-        InputError: a name is taken, or what it names cannot be called.
-    """
-    if energies is not None and not isinstance(energies, Mapping):
-        raise InputError(
-            f"energies are a {type(energies).__name__}, expected a mapping of names to functions "
-            "of (actor, where)"
-        )
-    own = dict(energies or {})
-    for name, term in own.items():
-        if not isinstance(name, str):
-            raise InputError(f"energies: {name!r} cannot name an energy; expected a plain word")
-        if name in TERMS + CONTACT + OPTIONAL:
-            taken = ", ".join(TERMS + CONTACT + OPTIONAL)
-            raise InputError(f"energies: {name!r} is one of {taken}; give yours another name")
-        if isinstance(term, Energy) or not callable(term):
-            raise InputError(
-                f"energies: {name!r} is a {type(term).__name__}; expected a function of (actor, "
-                "where) that makes the energy of the frames where.frames, such as its class"
-            )
-    return own
-
-
 def targets_energy(
     actor: Actor, points: Tensor, certain: Tensor, config: PoseConfig
 ) -> JointTarget:

@@ -166,7 +166,7 @@ class ContactConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_metres(self, "deviation", "depth")
-        require_shares(self, "margin")
+        require_metres(self, "margin", zero=True)
         require_shares(self, "support")
 
 

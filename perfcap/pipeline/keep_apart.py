@@ -46,7 +46,8 @@ class ApartConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_metres(self, "depth", "moved")
+        require_metres(self, "depth", "moved", "steps")
+        require_metres(self, "tolerance", zero=True)
 
 
 def keep_apart(

@@ -19,7 +19,7 @@ from perfcap.io.doctor.finding import doubting
 from perfcap.io.pose_prior import load_pose_prior
 from perfcap.pipeline.bone_lengths import solve_bone_lengths
 from perfcap.pipeline.checkpoint import Checkpoint, tensors
-from perfcap.pipeline.clip_problem import ClipProblem, Term, own_terms
+from perfcap.pipeline.clip_problem import ClipProblem, Term
 from perfcap.pipeline.clock import Clock
 from perfcap.pipeline.floor import Floor
 from perfcap.pipeline.gaps import ranges
@@ -29,6 +29,7 @@ from perfcap.pipeline.input_checks import require_matching
 from perfcap.pipeline.input_doubts import scene_doubts
 from perfcap.pipeline.look import Looked
 from perfcap.pipeline.objective import FrameProblem
+from perfcap.pipeline.own_energies import own_terms
 from perfcap.pipeline.people import Person, Scene
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare, relaxed

@@ -1,20 +1,48 @@
-"""Energies of an author's own in windows: is what they say of a frame the same in all of them?"""
+"""Energies of an author's own: their names, and whether they say the same in every window."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import combinations
 
 import torch
 
 from perfcap.actor.motion import Motion
+from perfcap.errors import InputError
+from perfcap.pipeline.clip_problem import CONTACT, OPTIONAL, TERMS, Term
 from perfcap.solve import Objective
-from perfcap.solve.energy import WindowEnergy
+from perfcap.solve.energy import Energy, WindowEnergy
 from perfcap.temporal.window import Window
 
 _ROUNDING = 1e-4  # of the largest energy of a frame: single precision adds rows in any order
+
+
+def own_terms(energies: Mapping[str, Term] | None) -> dict[str, Term]:
+    """An author's energies, if their names are free.
+
+    Raises:
+        InputError: a name is taken, or what it names cannot be called.
+    """
+    if energies is not None and not isinstance(energies, Mapping):
+        raise InputError(
+            f"energies are a {type(energies).__name__}, expected a mapping of names to functions "
+            "of (actor, where)"
+        )
+    own = dict(energies or {})
+    for name, term in own.items():
+        if not isinstance(name, str):
+            raise InputError(f"energies: {name!r} cannot name an energy; expected a plain word")
+        if name in TERMS + CONTACT + OPTIONAL:
+            taken = ", ".join(TERMS + CONTACT + OPTIONAL)
+            raise InputError(f"energies: {name!r} is one of {taken}; give yours another name")
+        if isinstance(term, Energy) or not callable(term):
+            raise InputError(
+                f"energies: {name!r} is a {type(term).__name__}; expected a function of (actor, "
+                "where) that makes the energy of the frames where.frames, such as its class"
+            )
+    return own
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from perfcap.geometry.plain import is_readable
 from perfcap.pipeline.adapt import adapted
 from perfcap.pipeline.batch_doubts import batch_doubts, together_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
-from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term, own_terms
+from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.estimate_doubts import (
     empty_poses,
@@ -36,6 +36,7 @@ from perfcap.pipeline.estimate_doubts import (
     unsolved,
 )
 from perfcap.pipeline.input_checks import require_flags, require_kinds
+from perfcap.pipeline.own_energies import own_terms
 from perfcap.pipeline.placed_doubts import placed_doubts
 from perfcap.pipeline.pose_estimate import ClipEstimate, Clips, Raw, read_estimates, start_clip
 from perfcap.pipeline.result_doubts import fit_doubts
@@ -324,8 +325,7 @@ def _known(joint_set: JointSet | str) -> JointSet:
             f"joint_set {joint_set.name!r} has names that are not ours: {', '.join(spelled)}; as "
             "they are, these joints would be left out"
         )
-    needed = ("l_hip", "r_hip", "l_shoulder", "r_shoulder")
-    lacking = [name for name in needed if name in missing]
+    lacking = [name for name in ("l_hip", "r_hip", "l_shoulder", "r_shoulder") if name in missing]
     if lacking:
         raise InputError(
             f"joint_set {joint_set.name!r} lacks {', '.join(lacking)}, without which no pose can "

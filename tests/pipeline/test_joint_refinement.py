@@ -179,8 +179,11 @@ def test_settings_and_kinds_that_are_none(start: Performance, masks: torch.Tenso
     for bands in ((), (-1.0,), (0.0,), 2.5):
         with pytest.raises(InputError, match=r"bands .* expected"):
             JointConfig(bands=bands)  # type: ignore[arg-type]
-    for size in ({"reach": 0.0}, {"stretch": -0.003}, {"reach": float("nan")}):
-        with pytest.raises(InputError, match=r"of JointConfig is .* expected (metres|a number)"):
+    for size in ({"reach": 0.0}, {"stretch": 3.0}):
+        with pytest.raises(InputError, match="expected metres: above zero"):
+            JointConfig(**size)  # type: ignore[arg-type]
+    for size in ({"stretch": -0.003}, {"reach": float("nan")}):
+        with pytest.raises(InputError, match="expected a number"):
             JointConfig(**size)  # type: ignore[arg-type]
     for nodes in (0, 2.5):
         with pytest.raises(InputError, match="nodes of JointConfig is"):

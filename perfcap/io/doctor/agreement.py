@@ -191,9 +191,11 @@ def _outcast(scene: Scene, now: float, height: float) -> _Outcast | None:
     if rest[suspect] < BETTER * now and errors[suspect] > enough:
         return _Outcast(suspect, errors[suspect], rest[suspect])
     known = [view for view in views if math.isfinite(errors[view])]
-    suspect = max(known, key=errors.__getitem__, default=suspect)
-    others = statistics.median(errors[view] for view in views if view != suspect)
-    if len(known) > 3 and errors[suspect] > max(enough, OUTLIER * others):
+    if len(known) < 4:
+        return None
+    suspect = max(known, key=errors.__getitem__)
+    others = statistics.median(errors[view] for view in known if view != suspect)
+    if errors[suspect] > max(enough, OUTLIER * others):
         return _Outcast(suspect, errors[suspect], rest[suspect])
     return None
 
