@@ -18,6 +18,7 @@ _OTHERS = (
 )
 _SCALES = (1.0, 0.6, 0.36)  # of the image: sizes of the windows searched
 _STEP = 0.5  # of a window: how far apart they are
+_LEAST = 40.0  # pixels: height of the smallest windows; networks see nobody in less
 _CANDIDATES = 3  # windows looked at again around what they show
 _AGAIN = (1.5, 1.0)  # crops centred on what is seen, the first wider: limbs may be cut off
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
@@ -162,6 +163,8 @@ def _windows(frame: Frame, size: tuple[int, int]) -> Iterator[Crop]:
     for scale in _SCALES:
         width = scale * longer * min(1.0, size[1] / size[0])
         height = width * size[0] / size[1]
+        if height < _LEAST:
+            return
         for x in _spread(left, right, width):
             for y in _spread(top, bottom, height):
                 if width < 0.99 * largest.width:

@@ -159,7 +159,10 @@ def _bends(template: Template) -> Iterator[Finding]:
             odd.append(f"{name} by {100 * abs(share) * float(np.linalg.norm(along)):.0f} cm")
     if odd:
         what = f"joints lie aside of where the skin's weights change bones: {', '.join(odd)}"
-        remedy = "put the bones at the joints, or paint the weights anew"
+        remedy = (
+            "put the bones at the joints, or paint the weights anew; bodies that perfcap makes of "
+            "unusual measures may be so"
+        )
         yield Finding(Severity.WARNING, "limbs", what, remedy)
 
 

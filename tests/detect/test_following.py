@@ -137,6 +137,16 @@ def test_a_finder_saves_windows_and_finds_who_is_small() -> None:
         assert eyes.crops < windows.crops / 3
 
 
+def test_windows_of_a_few_pixels_are_not_searched() -> None:
+    looks = []
+    for size in ((480, 640), (48, 64)):
+        eyes = Eyes("none")
+        empty = np.zeros((*size, 3), np.uint8)
+        assert not follow_person(eyes, iter([empty]), Start()).confidence2d.any()
+        looks.append(eyes.crops)
+    assert looks[1] < looks[0] / 2
+
+
 def test_windows_are_searched_where_a_finder_finds_too_few() -> None:
     place = (80, 120, 140)
     frames = [draw((*place, 0)), draw((*place, 0))]
