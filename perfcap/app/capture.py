@@ -78,6 +78,7 @@ from perfcap.pipeline.overlay import save_overlay, save_textured
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import write_result
 from perfcap.pipeline.stage import Stage
+from perfcap.pipeline.surroundings import axis
 
 DONE, INCOMPLETE = 0, 3
 
@@ -189,7 +190,8 @@ def _run(
         about = replace(inputs, warnings=(*inputs.warnings, *chosen.warnings))
         run = {"request": describe(request), "wall_s": wall, **environment(about)}
         run |= {"view_errors": views} if views else {}
-        write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names)
+        up = axis("y") if request.cameras is None else None  # of a level world
+        write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names, up)
     gaps, trust = made_up(performance, inputs.clip.start), performance.trust
     untrusted = trust.sentences(inputs.clip.start) if trust else ()
     for line in (*chosen.warnings, *performance.warnings, *gaps, *untrusted):

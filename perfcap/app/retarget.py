@@ -50,6 +50,7 @@ from perfcap.pipeline.result_doubts import FASTEST, hip_speed
 from perfcap.pipeline.result_files import plain, write_result
 from perfcap.pipeline.retarget_scores import RetargetScores, retarget_scores
 from perfcap.pipeline.retargeting import Retargeted, retarget
+from perfcap.pipeline.surroundings import axis
 
 _LOG = logging.getLogger(__name__)
 _FAR_OFF = 15.0  # degrees, that one in twenty limbs may be off
@@ -197,7 +198,7 @@ def _write_person(request: Retarget, folder: Path, part: _Part) -> None:
     if part.target.skeleton.rig.roles:
         skeleton = part.target.skeleton
         about["robot"] = {"root": skeleton.rig.joints[0], "joints": list(skeleton.angle_names)}
-    write_result(performance, folder, int(part.rig.frames[0]), about)
+    write_result(performance, folder, int(part.rig.frames[0]), about, up=axis("y"))
 
 
 def _about(request: Retarget) -> dict[str, Any]:

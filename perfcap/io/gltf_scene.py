@@ -14,6 +14,9 @@ from perfcap.io.gltf_document import Document, Object
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+UPRIGHT = "upright"
+"""In ``extras`` of a node: it turns a captured world upright, and is no part of the rest pose."""
+
 _BIND_TOLERANCE = 1e-3  # metres, and parts of one: below it the nodes stand in the bind pose
 _FARTHEST = 1e12  # units: what is beyond is damage, and overflows when it is multiplied
 _SHORTEST = 1e-6  # quaternion that still has a direction
@@ -39,7 +42,10 @@ class Skin:
 
 
 def read_tree(document: Document) -> NodeTree:
-    """Node hierarchy of a file with world transforms, checked to be a forest."""
+    """Node hierarchy of a file with world transforms, checked to be a forest.
+
+    Nodes that turn a captured world upright (``UPRIGHT``) are taken to turn nothing.
+    """
     nodes = document.items("nodes")
     parents = np.full(len(nodes), -1, dtype=np.int64)
     for number, node in enumerate(nodes):
@@ -53,6 +59,8 @@ def read_tree(document: Document) -> NodeTree:
     world = np.empty((len(nodes), 4, 4))
     for number in order:
         local = _local_matrix(document, nodes[number])
+        if _turns_world(nodes[number]):
+            local = np.eye(4)
         parent = parents[number]
         world[number] = local if parent < 0 else world[parent] @ local
         if not np.abs(world[number]).max() < _FARTHEST:
@@ -72,6 +80,11 @@ def _topological_order(document: Document, parents: Integers) -> tuple[int, ...]
     if len(order) != len(parents):
         raise document.error("damaged file, its nodes form a cycle")
     return tuple(order)
+
+
+def _turns_world(node: Object) -> bool:
+    extras = node.get("extras")
+    return isinstance(extras, dict) and extras.get(UPRIGHT) is True
 
 
 def _local_matrix(document: Document, node: Object) -> Floats:

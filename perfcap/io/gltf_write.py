@@ -17,6 +17,7 @@ from perfcap.errors import InputError
 from perfcap.io import gltf_morph
 from perfcap.io.atomic import writing
 from perfcap.io.gltf_buffer import ARRAY_BUFFER, ELEMENT_BUFFER, Buffer, Object, index_type
+from perfcap.io.gltf_scene import UPRIGHT
 
 Floats = NDArray[np.float64]
 _Track = tuple[int, str, Floats]  # node, what moves of it, and its values at the keys
@@ -33,6 +34,7 @@ def save_animation(
     fps: float,
     surface: Iterable[NDArray[Any]] | None = None,
     capture: str | None = None,
+    upright: Floats | None = None,
 ) -> bool:
     """Write an actor in motion; the file appears complete or not at all.
 
@@ -46,6 +48,9 @@ def save_animation(
             for morph targets on top of the skinning. They are left out, and ``surface`` is not
             touched, where they would make a file that viewers refuse (``gltf_morph.fits``).
         capture: identity of the capture that the motion belongs to.
+        upright: rotation (3, 3) from that world to one with y up, as glTF has it: of a node above
+            the bones, so that programs show the motion upright. The rest pose stays as it is for
+            ``load_template``, and the world for ``read_bone_transforms``.
 
     Returns:
         Whether the file shows all that was given: False where the surface was left out.
@@ -76,6 +81,8 @@ def save_animation(
         "skins": [_skin(buffer, template)],
         **_material(buffer, template),
     }
+    if upright is not None and not np.array_equal(upright, np.eye(3)):
+        _hold_upright(tree, upright)
     if tracks:
         tree["animations"] = [_animation(buffer, tracks, np.arange(len(transforms)) / fps)]
     tree |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
@@ -159,6 +166,18 @@ def _nodes(template: Template) -> list[Object]:
     # A skinned mesh at the top of the scene: transforms above it would be ignored anyway.
     nodes.append({"name": template.name, "mesh": 0, "skin": 0})
     return nodes if template.space is None else [*nodes, _holder(template, template.space.frame)]
+
+
+def _hold_upright(tree: Object, upright: Floats) -> None:
+    """Put a node that turns all bones above them; of a skinned mesh it would be ignored."""
+    (scene,), nodes = tree["scenes"], tree["nodes"]
+    mesh = next(number for number, node in enumerate(nodes) if "mesh" in node)
+    bones = [number for number in scene["nodes"] if number != mesh]
+    turn = {"rotation": _quaternions(upright).tolist(), "children": bones}
+    scene["nodes"] = [len(nodes), mesh]
+    nodes.append({"name": f"{nodes[mesh]['name']}_upright", **turn, "extras": {UPRIGHT: True}})
+    # Blender takes bind matrices to be relative to what holds the skeleton, where one is named
+    tree["skins"][0].pop("skeleton", None)
 
 
 def _holder(template: Template, frame: Floats) -> Object:

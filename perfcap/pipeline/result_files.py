@@ -16,12 +16,14 @@ from torch import Tensor
 from perfcap.io.atomic import writing
 from perfcap.io.bvh_read import bvh_motion
 from perfcap.io.bvh_write import save_bvh
+from perfcap.io.export import upright_from
 from perfcap.io.gltf_write import save_animation
 from perfcap.io.mask_files import save_masks
 from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE, VOLUME
 from perfcap.io.surface_file import save_surface
 from perfcap.io.volume_file import save_volume
 from perfcap.pipeline.surface import surface_blocks
+from perfcap.pipeline.surroundings import upright
 
 if TYPE_CHECKING:
     from perfcap.pipeline.performance import Performance
@@ -33,11 +35,13 @@ def write_result(
     first_frame: int = 0,
     run: Mapping[str, Any] | None = None,
     view_names: Sequence[str] | None = None,
+    up: Tensor | None = None,
 ) -> None:
     """Write motion.npz, motion.bvh, capture.glb, config.yaml and, last, run.json into a folder.
 
     With a captured surface also surface.npz, masks/ and the surface in capture.glb; with a volume
-    volume.npz. Files that are read back carry the same identity.
+    volume.npz. Files that are read back carry the same identity. What other programs open,
+    motion.bvh and capture.glb, is turned to a world with y up.
 
     Args:
         performance: what was captured.
@@ -45,6 +49,7 @@ def write_result(
         first_frame: number of the motion's first frame in the video.
         run: what the caller knows about the run, added to run.json.
         view_names: of the views, for folders of masks where there are several.
+        up: of the world, (3,); the axis along which the person stands if None.
 
     Raises:
         InputError: the folder cannot be written.
@@ -53,7 +58,9 @@ def write_result(
     known = identity(performance, first_frame, settings)
     _write_motion(performance, folder / MOTION, first_frame, known)
     transforms, template = performance.bone_transforms(), performance.actor.template
-    save_bvh(folder / "motion.bvh", bvh_motion(template, transforms, performance.rate))
+    turn = upright_from(_array(upright(performance.joints()) if up is None else up))
+    level = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ transforms
+    save_bvh(folder / "motion.bvh", bvh_motion(template, level, performance.rate))
     surface = performance.surface
     if surface is not None:
         numbers = np.arange(first_frame, first_frame + performance.frames)
@@ -66,7 +73,7 @@ def write_result(
     _write_masks(performance, folder / MASKS, first_frame, view_names)
     moving = None if surface is None else surface_blocks(surface)
     path = folder / "capture.glb"
-    whole = save_animation(path, template, transforms, performance.rate, moving, known)
+    whole = save_animation(path, template, transforms, performance.rate, moving, known, turn)
     with writing(folder / "config.yaml") as file:
         file.write(settings)
     report = {**(run or {}), **performance.report(first_frame), "capture": known}

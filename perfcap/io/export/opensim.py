@@ -3,8 +3,8 @@
 Coordinates have the names, axes and signs of OpenSim's full-body models (Rajagopal et al. 2016):
 flexion, adduction and inward rotation are positive, trunk and pelvis turn about z (right), x
 (ahead) and y (up) in this order. Knees and elbows turn about the actor's own axes: the pair
-puts every joint where the capture has it. The model is for kinematics: it has no muscles, and its
-masses are placeholders.
+puts every joint where the capture has it, in the world of the other formats with y up. The model is
+for kinematics: it has no muscles, and its masses are placeholders.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ _PLACES = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 @dataclass(frozen=True)
 class _Moving:
-    """Joints in OpenSim's axes: turns from the neutral pose (F, 16, 3, 3), places (F, 16, 3) m."""
+    """Joints in a world with y up: turns of bodies with OpenSim's axes from the neutral pose
+    (F, 16, 3, 3), places (F, 16, 3) m.
+    """
 
     skeleton: Skeleton
     neutral: Pose
@@ -78,7 +80,7 @@ def write_osim(folder: Path, recording: Recording, options: Options) -> None:
     with writing(folder / f"{recording.name}.mot") as file:
         file.write(_mot(recording, degrees).encode())
     owners = list(moving.skeleton.rig.landmark_joints)
-    seen = recording.landmarks @ AHEAD_UP_RIGHT.T - moving.place[:, owners]  # F 16 3
+    seen = recording.landmarks - moving.place[:, owners]  # F 16 3
     local = np.einsum("fjba,fjb->fja", moving.turn[:, owners], seen).mean(0)
     markers = [
         (name, _body(JOINTS[owner]), place)
@@ -97,12 +99,11 @@ def _moving(recording: Recording) -> _Moving:
     rest = skeleton.rest_motion()
     neutral = skeleton(replace(rest, angles=torch.zeros_like(rest.angles)))
     turn = rig.rotation @ neutral.rotation[0, : len(JOINTS)].mT.numpy()
-    world = AHEAD_UP_RIGHT @ recording.upright
     return _Moving(
         skeleton,
         neutral,
-        world @ turn @ AHEAD_UP_RIGHT.T,
-        rig.position @ world.T,
+        recording.upright @ turn @ AHEAD_UP_RIGHT.T,
+        rig.position @ recording.upright.T,
         joint_angles(skeleton, torch.tensor(rig.rotation)).numpy(),
     )
 
@@ -121,6 +122,8 @@ def _joints(moving: _Moving) -> Iterator[OsimJoint]:
         kind, side = _kind(joint)
         if kind in _BALLS:
             found = Rotation.from_matrix(own).as_euler("ZXY").T
+            if parent < 0:  # people may head and lean anywhere in the world
+                found = _steady(found)
             sign = np.array([1.0, -1.0, -1.0] if side == "l" else [1.0, 1.0, 1.0])
             names = tuple(name + (f"_{side}" if side else "") for name in _BALLS[kind])
             axes = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]) * sign[:, None]
@@ -135,6 +138,20 @@ def _joints(moving: _Moving) -> Iterator[OsimJoint]:
         at = tuple(_PLACES) if parent < 0 else ()
         above_body = "" if parent < 0 else _body(JOINTS[parent])
         yield OsimJoint(joint, _body(joint), above_body, offset, names, axes, values, at)
+
+
+def _steady(angles: Floats) -> Floats:
+    """The same turns about z, x, y, (3, F), of the two ways to write each the one that jumps less.
+
+    Frames that lean sideways by more than a quarter turn would all jump by half a turn otherwise.
+    """
+    found = angles.copy()
+    other = np.stack((angles[0] + np.pi, np.pi - angles[1], angles[2] + np.pi))
+    for frame in range(1, found.shape[1]):
+        ways = np.stack((angles[:, frame], other[:, frame]))
+        apart = np.abs(np.remainder(ways - found[:, frame - 1] + np.pi, 2 * np.pi) - np.pi).sum(1)
+        found[:, frame] = ways[int(apart.argmin())]
+    return found
 
 
 def _kind(joint: str) -> tuple[str, str]:
