@@ -95,7 +95,10 @@ def examine_lifted(
         return [Finding(Severity.WARNING, name, what, remedy)]
     if now > LOST:
         what = f"3D poses miss the 2D joints by {now:.0%} of the person's height"
-        remedy = "check that they are of this view, in its camera's axes, and in the same frames"
+        remedy = (
+            "a lifter's do where few joints are seen, as legs alone; check that others are of this "
+            "view, in its camera's axes, and in the same frames"
+        )
         return [Finding(Severity.WARNING, name, what, remedy)]
     return []
 
