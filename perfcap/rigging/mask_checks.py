@@ -109,7 +109,8 @@ def _head_reach(detections: Detections, masks: PersonMasks) -> Tensor:
     reach = (_in_masks(line, masks)[0] * steps).amax(-1)
     known = torch.where(seen, reach, torch.nan)
     shares = known.nanquantile(known.new_tensor([0.5, 0.75]), 0).mT  # C 2
-    return torch.where(seen.sum(0)[:, None] >= torch.tensor(_FRAMES), shares, torch.nan)
+    count = seen.sum(0)[:, None]
+    return torch.where(count >= count.new_tensor(_FRAMES), shares, torch.nan)
 
 
 def _held(detections: Detections, masks: PersonMasks) -> tuple[Tensor, Tensor]:
