@@ -145,6 +145,20 @@ def require_range(
         )
 
 
+def require_elevation(name: str, elevation: tuple[float, float]) -> None:
+    """Refuse a mean and a deviation of cameras above people, degrees, that are none.
+
+    Raises:
+        InputError: they are none.
+    """
+    mean, deviation = elevation
+    if not (-90 <= mean <= 90 and 0 <= deviation <= 90):
+        raise InputError(
+            f"{name}: is {mean} {deviation}; expected MEAN DEVIATION in degrees, from -90 to 90 "
+            "and from 0 to 90"
+        )
+
+
 # --- What no annotation of settings says ----------------------------------------------------------
 
 
@@ -168,6 +182,17 @@ def require_sizes(settings: Any, *names: str, finite: bool = False) -> None:
     """
     for name in names:
         require_size(getattr(settings, name), _named(settings, name), finite=finite)
+
+
+def require_amounts(settings: Any, *names: str) -> None:
+    """Refuse fields that are no finite numbers of zero or more: what is infinite times zero is
+    none.
+
+    Raises:
+        InputError: one is none.
+    """
+    for name in names:
+        require_number(getattr(settings, name), _named(settings, name), least=0.0)
 
 
 def require_metres(settings: Any, *names: str, zero: bool = False) -> None:

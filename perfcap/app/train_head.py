@@ -61,6 +61,7 @@ class _Taught:
 
     head: Head
     scores: dict[str, float]
+    steps: int | None  # through the solver; 0 where that was no better, None where there was none
 
 
 def run_train_head(request: TrainHead) -> int:
@@ -246,7 +247,7 @@ def _teach(
     if steps:
         loop = replace(config.loop, steps=steps, evaluate_every=steps)
         final, _ = study.through_solver(final, everything, loop, ALL, decay)
-    return _Taught(final, scores)
+    return _Taught(final, scores, steps if request.through_solver else None)
 
 
 def _left_out(
@@ -317,7 +318,8 @@ def _finish(
     origin = f"perfcap train head, {frames} frames of {inputs.clip.views} views"
     origin += f", seed {config.loop.seed}"
     export_head(network, taught.head, folder, origin, 1e-3 * taught.scores["expected, mm"])
-    write_head_card(folder, network.manifest.path.parent.name, config, frames, taught.scores)
+    name = network.manifest.path.parent.name
+    write_head_card(folder, name, config, frames, taught.scores, taught.steps)
     console = PlainConsole()
     for name, value in taught.scores.items():
         console.print(f"{name}: {value:.3g}")

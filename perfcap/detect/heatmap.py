@@ -146,6 +146,7 @@ class HeatmapHead(nn.Module):
         require_count(doublings, "doublings", least=0)
         require_count(hidden, "hidden")
         require_size(spread, "spread", finite=True)
+        self.channels = channels
         self.joint_set = joints = find_joint_set(joints, "joints")
         widths = [channels, *[hidden] * doublings]
         layers: list[nn.Module] = []
@@ -162,6 +163,7 @@ class HeatmapHead(nn.Module):
 
     def logits(self, features: Tensor) -> Tensor:
         """Heat maps (..., J, H, W), before the softmax, of features (..., channels, h, w)."""
+        self._require_features(features)
         lead = features.shape[:-3]
         flat = self.maps(self.upsample(features.flatten(0, -4) if lead else features[None]))
         logits: Tensor = flat.reshape(*lead, *flat.shape[-3:])
@@ -173,8 +175,13 @@ class HeatmapHead(nn.Module):
         Args:
             features: (*b, F, C, channels, h, w).
             to_image: affine map from heat-map pixels to image pixels, (*b, F, C, 2, 3).
+
+        Raises:
+            InputError: one is no tensor of floats of such a shape; maps may be shared by
+                frames or views.
         """
         logits = self.logits(features)
+        _require_maps(to_image, features.shape[:-3])
         # pixels of an image are whole eights in bfloat16, whatever a network computes in
         kind = torch.promote_types(logits.dtype, torch.float32)
         with torch.autocast(logits.device.type, enabled=False):
@@ -184,6 +191,32 @@ class HeatmapHead(nn.Module):
         confidence = 1 / (1 + (spread / self.spread).square())
         joints2d, trust = map_to_landmarks(pixels, confidence, self.joint_set)
         return Detections.from_joints(joints2d, trust)
+
+    def _require_features(self, features: Tensor) -> None:
+        """Refuse what are no maps (..., channels, h, w) of floats."""
+        _require_floats(features, "features")
+        channels = self.channels
+        if features.dim() < 3 or features.shape[-3] != channels:
+            raise InputError(
+                f"features: have shape {tuple(features.shape)}, expected (..., {channels}, h, w): "
+                f"maps of {channels} channels"
+            )
+
+
+def _require_floats(values: Tensor, name: str) -> None:
+    if not isinstance(values, Tensor) or not values.is_floating_point():
+        kind = values.dtype if isinstance(values, Tensor) else f"a {type(values).__name__}"
+        raise InputError(f"{name}: are {kind}, expected a tensor of floats; convert with float()")
+
+
+def _require_maps(to_image: Tensor, lead: torch.Size) -> None:
+    """Refuse affine maps that are none, or are of other frames and views than the features."""
+    _require_floats(to_image, "to_image")
+    own = tuple(to_image.shape)
+    shared = zip(reversed(own[:-2]), reversed(lead), strict=False)
+    if own[-2:] != (2, 3) or len(own) > len(lead) + 2 or any(a not in (1, b) for a, b in shared):
+        wanted = ", ".join(map(str, (*lead, 2, 3)))
+        raise InputError(f"to_image has shape {own}, expected ({wanted}): (*b, F, C, 2, 3)")
 
 
 def _patch(maps: Tensor, center: Tensor, reach: int = 1) -> Tensor:

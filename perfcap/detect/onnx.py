@@ -219,6 +219,11 @@ def _reopen(model: str, execution: Execution | None, flip_test: bool | None) -> 
 
 def _as_bytes(images: Tensor) -> NDArray[np.uint8]:
     """Images (F, C, 3, H, W) as bytes (F, C, H, W, 3)."""
+    if not isinstance(images, Tensor):
+        raise InputError(
+            f"images: are a {type(images).__name__}, expected a tensor (F, C, 3, H, W), RGB; "
+            "torch.from_numpy makes one of an array"
+        )
     if images.dim() != 5 or images.shape[2] != 3:
         raise InputError(
             f"images: have shape {tuple(images.shape)}, expected (F, C, 3, H, W), RGB; add the "

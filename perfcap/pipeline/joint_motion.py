@@ -95,8 +95,9 @@ def require_same_limbs(source: Actor, joints: JointMotion) -> None:
         )
     if _lies(place):
         warnings.warn(
-            "joints: the person lies in nearly all frames; if they do not, the world is another: "
-            "expected y up",
+            f"joints: the person lies in nearly all frames, along {_lengthwise(place)}; if they do "
+            "not, the world is another: expected y up; turn it upright, and of a capture give the "
+            "folder, not a file of it",
             stacklevel=4,
         )
     carried = (turn[:, start] @ own.unsqueeze(-1)).squeeze(-1)
@@ -112,8 +113,21 @@ def require_same_limbs(source: Actor, joints: JointMotion) -> None:
 def _lies(place: Tensor) -> bool:
     """Whether the trunk (F, 16, 3) is along the ground, or upside down, in nearly all frames."""
     start, end = ([JOINTS.index(f"{s}_{n}") for s in "lr"] for n in ("hip", "shoulder"))
+    foot = [JOINTS.index(f"{s}_ankle") for s in "lr"]
     up = torch.nn.functional.normalize(place[:, end].mean(1) - place[:, start].mean(1), dim=-1)
-    return len(up) >= _FEWEST and float((up[:, 1] < _STEEP).double().mean()) > _NEARLY
+    legs = torch.nn.functional.normalize(place[:, start].mean(1) - place[:, foot].mean(1), dim=-1)
+    trunk, leg = (float((part[:, 1] < _STEEP).double().mean()) > _NEARLY for part in (up, legs))
+    # trunks bend where another axis is up; of who sits on the ground, they stand up from the legs
+    bent = leg and float(up[:, 1].mean()) < _STEEP and float((up * legs).sum(-1).mean()) > _STEEP
+    return len(up) >= _FEWEST and (trunk or bent)
+
+
+def _lengthwise(place: Tensor) -> str:
+    """The axis of the world that a body (F, 16, 3) is mostly along, from feet to shoulders."""
+    start, end = ([JOINTS.index(f"{s}_{n}") for s in "lr"] for n in ("ankle", "shoulder"))
+    body = (place[:, end].mean(1) - place[:, start].mean(1)).mean(0)
+    along = int(body.abs().argmax())
+    return ("-" if body[along] < 0 else "") + "xyz"[along]
 
 
 def _cosine(one: Tensor, other: Tensor) -> Tensor:

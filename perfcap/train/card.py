@@ -119,6 +119,7 @@ def write_head_card(
     config: TrainHeadConfig,
     frames: int,
     scores: Mapping[str, float],
+    steps: int | None,
 ) -> None:
     """Write ``card.md``.
 
@@ -128,6 +129,8 @@ def write_head_card(
         config: the head was trained with.
         frames: of the footage, those held out included.
         scores: on frames of the footage that it has not learned from.
+        steps: of training through the solver that the weights are from: 0 where that was no
+            better and they are those learned directly, None where there was none.
     """
     rows = "\n".join(f"| {name} | {value:.3g} |" for name, value in scores.items())
     text = f"""# {network}, adapted to one person's footage
@@ -135,12 +138,15 @@ def write_head_card(
 The network as it was, with a linear map of its last features added to its 2D and 3D joints.
 
 - Learned from: {frames} frames of calibrated views of one person, without labels. The joints are
-  those of a capture of all views together; each view learns to say them alone, at first directly,
-  then through the solver, by whether views that are solved alone agree with the others.
-- Chosen by the last {100 * config.held_out:.0f} % of these frames, which it has not learned from.
+  those of a capture of all views together; each view learns to say them alone,
+  {_way(steps)}.
+- Chosen by the last {100 * config.held_out:.0f} % of these frames, held out at first; then learned
+  again from all, as was best for them.
 - Input, output, joints and licence: as those of {network}.
 
 ## Scores on these last frames
+
+Of heads that had not learned from them.
 
 Distances after the best similarity, from the capture of all views: nobody has measured the truth.
 `held_out` is how far views that are solved alone disagree with detections of the others, 0 to 1.
@@ -158,3 +164,18 @@ shipped is the better choice. Where all views together are wrong, it learns the 
 """
     with writing(folder / FILE) as file:
         file.write(text.encode())
+
+
+def _way(steps: int | None) -> str:
+    """How the weights were learned, in words."""
+    if steps is None:
+        return "directly alone, not through the solver"
+    if not steps:
+        return (
+            "directly alone: training through the solver as well made views that are\n  solved "
+            "alone agree no better with the others, and its weights were dropped"
+        )
+    return (
+        f"at first directly,\n  then through the solver in {steps} steps, by whether views that "
+        "are solved alone agree\n  with the others"
+    )

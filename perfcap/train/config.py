@@ -6,7 +6,14 @@ import math
 from dataclasses import dataclass, field
 
 from perfcap.errors import InputError
-from perfcap.setting_checks import require_counts, require_range, require_shares, require_sizes
+from perfcap.setting_checks import (
+    require_amounts,
+    require_counts,
+    require_elevation,
+    require_range,
+    require_shares,
+    require_sizes,
+)
 
 # What is beyond is of another unit: seconds of a frame, millimetres, percents
 _RATES, _DISTANCES, _ZOOMS = (1.0, 1000.0), (0.5, 100.0), (0.1, 10.0)
@@ -130,7 +137,7 @@ class TrainLifterConfig:
         self.loop.require_sound()
         require_counts(self.lifter, "channels")
         require_counts(self.data, "frames", least=2)  # velocities are learned too
-        _require_elevation("data", self.data.elevation)
+        require_elevation("data.elevation", self.data.elevation)
         taps = self.lifter.dilations
         if not taps or min(taps) < 1:
             raise InputError(f"lifter.dilations: are {taps}; expected one or more of 1 or more")
@@ -139,11 +146,10 @@ class TrainLifterConfig:
         noise = ("keep", "outliers", "swaps", "slips", "doubled", "gaps", "blinks")
         require_shares(self.data.noise, *noise, "absent", "hidden")
         require_shares(self.data, "recombined", "seen")
-        require_shares(self.data.noise, "offset", "drift", "jitter", "spread", most=math.inf)
-        require_shares(self.data.noise, "slide", most=math.inf)
-        require_shares(self.data, "roll", "loosened", "swung", most=math.inf)
+        require_amounts(self.data.noise, "offset", "drift", "jitter", "spread", "slide")
+        require_amounts(self.data, "roll", "loosened", "swung")
         require_shares(self.data, "size", "bone")  # a deviation of 1 is a factor of 2.7
-        require_shares(self.loss, "velocity", "spread", most=math.inf)
+        require_amounts(self.loss, "velocity", "spread")
         require_range("data.rate", self.data.rate, _RATES, "frames a second")
         require_range("data.distance", self.data.distance, _DISTANCES, "metres")
 
@@ -202,6 +208,17 @@ class Augmentation:
     cut: float = 0.15  # crops that lose rectangles or discs
     grey: float = 0.04
 
+    def require_zooms(self) -> None:
+        """Refuse sizes of people that are no ranges, as where those shown smaller are larger."""
+        require_range("augmentation.zoom", self.zoom, _ZOOMS, "of the usual size")
+        require_sizes(self, "smallest")
+        if self.small > 0 and self.smallest > self.zoom[0]:
+            raise InputError(
+                f"augmentation.smallest: is {self.smallest}, but augmentation.zoom begins at "
+                f"{self.zoom[0]}, where the sizes of people shown smaller end; expected at most "
+                "that, or augmentation.small 0, which shows none smaller"
+            )
+
 
 @dataclass(frozen=True)
 class DetectorLoss:
@@ -247,26 +264,24 @@ class TrainDetectorConfig:
         self.loop.require_sound()
         require_counts(self, "crops", "validation_crops")
         require_counts(self.detector, "size")
-        require_counts(self.scene, "size", "group", "places", "texture")
+        require_counts(self.scene, "group", "places", "texture")
+        require_counts(self.scene, "size", least=4)  # a pixel of the maps of parts
         for name, count in (("widths", 4), ("blocks", 3)):
             sizes = getattr(self.detector, name)
             if len(sizes) != count or min(sizes) < 1:
-                raise InputError(
-                    f"detector.{name}: are {sizes}; expected {count} numbers of 1 or more"
-                )
-        _require_elevation("scene", self.scene.elevation)
+                raise InputError(f"detector.{name}: are {sizes}; expected {count} of 1 or more")
+        require_elevation("scene.elevation", self.scene.elevation)
         shares = ("recombined", "facing", "tilted", "skirts", "actors", "shadowed", "occluded")
         require_shares(self.scene, *shares, "empty")
-        require_shares(self.scene, "loosened", "swung", "roll", most=math.inf)
-        require_sizes(self.scene, "margin")
+        require_amounts(self.scene, "loosened", "swung", "roll")
+        require_sizes(self.scene, "margin", finite=True)
         shown = ("moved", "camouflaged", "small", "blur", "noise", "jpeg", "cut", "grey")
         require_shares(self.augmentation, *shown)
-        require_shares(self.augmentation, "turn", "shift", most=math.inf)
-        require_sizes(self.augmentation, "smallest")
-        require_sizes(self.loss, "deviation")
-        require_shares(self.loss, "places", "pose", "parts", "nowhere", most=math.inf)
+        require_amounts(self.augmentation, "turn", "shift")
+        require_sizes(self.loss, "deviation", finite=True)
+        require_amounts(self.loss, "places", "pose", "parts", "nowhere")
         require_range("scene.distance", self.scene.distance, _DISTANCES, "metres")
-        require_range("augmentation.zoom", self.augmentation.zoom, _ZOOMS, "of the usual size")
+        self.augmentation.require_zooms()
 
 
 # --------------------------------------------------------------------------------------------------
@@ -325,22 +340,10 @@ class TrainHeadConfig:
         require_counts(self, "window", least=2)
         require_counts(self.crops, "frames", least=10)
         require_counts(self.crops, "moved", least=0)
-        require_shares(self.crops, "shift", "zoom", "turn", most=math.inf)
-        require_shares(self.loss, "stay", most=math.inf)
-        require_sizes(self.loss, "reach")
+        require_amounts(self.crops, "shift", "zoom", "turn")
+        require_amounts(self.loss, "stay")
+        require_sizes(self.loss, "reach", finite=True)
         if not 0.05 <= self.held_out <= 0.5:
             raise InputError(f"held_out: is {self.held_out}; expected a share of 0.05 to 0.5")
         if not self.loss.decays or not all(0 < d < math.inf for d in self.loss.decays):
-            raise InputError(
-                f"loss.decays: are {self.loss.decays}; expected one or more above zero"
-            )
-
-
-def _require_elevation(part: str, elevation: tuple[float, float]) -> None:
-    """Refuse a mean and a deviation of cameras above people, degrees, that are none."""
-    mean, deviation = elevation
-    if not (-90 <= mean <= 90 and 0 <= deviation <= 90):
-        raise InputError(
-            f"{part}.elevation: is {mean} {deviation}; expected MEAN DEVIATION in degrees, from "
-            "-90 and from 0 to 90"
-        )
+            raise InputError(f"loss.decays: are {self.loss.decays}; expected some above zero")

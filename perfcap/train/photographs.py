@@ -27,6 +27,7 @@ _LOG = logging.getLogger(__name__)
 
 ANNOTATIONS, IMAGES = "annotations.json", "images"
 _NOWHERE = ((0, 0), (-1, -1))  # where programs put what they do not know
+_HANDFUL = 5  # joints whose visible is a fraction; more are of a network
 _LIMIT = 256 * 2**20  # bytes of annotations
 
 
@@ -139,6 +140,7 @@ def read_annotations(folder: Path) -> tuple[Annotation, ...]:
         raise InputError(f"{path}: names no photograph; expected at least one")
     _say_unknown(path, [str(name) for name in table["joint_names"]])
     found = tuple(_annotation(folder, path, entry, columns, len(names)) for entry in entries)
+    _say_fractions(path, entries, list(columns.values()))
     joints = np.stack([each.joints2d for each in found])
     require_people(path, joints)
     require_photographs(path, [each.path for each in found], joints, entries)
@@ -156,6 +158,21 @@ def _say_unknown(path: Path, names: Sequence[str]) -> None:
             "%s: joint_names %s are none of the landmarks and are left out%s; expected names such "
             "as %s",
             *(path, ", ".join(spare), unseen, ", ".join(LANDMARKS[:4])),
+        )
+
+
+def _say_fractions(
+    path: Path, entries: Sequence[Mapping[str, Any]], columns: Sequence[int]
+) -> None:
+    """Warn of values for visible that are fractions: confidences of a network, no marks."""
+    visible = np.array([entry["joints"] for entry in entries], np.float32)[:, columns, 2]
+    count = int(((visible > 0) & (visible != np.round(visible))).sum())
+    if count > _HANDFUL:
+        _LOG.warning(
+            "%s: visible is a fraction for %d of %d joints, as confidences of a network are, and "
+            "each above 0 counts as marked by hand; expected 0 or 1; set those that are not sure "
+            "to 0",
+            *(path, count, visible.size),
         )
 
 

@@ -1,7 +1,9 @@
 """Heat maps to joints."""
 
+import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from perfcap.detect.heatmap import (
     HeatmapHead,
@@ -151,3 +153,32 @@ def test_a_head_in_half_precision_has_pixels_in_full(kind: torch.dtype, joints: 
     half = head.to(kind)(maps.to(kind), to_image)
     assert half.joints2d.dtype == torch.float32
     assert float((half.joints2d - full.joints2d)[seen].abs().max()) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("features", "to_image", "said"),
+    [
+        (
+            torch.zeros(2, 1, 4, 5, 6),
+            torch.zeros(2, 1, 3, 2),
+            r"to_image has .*expected \(2, 1, 2, 3\)",
+        ),
+        (torch.zeros(2, 1, 4, 5, 6), torch.zeros(3, 1, 2, 3), "to_image has shape"),
+        (torch.zeros(2, 1, 4, 5, 6), torch.zeros(2, 3).long(), "to_image: are torch.int64"),
+        (torch.zeros(2, 1, 4, 5, 6).long(), torch.zeros(2, 3), "features: are torch.int64"),
+        (np.zeros((2, 1, 4, 5, 6)), torch.zeros(2, 3), "features: are a ndarray"),
+        (torch.zeros(2, 1, 3, 5, 6), torch.zeros(2, 3), r"features: have shape .*\(..., 4, h, w\)"),
+        (torch.zeros(5, 6), torch.zeros(2, 3), "features: have shape"),
+    ],
+)
+def test_a_head_names_what_it_cannot_take(features: Tensor, to_image: Tensor, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        HeatmapHead(4)(features, to_image)
+
+
+def test_a_head_takes_maps_that_views_share() -> None:
+    features, head = torch.rand(2, 3, 4, 5, 6), HeatmapHead(4)
+    to_image = torch.tensor([[4.0, 0.0, 1.0], [0.0, 4.0, 2.0]])
+    whole = head(features, to_image.expand(2, 3, 2, 3)).joints2d
+    for shared in (to_image, to_image.expand(3, 2, 3), to_image.expand(2, 1, 2, 3)):
+        assert torch.equal(head(features, shared).joints2d, whole)

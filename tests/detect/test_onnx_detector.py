@@ -325,3 +325,8 @@ def test_floats_of_another_range_are_refused(models: dict[str, OnnxDetector]) ->
     for wrong in (images.float(), 2 * shares - 1, (shares - 0.45) / 0.22, shares / 0):
         with pytest.raises(InputError, match="expected floats 0 to 1, or uint8; divide bytes by"):
             models["vitpose"](wrong)
+
+
+def test_arrays_are_no_images(models: dict[str, OnnxDetector]) -> None:
+    with pytest.raises(InputError, match="images: are a ndarray, expected a tensor"):
+        next(iter(models.values()))(np.zeros((1, 1, 3, 8, 8), np.uint8))  # type: ignore[arg-type]

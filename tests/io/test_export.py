@@ -300,6 +300,9 @@ def test_npz_poses_the_rest_pose(up: str, recording: Recording, tmp_path: Path) 
         np.testing.assert_allclose(pelvis[:, :3, :3], found, atol=1e-6)
         place = pelvis @ data["bone_rest"][0, :, 3]
         close(place[:, :3], data["root_translation"], 1e-3)
+        posed = (data["bone_transforms"] @ data["bone_rest"])[..., :3, 3]
+        knee, bones = data["joint_names"].tolist().index("l_knee"), data["bone_names"].tolist()
+        close(posed[:, bones.index("l_knee")], data["joints3d"][:, knee], 1e-3)
         assert data["frames"].tolist() == [41, 42, 43, 44]
         assert data["bone_names"].tolist() == list(recording.template.bone_names)
 

@@ -10,7 +10,7 @@ import pytest
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.train.photographs import Photographs
+from perfcap.train.photographs import Photographs, read_annotations
 
 NAMES = [name for name in LANDMARKS if not name.endswith("toe")]
 LSPET = Path(__file__).parents[3] / "shared" / "data" / "lspet"
@@ -151,3 +151,17 @@ def test_sports_people() -> None:
     for number in range(0, 1200, 150):
         shot = photographs[number]
         assert np.isfinite(shot.joints2d).all(-1).sum() >= 10 and shot.image.std() > 5
+
+
+def test_confidences_in_place_of_marks_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = np.concatenate([np.random.default_rng(0).uniform(20, 50, (14, 2)), np.ones((14, 1))], 1)
+    for name, few, visible in (("marks", 14, 2.0), ("few", 5, 0.5)):
+        rows[:few, 2] = visible
+        read_annotations(write(tmp_path / name, rows.tolist()))
+        rows[:, 2] = 1
+    assert "fraction" not in caplog.text
+    rows[:6, 2] = 0.15
+    read_annotations(write(tmp_path / "network", rows.tolist()))
+    assert "visible is a fraction for 6 of 14 joints" in caplog.text

@@ -66,7 +66,11 @@ def _write_ranges(path: Path, recording: Recording, motion: dict[str, NDArray[An
 
 
 def write_npz(folder: Path, recording: Recording, options: Options) -> None:
-    """Everything as arrays: motion, skeleton, skin, texture coordinates and vertices."""
+    """Everything as arrays: motion, skeleton, skin, texture coordinates and vertices.
+
+    ``bone_transforms`` move the surface at rest, as skinning does: each is the pose of a bone in
+    the world times the inverse of ``bone_rest``, so poses are ``bone_transforms @ bone_rest``.
+    """
     template = recording.template
     arrays: dict[str, NDArray[Any]] = {
         "fps": np.array(recording.rate),
