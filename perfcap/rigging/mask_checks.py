@@ -16,7 +16,8 @@ LEAST_INSIDE = 0.5
 
 _SURE = 0.3  # confidence from which a joint counts
 _FEWEST, _HARDLY = 4, 0.1  # frames, and share of them, in which a joint is held
-_LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in ("elbow", "knee", "ankle")]
+_ENDS = ("elbow", "knee", "ankle", "toe")
+_LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in _ENDS]
 _CROWN, _NECK = LANDMARKS.index("head_top"), LANDMARKS.index("neck")
 _OTHERS = [k for k in range(len(LANDMARKS)) if k not in (_CROWN, _NECK)]
 # How far masks of whole heads reach of the way from the neck to the crown: in the median of frames,
@@ -86,7 +87,7 @@ def _of_head(usual: float, at_times: float) -> list[str]:
 
 
 def _left_out(detections: Detections, masks: PersonMasks) -> list[list[str]]:
-    """Elbows, knees and ankles of each view that the masks of hardly any frame hold."""
+    """Elbows, knees, ankles and toes of each view that the masks of hardly any frame hold."""
     held, counted = (part.sum(0) for part in _held(detections, masks))  # C 16
     never = (counted >= _FEWEST) & (held < _HARDLY * counted)
     return [[LANDMARKS[k] for k in _LIMBS if row[k]] for row in never.tolist()]

@@ -1,4 +1,6 @@
-"""Whether joints called left and right are: feet point ahead, and hips lie under the shoulders."""
+"""Whether joints called left and right are: feet point ahead, knees bend one way, and hips lie
+under the shoulders.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,12 @@ _CLEAR, _AT_ONCE = 0.6, 0.4  # how clearly they point the other way after it, of
 # cosine; frames that show both, and share of them in which they run opposite ways
 _HIPS, _SHOULDERS, _CLEARLY = 0.05, 0.08, 0.5
 _SHOW, _OPPOSITE = 8, 0.8
+_BENT = 0.34  # sine of a knee that says how it bends
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
+_KNEES = 8, 0.9  # frames, and share of them, by knees: of dancers some are turned far out
+_NOWHERE = 1e-6  # of a place: rounding
+_ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "lr"]
+_TOES = [LANDMARKS.index(f"{side}_toe") for side in "lr"]
 _REMEDY = (
     "left and right are the person's own: exchange the names; a calibration whose world is a "
     "mirror image looks the same"
@@ -32,8 +39,8 @@ _REMEDY = (
 def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> list[Finding]:
     """Left and right of joints in space, exchanged in all views or in a 3D pose, leave no trace.
 
-    But then toes point backwards; and where arms or legs alone are exchanged, the hips' sides are
-    opposite to the shoulders'.
+    But then toes point backwards, and knees bend the other way; and where arms or legs alone are
+    exchanged, the hips' sides are opposite to the shoulders'.
 
     Args:
         subject: of the finding.
@@ -46,10 +53,13 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
         legs = _against(ahead)
         what = f"left and right of the {'legs' if legs else 'arms'} look exchanged in every frame"
         return [Finding(Severity.ERROR, subject, what, _REMEDY)]
-    if _against(ahead):
-        what = "left and right look exchanged: the feet point backwards"
+    footless = bool(_feet(points).isnan().all())
+    wrong = _against(ahead, *_KNEES) if footless else _against(ahead)
+    if wrong:
+        sign = "the knees bend backwards" if footless else "the feet point backwards"
+        what = f"left and right look exchanged: {sign}"
         return [Finding(Severity.ERROR, subject, what, _REMEDY)]
-    if not successive and (share := _partly_against(ahead)):
+    if not successive and not footless and (share := _partly_against(ahead)):
         what = f"left and right look exchanged in {share} images: the feet point backwards there"
         return [Finding(Severity.WARNING, subject, what, _REMEDY)]
     return []
@@ -57,6 +67,8 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
 
 def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     """Cosines between where hips and toes point, and between the lines of hips and shoulders.
+
+    Of joints without toes, between the axis about which bent knees turn and the line of the hips.
 
     Args:
         points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
@@ -70,8 +82,34 @@ def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     # joints that few views see are often unknown, and one foot says as much as two
     top = torch.where(at["neck"].isnan(), between, at["neck"])
     up = top - 0.5 * (at["l_hip"] + at["r_hip"])
-    toes = torch.stack([at[f"{side}_toe"] - at[f"{side}_ankle"] for side in "lr"]).nanmean(0)
+    toes = _feet(points)
+    if bool(toes.isnan().all()):
+        return _cosine(_knees(at), hips), _cosine(hips, shoulders)
     return _cosine(torch.linalg.cross(hips, up), toes), _cosine(hips, shoulders)
+
+
+def _feet(points: Tensor) -> Tensor:
+    """From ankles to toes, (F, 3); NaN where both are unknown, or guessed to be at the ankles."""
+    ankles, toes = points[:, _ANKLES], points[:, _TOES]
+    feet = toes - ankles
+    guessed = (feet.abs() <= _NOWHERE * ankles.abs()).all(-1, keepdim=True)
+    return torch.where(guessed, torch.nan, feet).nanmean(1)
+
+
+def _knees(at: dict[str, Tensor]) -> Tensor:
+    """Axis about which the knees are bent, (F, 3): to the person's left, whatever the trunk does.
+
+    NaN where both are straight or unknown.
+    """
+    axes = []
+    for side in "lr":
+        thigh = at[f"{side}_knee"] - at[f"{side}_hip"]
+        shank = at[f"{side}_ankle"] - at[f"{side}_knee"]
+        axis = torch.linalg.cross(
+            *(torch.nn.functional.normalize(v, dim=-1) for v in (thigh, shank))
+        )
+        axes.append(torch.where(axis.norm(dim=-1, keepdim=True) > _BENT, axis, torch.nan))
+    return torch.stack(axes).nanmean(0)
 
 
 def examine_limbs_of_view(subject: str, pixels: Tensor, known: Tensor) -> list[Finding]:
@@ -189,10 +227,10 @@ def _cosine(first: Tensor, second: Tensor) -> Tensor:
     return torch.nn.functional.cosine_similarity(first, second, dim=-1)
 
 
-def _against(cosine: Tensor) -> bool:
+def _against(cosine: Tensor, fewest: int = _FEWEST, most: float = _MOST) -> bool:
     """Whether nearly all frames that say something say the opposite."""
     clear = cosine[cosine.abs() > AHEAD]
-    return len(clear) >= _FEWEST and float((clear < 0).double().mean()) > _MOST
+    return len(clear) >= fewest and float((clear < 0).double().mean()) > most
 
 
 def _partly_against(cosine: Tensor) -> str:
