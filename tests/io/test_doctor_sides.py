@@ -66,3 +66,47 @@ def test_one_foot_and_the_middle_of_the_shoulders_are_enough() -> None:
         assert not examine_sides("x", some)
         (found,) = examine_sides("x", some[:, MIRRORED])
         assert found.what == WORDS
+
+
+def without_feet(points: torch.Tensor, guessed: bool) -> torch.Tensor:
+    """Joints of a set that has no toes: unknown, or guessed to be at the ankles."""
+    found = points.clone()
+    for side in "lr":
+        ankle = found[:, LANDMARKS.index(f"{side}_ankle")]
+        found[:, LANDMARKS.index(f"{side}_toe")] = ankle if guessed else torch.nan
+    return found
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_knees_tell_sides_of_joints_without_feet(guessed: bool) -> None:
+    take = make_take(40)
+    points = without_feet(bent(take.actor.joints(take.truth)), guessed)
+    assert not examine_sides("s", points)
+    nothing = without_feet(straight(take.actor.joints(take.truth)), guessed)
+    words = "left and right look exchanged: the knees bend backwards"
+    for wrong in (points[:, MIRRORED], points * torch.tensor([1.0, 1.0, -1.0])):
+        assert [each.what for each in examine_sides("s", wrong)] == [words]
+    assert not examine_sides("s", nothing[:, MIRRORED]), "straight knees say nothing"
+
+
+def bent(points: torch.Tensor) -> torch.Tensor:
+    """The same with feet behind, as of who runs on the spot."""
+    return _legs(points, 0.6)
+
+
+def straight(points: torch.Tensor) -> torch.Tensor:
+    return _legs(points, 0.0)
+
+
+def _legs(points: torch.Tensor, bend: float) -> torch.Tensor:
+    at = dict(zip(LANDMARKS, points.unbind(1), strict=True))
+    hips = at["l_hip"] - at["r_hip"]
+    up = at["neck"] - 0.5 * (at["l_hip"] + at["r_hip"])
+    ahead = torch.nn.functional.normalize(torch.linalg.cross(hips, up), dim=-1)
+    down = -torch.nn.functional.normalize(up, dim=-1)
+    found = points.clone()
+    for side in "lr":
+        knee = at[f"{side}_hip"] + 0.4 * down
+        found[:, LANDMARKS.index(f"{side}_knee")] = knee
+        found[:, LANDMARKS.index(f"{side}_ankle")] = knee + 0.4 * (down - bend * ahead)
+    return found
