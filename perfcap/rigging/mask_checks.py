@@ -16,8 +16,9 @@ LEAST_INSIDE = 0.5
 
 _SURE = 0.3  # confidence from which a joint counts
 _FEWEST, _HARDLY = 4, 0.1  # frames, and share of them, in which a joint is held
-_ENDS = ("elbow", "knee", "ankle", "toe")
-_LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in _ENDS]
+_LIMBS = [k for k, name in enumerate(LANDMARKS) if name[2:] in ("elbow", "knee", "ankle")]
+_ANKLES, _TOES = ([LANDMARKS.index(f"{s}_{n}") for s in "lr"] for n in ("ankle", "toe"))
+_ON_SHOES = 0.6  # of the way from ankles to toes, whose tips lie at the edge of right masks
 _CROWN, _NECK = LANDMARKS.index("head_top"), LANDMARKS.index("neck")
 _OTHERS = [k for k in range(len(LANDMARKS)) if k not in (_CROWN, _NECK)]
 # How far masks of whole heads reach of the way from the neck to the crown: in the median of frames,
@@ -87,10 +88,19 @@ def _of_head(usual: float, at_times: float) -> list[str]:
 
 
 def _left_out(detections: Detections, masks: PersonMasks) -> list[list[str]]:
-    """Elbows, knees, ankles and toes of each view that the masks of hardly any frame hold."""
-    held, counted = (part.sum(0) for part in _held(detections, masks))  # C 16
+    """Elbows, knees, ankles and shoes of each view that the masks of hardly any frame hold."""
+    inside, within = _held(detections, masks)
+    held, counted = inside.sum(0), within.sum(0)  # C 16
     never = (counted >= _FEWEST) & (held < _HARDLY * counted)
-    return [[LANDMARKS[k] for k in _LIMBS if row[k]] for row in never.tolist()]
+    joints = detections.joints2d
+    places = torch.lerp(joints[..., _ANKLES, :], joints[..., _TOES, :], _ON_SHOES)
+    seen = within[..., _TOES] & inside[..., _ANKLES]  # F C 2
+    shod = _in_masks(torch.where(seen[..., None], places, -1.0), masks)[0].sum((0, 2))
+    bare = (seen.sum((0, 2)) >= 2 * _FEWEST) & (shod < _HARDLY * seen.sum((0, 2)))
+    limbs = [[LANDMARKS[k] for k in _LIMBS if row[k]] for row in never.tolist()]
+    return [
+        [*found, *["the shoes"] * none] for found, none in zip(limbs, bare.tolist(), strict=True)
+    ]
 
 
 def _head_reach(detections: Detections, masks: PersonMasks) -> Tensor:

@@ -124,3 +124,23 @@ def from_above(model: BodyModel, tilt: float) -> Iterator[str]:
     leaning = replace(four, rotation=turn.expand_as(four.rotation), shared=motion.shared)
     detections, inside = seen(model, leaning, cameras)
     return limb_doubts(["v"], detections, PersonMasks(cameras, inside))
+
+
+def test_shoes_that_are_cut_off_are_named(view: View) -> None:
+    """Toes of right masks lie at their edges, and a single one may lie outside."""
+    cameras, detections, inside = view
+    bare = inside.clone()
+    rows, columns = torch.meshgrid(*map(torch.arange, inside.shape[-2:]), indexing="ij")
+    pixels = torch.stack((columns, rows), -1).to(detections.joints2d)
+    for side in "lr":
+        ankle, toe = (
+            detections.joints2d[..., LANDMARKS.index(f"{side}_{end}"), :]
+            for end in ("ankle", "toe")
+        )
+        reach = 0.8 * (toe - ankle).norm(dim=-1)  # about the toe, short of the ankle
+        bare &= (pixels - toe[..., None, None, :]).norm(dim=-1) > reach[..., None, None]
+    assert "leave out the shoes; expected all" in said(view, bare)
+    beside = detections.joints2d.clone()
+    beside[..., LANDMARKS.index("l_toe"), 0] += 25  # one toe, whatever the mask
+    assert said(view, inside, beside) == ""
+    assert list(limb_doubts(["v"], detections, PersonMasks(cameras, inside))) == []
