@@ -11,7 +11,13 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.io.result import Result
-from perfcap.pipeline.surroundings import axis, shared_up, up_doubt, upright
+from perfcap.pipeline.surroundings import (
+    axis,
+    shared_up,
+    up_doubt,
+    upright,
+    upright_together,
+)
 
 _LEANS = 10.0  # degrees of a floor that are spoken of; on axes of a world it leans by none
 _STANDS = 0.9  # support of a floor that is believed
@@ -65,8 +71,7 @@ def level_of(results: Sequence[Result]) -> Level:
     if all(result.level for result in results):
         up = upright(people[0], level=True)
         return Level(up, agreed=True, normal=up)
-    axes = [upright(joints) for joints in people]
-    along = axes[shared_up(people, axes)]
+    along = upright_together(people)
     normals = [each for each in map(_normal, results) if each is not None and each @ along > 0.5]
     normal = normals[shared_up(people, normals)] if normals else None
     return Level(along, normal=normal)

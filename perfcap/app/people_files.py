@@ -39,7 +39,7 @@ from perfcap.pipeline.checkpoint import Checkpoint
 from perfcap.pipeline.overlay import save_people_overlay
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.result_files import plain, write_result
-from perfcap.pipeline.surroundings import shared_up, upright
+from perfcap.pipeline.surroundings import upright_together
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def write_scene(
     """
     inputs = scene.inputs
     about = environment(inputs)
-    up = _up(scene)
+    up = upright_together([performance.joints() for performance in scene.people])
     for number in range(1, len(scene.people) + 1):
         _write_person(request, folder, scene, number, {**about, "person": number}, up)
     names = [person_folder(number) for number in range(1, len(scene.people) + 1)]
@@ -123,13 +123,6 @@ def _write_person(
     }
     run = {"request": own, **about}
     write_result(performance, place, inputs.clip.start, run, inputs.rig.names, up)
-
-
-def _up(scene: CapturedScene) -> Tensor:
-    """Along which everybody stands, (3,)."""
-    people = [performance.joints() for performance in scene.people]
-    axes = [upright(joints) for joints in people]
-    return axes[shared_up(people, axes)]
 
 
 def _write_masks(folder: Path, scene: CapturedScene) -> None:

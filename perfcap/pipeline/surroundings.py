@@ -104,6 +104,16 @@ def shared_up(people: Sequence[Tensor], ups: Sequence[Tensor]) -> int:
     return apart.index(min(apart))
 
 
+def upright_together(people: Sequence[Tensor]) -> Tensor:
+    """The world axis, or its opposite, along which the people of one world stand, (3,).
+
+    Args:
+        people: landmarks, (F, 16, 3) each.
+    """
+    axes = [upright(joints) for joints in people]
+    return axes[shared_up(people, axes)]
+
+
 def up_doubt(up: Tensor, found: Tensor) -> str:
     """How the person bears themselves where an axis (3,) that was chosen is up, in words.
 
