@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import warnings
 from typing import Any, Self
 
@@ -25,6 +26,7 @@ from perfcap.errors import InputError
 
 _LARGER = 20.0  # than itself, of an actor with other vertices
 _OTHER = 1e-3  # m, of landmarks at rest: another actor, not another precision
+_TURNS = 4 * math.pi  # angles of joints and roots above are degrees, or count turns
 
 
 class Actor(nn.Module):
@@ -81,6 +83,7 @@ class Actor(nn.Module):
 
     def joints(self, motion: Motion) -> Tensor:
         """Landmarks in the world, (*b, F, 16, 3), metres."""
+        _warn_of_degrees(motion)
         landmarks: Tensor = self.skeleton(motion).landmarks
         return landmarks
 
@@ -91,6 +94,7 @@ class Actor(nn.Module):
             motion: (*b, F).
             rest: other vertices at rest, (*b, F, V, 3), metres; the template's if not given.
         """
+        _warn_of_degrees(motion)
         rotation, translation = self.joint_transforms(motion)
         vertices = self.vertices if rest is None else rest
         return dual_quaternion_blend(vertices, self.skin, rotation, translation)
@@ -176,6 +180,22 @@ class Actor(nn.Module):
 
         template, rig = resize(self.template, self.skeleton, self.bone_joints, bones)
         return type(self)(template, rig, self.rest_hands).to(self.vertices)
+
+
+def _warn_of_degrees(motion: Motion) -> None:
+    """Warn of angles beyond two turns in most frames; not on a device, which it would wait for."""
+    if torch.compiler.is_compiling() or motion.angles.device.type != "cpu" or not motion.frames:
+        return
+    angles = torch.cat((motion.rotation, motion.angles), -1).detach()
+    if torch._C._functorch.is_functorch_wrapped_tensor(angles):
+        return
+    usual = float(angles.abs().amax(-1).median())
+    if usual > _TURNS:
+        warnings.warn(
+            f"the motion turns joints by {usual:.3g} radians in the median frame; expected "
+            "radians, these look like degrees: give torch.deg2rad(angles), and rotation likewise",
+            stacklevel=3,
+        )
 
 
 def _extent(vertices: Tensor) -> Tensor:

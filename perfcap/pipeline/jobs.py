@@ -81,7 +81,7 @@ def capture(
     device of the detections. Of a ``Scene`` with several people the results are in their order:
     motions are found one by one, silhouettes together (Liu et al. 2013, Sec. 5). It has cameras,
     detections, rate, images and ``solve_bones`` of its own. One person is a tuple of one, with the
-    same bits.
+    same bits. What a user should know is in ``warnings`` of the result, and printed nowhere.
 
     Args:
         actor: the rigged person; or a scene.

@@ -1,15 +1,19 @@
-"""What a state_dict does to an actor that is another one."""
+"""What actors say of the state of another one, and of motions in degrees."""
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
 from synthetic import actor
-from torch import nn
+from torch import Tensor, nn
 
 from perfcap.actor.actor import Actor
+from perfcap.actor.motion import Motion
 from perfcap.pipeline import PoseRefiner
 
 
@@ -39,3 +43,32 @@ def test_its_own_state_is_not() -> None:
         PoseRefiner(taller()).float().load_state_dict(own)  # in another precision
         alone = {key: part for key, part in own.items() if not key.startswith("actor.")}
         PoseRefiner(actor()).load_state_dict(alone, strict=False)
+
+
+@pytest.mark.parametrize("ask", [Actor.joints, Actor.surface])
+def test_angles_in_degrees_are_said(ask: Callable[[Actor, Motion], Tensor]) -> None:
+    """As those read back from a table, which has degrees."""
+    own = actor()
+    motion = bent(own, 0.6)
+    with pytest.warns(UserWarning, match=r"by 34\.4 radians .* torch\.deg2rad"):
+        ask(own, replace(motion, angles=motion.angles.rad2deg()))
+    with pytest.warns(UserWarning, match="these look like degrees"):
+        ask(own, replace(motion, rotation=torch.full_like(motion.rotation, 90.0)))
+
+
+def test_turns_in_radians_are_not() -> None:
+    """Whole turns of the root, and one wild frame in three."""
+    own = actor()
+    motion = bent(own, 0.6)
+    wild = motion.angles.clone()
+    wild[0] = 50.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        own.joints(replace(motion, rotation=torch.full_like(motion.rotation, 3 * math.pi)))
+        own.surface(replace(motion, angles=wild))
+        torch.func.vmap(lambda angles: own.joints(replace(motion, angles=angles)))(wild[None])
+
+
+def bent(own: Actor, angle: float) -> Motion:
+    rest = own.skeleton.rest_motion(3)
+    return replace(rest, angles=torch.full_like(rest.angles, angle))
