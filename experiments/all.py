@@ -69,7 +69,7 @@ LONG = (
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
     "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
     "trust_video", "trust_views", "trust_wrong_views", "video_alone", "video_speed", "view_stages",
-    "views_sweep", "worst_masks",
+    "views_sweep", "way_lengths", "worst_masks",
 )  # fmt: skip
 
 

@@ -109,6 +109,15 @@ def handheld(cameras: Camera, frames: int) -> Camera:
     )
 
 
+def standing_take(frames: int) -> Take:
+    """A person who stands still, filmed by a camera in a hand."""
+    take = make_take(frames, moving=True)
+    still = take.truth.map(lambda part: part[:1].expand(frames, *part.shape[1:]))
+    cameras = handheld(make_take(1).cameras, frames)
+    found = detect(take.actor, cameras, still)
+    return replace(take, truth=still, cameras=cameras, detections=found)
+
+
 def detect(actor: Actor, cameras: Camera, motion: Motion, lifted: bool = True) -> Detections:
     """Exact detections, (F, C), of confidence 1."""
     joints = actor.joints(motion)

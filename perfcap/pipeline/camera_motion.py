@@ -10,8 +10,6 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.actor import Actor
-from perfcap.actor.motion import Motion
-from perfcap.actor.sole_points import SIDES, SOLE_POINTS, sole_skeleton
 from perfcap.detect.detections import Detections
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
@@ -21,11 +19,9 @@ from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_kinds, require_matching
 from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare, relaxed
+from perfcap.pipeline.way_length import LAG, soles, standing
 from perfcap.rates import frame_rate
 
-_POINTS = len(SIDES) * len(SOLE_POINTS)
-_LAG = 0.4  # s, over which a foot stands or does not
-_STILL = 0.02  # m, of a point that stands, across the line of sight
 _SPREAD, _RANGE = 0.5, 1.5  # of the log scale: its prior's deviation, and how far it is tried
 _LEVEL = 0.25  # deviation of the log scale about what an exact ground says: one view's depth
 _TRIES = 241
@@ -148,65 +144,50 @@ def in_metres(
     fixed = replace(cameras.to(like), intrinsics=lens)
     frames = FrameProblem.of(actor, fixed, detections, config or PoseConfig())
     motion, seen = initialize(prepare(relaxed(frames)))
-    soles = _soles(actor, motion)
+    points = soles(actor, motion)
     about, spread = 0.0, _SPREAD
     if ground is not None:
-        about, spread = _as_high(soles[seen], known, seen, ground)
-    lag = max(1, round(_LAG * rate))
-    scale = _least_slide(soles, seen, known, lag, (about, spread))
+        about, spread = _as_high(points[seen], known, seen, ground)
+    scale = _least_slide(points, seen, known, rate, (about, spread))
     return replace(known, translation=scale * known.translation)
 
 
-def _soles(actor: Actor, motion: Motion) -> Tensor:
-    """Points under the feet, (F, 8, 3)."""
-    landmarks: Tensor = sole_skeleton(actor)(motion).landmarks
-    return landmarks[..., -_POINTS:, :]
-
-
-def _as_high(soles: Tensor, way: CameraMotion, seen: Tensor, ground: Ground) -> tuple[float, float]:
+def _as_high(
+    points: Tensor, way: CameraMotion, seen: Tensor, ground: Ground
+) -> tuple[float, float]:
     """Log of the factor at which the lower of points (S, N, 3) is on the ground, and deviation.
 
     The median over frames. A tilt of the ground matters the more, the flatter it is looked at.
     """
-    normal = torch.from_numpy(ground.normal).to(soles)
+    normal = torch.from_numpy(ground.normal).to(points)
     rotation = way.rotation[seen]
     centre = -(rotation.mT @ way.translation[seen][..., None]).squeeze(-1)
-    lowest = -(soles @ rotation @ normal)
+    lowest = -(points @ rotation @ normal)
     above, which = lowest.amax(-1), lowest.argmax(-1)  # m, of the camera above the lower foot
     known = centre @ normal - ground.height
     good = (above > 0) & (known > 0)
     if not bool(good.any()):
         return 0.0, _SPREAD
-    far = soles[torch.arange(len(soles)), which].norm(dim=-1)
+    far = points[torch.arange(len(points)), which].norm(dim=-1)
     steep = float((above / far)[good].median())
     about = float((above / known)[good].log().median())
     return about, min(_SPREAD, math.hypot(_LEVEL, ground.deviation / max(steep, 1e-3)))
 
 
 def _least_slide(
-    soles: Tensor, seen: Tensor, way: CameraMotion, lag: int, prior: tuple[float, float]
+    points: Tensor, seen: Tensor, way: CameraMotion, rate: float, prior: tuple[float, float]
 ) -> float:
     """The factor of a way at which points (F, N, 3) in axes of the cameras stand most.
 
-    What moves along the line of sight is not looked at: one view's depth trembles.
-
     Args:
-        soles: points under the feet.
+        points: under the feet.
         seen: frames that count, (F,).
         way: of the camera, with a wrong length.
-        lag: frames over which a point stands.
+        rate: frames a second.
         prior: mean and deviation of the log factor.
     """
-    turn = way.rotation.mT
-    place = soles @ way.rotation  # world axes, from where the camera is
-    centre = (turn @ way.translation[..., None]).squeeze(-1)  # minus where the camera stands
-    both = seen[lag:] & seen[:-lag]
-    moved, shift = place[lag:] - place[:-lag], centre[lag:] - centre[:-lag]
-    across = way.rotation[:-lag][both][:, None, :2]  # 1 2 3 of each frame
-    moved = (across @ moved[both][..., None]).squeeze(-1)
-    shift = (across @ shift[both][:, None, :, None]).squeeze(-1)
-    logs = prior[0] + torch.linspace(-_RANGE, _RANGE, _TRIES).to(soles)
-    slid = (moved - logs.exp()[:, None, None, None] * shift).square().sum(-1) / _STILL**2
-    cost = (slid / (1 + slid)).flatten(1).sum(-1) / (_POINTS * lag)
+    logs = prior[0] + torch.linspace(-_RANGE, _RANGE, _TRIES).to(points)
+    stands = standing(points, seen, way.rotation, way.translation, rate, logs.exp())
     held = 0.5 * ((logs - prior[0]) / prior[1]).square()
-    return float(logs[(cost + held).argmin()].exp())
+    share = stands / (points.shape[1] * max(1, round(LAG * rate)))
+    return float(logs[(share - held).argmax()].exp())

@@ -21,6 +21,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.evidence import AGREES, Evidence
 from perfcap.pipeline.look import Looked
 from perfcap.pipeline.track_motion import WindowReport
+from perfcap.pipeline.way_length import way_doubts
 from perfcap.solve import Status
 
 FASTEST = 12.5
@@ -83,6 +84,7 @@ def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> I
         yield from _stature(problem.actor)
     yield from _distance(problem.cameras, motion)
     yield from _jumps(motion, problem.rate)
+    yield from way_doubts(problem.actor, motion, problem.cameras, problem.rate)
     if problem.up is not None:
         yield from _upright(problem.actor.joints(motion), problem.cameras, problem.up)
 

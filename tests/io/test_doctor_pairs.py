@@ -43,7 +43,18 @@ def named(findings: list[Finding]) -> list[str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("names", [*((name,) for name in PAIRS), ("wrist", "toe")])
+@pytest.mark.parametrize(
+    "names",
+    [
+        *((name,) for name in PAIRS),
+        ("wrist", "toe"),
+        ("elbow", "wrist"),
+        ("knee", "ankle", "toe"),
+        ("knee", "ankle"),
+        ("ankle", "toe"),
+        ("elbow", "wrist", "ankle", "toe"),
+    ],
+)
 def test_exchanged_joints_are_named(names: tuple[str, ...]) -> None:
     take = make_take(60, views=3)
     rig = CameraRig(("a", "b", "c"), take.cameras)

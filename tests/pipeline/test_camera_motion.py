@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from synthetic import actor
-from takes import Take, detect, handheld, make_take
+from takes import Take, make_take, standing_take
 
 from perfcap.actor.sole_points import sole_skeleton
 from perfcap.errors import InputError
@@ -20,16 +20,13 @@ WRONG = 0.7
 
 
 def taken(noise: float = 1.0) -> Take:
-    """A person who stands still, filmed by a camera in a hand."""
-    take = make_take(FRAMES, moving=True)
-    still = take.truth.map(lambda part: part[:1].expand(FRAMES, *part.shape[1:]))
-    fixed = make_take(1).cameras
-    cameras = handheld(fixed, FRAMES)
-    found = detect(take.actor, cameras, still)
+    """A person who stands still, filmed by a camera in a hand, with errors of so many pixels."""
+    take = standing_take(FRAMES)
+    found = take.detections
     random = torch.Generator().manual_seed(0)
     moved = noise * torch.randn(found.joints2d.shape, generator=random, dtype=torch.float64)
     detections = replace(found, joints2d=found.joints2d + moved)
-    return replace(take, truth=still, cameras=cameras, detections=detections)
+    return replace(take, detections=detections)
 
 
 def way_of(cameras: Camera, scale: float, moves: bool = True) -> CameraWay:

@@ -48,7 +48,7 @@ def _undone(name: str, points: Tensor) -> tuple[Tensor, tuple[int, ...]] | None:
     if not 0 < len(frames) < _WHOLE * len(points):  # of more, ``examine_pairs`` says so
         return None
     changed = points.clone()
-    changed[frames] = exchange(name, points[frames])
+    changed[frames] = exchange((name,), points[frames])
     return changed, tuple(frames)
 
 
