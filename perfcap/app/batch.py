@@ -97,7 +97,7 @@ def _ray() -> Any:
 _KEPT = ".batch"  # outcomes and logs, in the folder of the batch
 _OURS = ("out", "resume", "overwrite", "report")  # options that the batch gives
 _PATHS = ("videos", "cameras", "detections", "masks", "video_map")
-_EITHER = ("actor", "detector", "lifter", "segmenter")  # names of shipped ones, or paths
+_EITHER = ("actor", "detector", "lifter", "segmenter", "edges")  # names of shipped ones, or paths
 _SWITCHES = ("overlay", "refine_cameras")
 _YES, _NO = ("yes", "true", "1"), ("no", "false", "0")
 

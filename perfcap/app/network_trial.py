@@ -105,14 +105,14 @@ def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
             f"to check: {own.opposite:.0%} are where the other side's are; joints.names or "
             "joints.set have left and right exchanged"
         )
-    elif own.misnamed:
-        yield f"to check: {', '.join(own.misnamed)}; exchange them in joints.names"
-    elif better:
+    elif better:  # before names: crops of another size show joints at those of the other side
         best = min(better, key=lambda what: others[what].off)
         yield (
             f"to check: with {best} they are {_percent(others[best].off)} off, and "
             f"{others[best].found:.0%} are found; was it trained with that?"
         )
+    elif own.misnamed:
+        yield f"to check: {', '.join(own.misnamed)}; exchange them in joints.names"
     elif own.found < _FEW:
         yield (
             "to check: few joints are found, and no other order of colours, range of values or "

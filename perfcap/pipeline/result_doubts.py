@@ -35,6 +35,9 @@ _BESIDE_JOINTS = 0.06  # of a person's box: 0.01 is usual, 0.1 and more in a wro
 _FAR = 100.0  # m, from a camera: nobody is filmed from there
 # Cosines: of what is said to be up with bodies and images, and of these with each other
 _NOT_UP, _ALIKE = 0.5, 0.7
+_ORDER = "check that these are in the order of the joint set, unless the estimator errs by as much"
+_OWN = "check axes, unit and frames of what your own energies want, in the world of the cameras"
+_WAY = "check the unit and the frames of the moving cameras' poses"
 _TRUNK = [LANDMARKS.index(name) for name in ("neck", "l_hip", "r_hip")]
 
 
@@ -52,23 +55,23 @@ def joint_doubts(
             )
 
 
-def fit_doubts(cameras: Camera, detections: Detections, joints: Tensor) -> Iterator[str]:
+def fit_doubts(
+    cameras: Camera, detections: Detections, joints: Tensor, remedy: str = _ORDER
+) -> Iterator[str]:
     """Whether a solved person is far from the joints that they were solved from.
 
     Args:
         cameras: C views, (C,) or (F, C).
         detections: (F, C).
         joints: landmarks of the person, (F, 16, 3).
+        remedy: what to do.
     """
     off = beside(cameras, detections, joints)
     if not bool(off.isfinite().any()):
         return
     usual = float(off.nanmedian())
     if usual > _BESIDE_JOINTS:
-        yield (
-            f"the person lies {usual:.0%} of their size from the joints; check that these are in "
-            "the order of the joint set, unless the estimator errs by as much"
-        )
+        yield f"the person lies {usual:.0%} of their size from the joints; {remedy}"
 
 
 def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> Iterator[str]:
@@ -84,6 +87,10 @@ def result_doubts(problem: ClipProblem, motion: Motion, solved_bones: bool) -> I
         yield from _stature(problem.actor)
     yield from _distance(problem.cameras, motion)
     yield from _jumps(motion, problem.rate)
+    if problem.terms or problem.cameras.moving:  # else detections alone say where the person is
+        seen, joints = problem.detections, problem.actor.joints(motion)
+        remedy = _OWN if problem.terms else _WAY
+        yield from fit_doubts(problem.cameras, seen, joints, remedy)
     yield from way_doubts(problem.actor, motion, problem.cameras, problem.rate)
     if problem.up is not None:
         yield from _upright(problem.actor.joints(motion), problem.cameras, problem.up)

@@ -152,13 +152,17 @@ def test_a_network_beside_the_list_is_taken_and_watched(
     network.mkdir()
     away.mkdir()
     (network / "manifest.toml").write_text("x")
-    clips.write_text("videos,actor,segmenter\ngood.mp4,sam,masks\n")
+    edges = tmp_path / "mine.safetensors"
+    edges.write_text("x")
+    clips.write_text("videos,actor,segmenter,edges\ngood.mp4,sam,masks,mine.safetensors\n")
     monkeypatch.chdir(away)
     call, out = ["batch", clips, "--out", tmp_path / "out"], tmp_path / "out"
-    assert perfcap(call).code == 0 and str(network) in calls(out, "good")[-1]
-    assert "1 of them captured already" in perfcap(call).out
-    (network / "manifest.toml").write_text("other")
-    assert "0 of them captured already" in perfcap(call).out
+    assert perfcap(call).code == 0
+    assert all(str(path) in calls(out, "good")[-1] for path in (network, edges))
+    for changed in (network / "manifest.toml", edges):
+        assert "1 of them captured already" in perfcap(call).out
+        changed.write_text("other")
+        assert "0 of them captured already" in perfcap(call).out
 
 
 @pytest.mark.long

@@ -59,6 +59,12 @@ SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.join
         ("lightning", 'set = "COCO-17"', f"names = {SIDES}", "have left and right exchanged"),
         ("lightning", 'set = "COCO-17"', f"names = {WRISTS}", "r_wrist is where l_wrist is"),
         ("lightning", "padding = 1.1", "padding = 2.0", "with padding = 1.25 they are 1.9 % off"),
+        (
+            "rendered",
+            "[output]",
+            "padding = 2.0\n[output]",
+            "with padding = 1.25 they are 1.5",
+        ),
         ("lightning", '"confidence"', '"ignored"', "output.columns has no confidence, so that"),
         ("lightning", 'set = "COCO-17"', f'set = "COCO-17"{LOW}', "confidences are 0.13 in the"),
         ("rendered", '"head_top", "neck"', '"neck", "head_top"', "head_top is where neck is"),

@@ -317,6 +317,13 @@ def test_images_of_another_kind(
         models["vitpose"](images)
 
 
+def test_confidences_that_are_logits_are_refused(tmp_path: Path) -> None:
+    """Each was taken for 0 or 1."""
+    path = write_tiny(tmp_path, "mediapipe", ('activation = "sigmoid"\n', ""))
+    with pytest.raises(InputError, match=r"expected 0 to 1: give output.activation = .sigmoid."):
+        OnnxDetector(path)
+
+
 def test_floats_of_another_range_are_refused(models: dict[str, OnnxDetector]) -> None:
     """They were cut off: of a clip 4 % of the joints were seen, and nothing said why."""
     images, _ = scene(models["vitpose"], 1)

@@ -114,6 +114,31 @@ def test_names_that_are_taken_and_energies_already_made_are_refused() -> None:
 
 
 @pytest.mark.long
+def test_targets_in_other_axes_are_said() -> None:
+    """Places from a camera, for those in the world: the person follows, and leaves the joints."""
+    take = make_take(12)
+    parts = take.actor, take.cameras, take.detections, take.rate
+    place = capture(*parts).joints()[HELD.start : HELD.stop, WRIST].mean(0)
+    local = take.cameras.to_camera(place[None, None])[0, 0, 0]
+    said = "check axes, unit and frames of what your own energies want"
+    for wanted, wrong in ((place, False), (local, True)):
+        every = lambda actor, where, at=wanted: Stays(actor, at)  # noqa: E731
+        found = capture(*parts, energies={"stays": every}).warnings
+        assert any(said in line for line in found) is wrong
+
+
+class Stays(Energy[Motion]):
+    """A wrist is at a place throughout."""
+
+    def __init__(self, actor: Actor, place: Tensor) -> None:
+        super().__init__(weight=1e4)
+        self.actor, self.place = actor, place
+
+    def residual(self, motion: Motion) -> Residual:
+        return Residual(self.actor.joints(motion)[..., WRIST : WRIST + 1, :] - self.place)
+
+
+@pytest.mark.long
 def test_one_without_frames_to_act_in_changes_nothing() -> None:
     take = make_take(12)
     parts = take.actor, take.cameras, take.detections, take.rate
