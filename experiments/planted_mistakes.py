@@ -107,9 +107,9 @@ def _spoiled(seen: Detections) -> Iterator[tuple[str, Detections]]:
     )
     for name in _PAIRS:
         yield f"{name}s exchanged", _ordered(seen, _exchange(name), whole)
-    for names in (_ARMS[1:], _LEGS[1:]):
-        mistake = f"{'s, '.join(names)}s exchanged"
-        yield mistake, _ordered(seen, _exchange(*names), whole)
+    for limb in (_ARMS, _LEGS):
+        mistake = f"{'s, '.join(limb[1:])}s exchanged"
+        yield mistake, _ordered(seen, _exchange(*limb[1:]), whole)
     for upper, lower in _NEIGHBOURS:
         mistake = f"{upper}s and {lower}s exchanged"
         yield mistake, _ordered(seen, _exchange_neighbours(upper, lower), whole)
