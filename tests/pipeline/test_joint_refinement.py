@@ -148,14 +148,14 @@ def test_masks_that_are_missing_are_no_doubt(start: Performance, masks: torch.Te
     some = masks.clone()
     some[1:, 1] = 0
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)  # what it imports may warn otherwise
         found = refine_jointly(start, some, config=QUICK)
     assert found.vertices().isfinite().all()
 
 
 def test_masks_that_are_learned_are_no_doubt(start: Performance, masks: torch.Tensor) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)  # what it imports may warn otherwise
         found = refine_jointly(start, (1 - masks).requires_grad_(), config=QUICK)
     assert found.vertices().requires_grad
 
