@@ -67,7 +67,7 @@ def test_python_block_runs(
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     exec(compile(block("python"), "README.md", "exec"), names)
-    assert capsys.readouterr().out == "torch.Size([120, 16, 3])\n"
+    assert capsys.readouterr().out == "torch.Size([120, 16, 3])\n\n"  # and no warning
     written = {path.name for path in (tmp_path / "dance").iterdir()}
     assert written == {"motion.npz", "motion.bvh", "capture.glb", "run.json", "config.yaml"}
 

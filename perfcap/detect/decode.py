@@ -15,7 +15,8 @@ from perfcap.detect.heatmap import DECODERS, argmax2d, map_to_input, soft_argmax
 from perfcap.detect.manifest import PEOPLE, Calibration, Manifest, OutputSpec
 from perfcap.errors import InputError
 
-_BEYOND = 0.5  # of what a calibration takes; networks' confidences are a little above 1 at times
+# beyond what a calibration takes: confidences are a little above 1 at times, and -1 of nobody
+_BEYOND, _NOBODY = 0.5, 1.5
 _ROUNDED = 0.02  # of the bins of a classification, which are a side times a factor
 
 
@@ -157,7 +158,9 @@ def _read_columns(rows: Tensor, manifest: Manifest) -> tuple[Tensor, Tensor]:
 def _confidence(raw: Tensor, manifest: Manifest) -> Tensor:
     if manifest.output.activation == "sigmoid":
         raw = raw.sigmoid()
-    elif manifest.output.columns:
+    elif (
+        manifest.output.kind == "coordinates"
+    ):  # rows of people may be of nobody, and hold anything
         _require_probabilities(raw, manifest)
     return calibrate(raw.nan_to_num(0.0, 1.0, 0.0), manifest.calibration)
 
@@ -169,7 +172,7 @@ def _require_probabilities(raw: Tensor, manifest: Manifest) -> None:
         return
     (low, high), knots = known.aminmax(), manifest.calibration.raw
     least, most = min(0.0, *knots), max(1.0, *knots)
-    if low < least - _BEYOND or high > most + _BEYOND:
+    if low < least - _NOBODY or high > most + _BEYOND:
         raise InputError(
             f"{manifest.path}: confidences are {low:.3g} to {high:.3g}, expected {least:g} to "
             f'{most:g}: give output.activation = "sigmoid" where they are logits, or [calibration] '
