@@ -142,7 +142,7 @@ def _run(
     inputs = replace(read_inputs(request, work), files=call.inputs)
     workers = threads_within(request.memory, inputs.clip.sizes)
     if request.everybody:
-        found = find_people(request, inputs)
+        found = find_people(request, inputs, list(actors.values()), generic)
         if len(found.people) > 1:
             crowd = Crowd(inputs, found, generic, actors)
             good = run_people(request, folder, crowd, work)

@@ -123,8 +123,18 @@ def _require_views(request: Capture) -> None:
     )
 
 
-def find_people(request: Capture, inputs: Inputs) -> Association:
+def find_people(
+    request: Capture, inputs: Inputs, actors: Sequence[Actor], generic: Sequence[bool]
+) -> Association:
     """Who is who: as many people as are asked for, or for several actors at least as many.
+
+    Of one person with an actor of their own it is the one who has its bones.
+
+    Args:
+        request: for a capture of several, or of one of several.
+        inputs: with detections of everybody.
+        actors: those that are named.
+        generic: of each actor that is asked for, whether it is nobody in particular.
 
     Raises:
         InputError: there are fewer, or cameras are wrong: in millimetres, say.
@@ -133,14 +143,36 @@ def find_people(request: Capture, inputs: Inputs) -> Association:
     parts = inputs.rig.cameras, inputs.detections, inputs.clip.fps
     config = AssociationConfig(resized=not request.detectors)
     who = partial(associate, *parts, config=config, names=inputs.rig.names)
-    if len(request.actor) == 1:
+    one = len(request.actor) == 1
+    if one and (request.head_count != 1 or not actors or any(generic)):
         return who(people=request.head_count)
     wanted = len(request.actor)
     try:
         found = who()
     except InputError:
         found = None
-    return found if found and len(found.people) >= wanted else who(people=wanted)
+    found = found if found and len(found.people) >= wanted else who(people=wanted)
+    return _with_bones_of(actors[0], request.actor[0], found) if one else found
+
+
+def _with_bones_of(actor: Actor, name: str, found: Association) -> Association:
+    """The one of people who has the bones of an actor; of alike ones whom views see best."""
+    others = len(found.people) - 1
+    if not others:
+        return found
+    matching = match_actors([actor], found, [name])
+    track = 0 if matching.notes else matching.tracks[0]
+    own = slice(track, track + 1)
+    who = "views see less of them" if matching.notes else f"{name} has other bones"
+    note = f"further people: {others}, left out, since {who}"
+    return Association(
+        found.people[own],
+        found.slots[own],
+        found.joint_slots[own],
+        found.points[own],
+        found.margin[own],
+        (*found.notes, *matching.notes, note),
+    )
 
 
 def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:

@@ -68,6 +68,32 @@ def read_tree(document: Document) -> NodeTree:
     return NodeTree(parents, world, order)
 
 
+def drawn_nodes(document: Document, tree: NodeTree) -> NDArray[np.bool_]:
+    """Which nodes programs draw: of the file's own scene, and not hidden (KHR_node_visibility).
+
+    All of a file without scenes.
+    """
+    scenes = document.items("scenes")
+    drawn = np.ones(len(tree.parents), bool)
+    if scenes:
+        roots = document.item("scenes", document.tree.get("scene", 0)).get("nodes", [])
+        drawn[:] = False
+        for value in roots if isinstance(roots, list) else [roots]:
+            drawn[document.integer(value, "scene.nodes", 0, len(drawn) - 1)] = True
+    nodes, tops = document.items("nodes"), drawn.copy()
+    for number in tree.order:
+        parent = tree.parents[number]
+        above = tops[number] if parent < 0 else drawn[parent] or tops[number]
+        drawn[number] = above and not _hidden(nodes[number])
+    return drawn
+
+
+def _hidden(node: Object) -> bool:
+    extensions = node.get("extensions")
+    found = extensions.get("KHR_node_visibility") if isinstance(extensions, dict) else None
+    return isinstance(found, dict) and found.get("visible") is False
+
+
 def _topological_order(document: Document, parents: Integers) -> tuple[int, ...]:
     children: dict[int, list[int]] = {}
     for child, parent in enumerate(parents.tolist()):

@@ -66,7 +66,7 @@ def read_material(document: Document, primitive: Object) -> tuple[Material, int,
     if "material" not in primitive:
         return _without_image(document, primitive, np.ones(3)), 0, identity
     material = document.item("materials", primitive["material"])
-    factor, reference = _painted_by(document, material)
+    factor, reference = painted_by(document, material)
     light = np.clip(factor[:3], 0, 1)
     if reference is None:
         return _without_image(document, primitive, light), 0, identity
@@ -81,7 +81,7 @@ def read_material(document: Document, primitive: Object) -> tuple[Material, int,
     return Material(number, _triple(light)), coordinate, transform
 
 
-def _painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:
+def painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:
     """Colour of a material, (4,), and its reference to a texture.
 
     Colour of light that is reflected; by the extension that came before metallic roughness; or,

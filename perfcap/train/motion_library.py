@@ -15,6 +15,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
+from perfcap.train.library_bones import require_ends
 from perfcap.train.library_checks import (
     order_doubts,
     read_index,
@@ -131,6 +132,7 @@ class MotionLibrary:
         motion = {recording.name: recording.landmarks for recording in recordings}
         root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
         require_motion(archive, motion, root)
+        require_ends(archive, motion)
 
         def pose(angles: Array, places: Array, offsets: Array) -> Array:
             return _landmarks(angles, places, offsets, names, skeleton["parents"])[0]

@@ -201,7 +201,7 @@ def test_one_of_them_writes_what_one_person_writes(
     done = perfcap(pair.command(tmp_path, *options, actors=pair.actors[:1]))
     assert done.code == 0 and not (tmp_path / "people.json").exists()
     assert {"motion.npz", "capture.glb"} <= files_of(tmp_path)
-    assert any("further people" in note for note in done.notes)
+    assert any("further people: 1, left out, since" in note for note in done.notes)
 
 
 @pytest.mark.long

@@ -53,6 +53,19 @@ def upended(arrays: Arrays, _: Rows) -> None:
             arrays[name] = np.stack((x, -z, y), 1)
 
 
+def stretched(joint: str, factor: float) -> Callable[[Arrays, Rows], None]:
+    """A bone of both sides of another length, of skeletons without the joint at its end."""
+
+    def spoil(arrays: Arrays, _: Rows) -> None:
+        names = arrays["joint_names"].tolist()
+        for name in arrays:
+            if name.endswith("offsets_m"):
+                for side in ("Left", "Right"):
+                    arrays[name][names.index(side + joint)] *= factor
+
+    return spoil
+
+
 def mirrored(arrays: Arrays, _: Rows) -> None:
     swap = {"L": "Right", "R": "Left"}
     arrays["joint_names"] = np.array(
@@ -142,6 +155,8 @@ def crouching(arrays: Arrays, order: tuple[int, ...] = (0, 1, 2)) -> None:
         (scaled("offsets_m", 0.01), "joints span .* give offsets_m in metres"),
         (scaled("root_m", 1000), "the root moves at .* give root_m in metres"),
         (scaled("euler_zyx_deg", np.pi / 180), "they look like radians"),
+        (stretched("ToeBase", 0.0), r"a foot \(ankle to toe\) is 0 m long, .* a lifter learns"),
+        (stretched("Hand", 1.8), r"a forearm \(elbow to wrist\) is .* to 1\.2: give offsets_m"),
         (upended, "people lie or stand on their heads"),
         (mirrored, "left and right look exchanged"),
         (cut, "clips 01_01 and 02_01 are the same motion, or parts of it"),
