@@ -23,6 +23,7 @@ _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 
 _FEWEST = 10  # frames that tell a rate
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
+_AWAY, _LITTLE = 2.0, 0.2  # m that no depth of one view is off by; share of the error left by it
 _OTHER = 0.25  # m, after one rigid motion: another clip, whose place is most of the error
 _LARGER = 1.8  # than a person: a child captured as an average adult is not that far off
 # Of distances of joints over time: of right results 0.76 and more, poor ones included, of two clips
@@ -154,6 +155,13 @@ def _explained(
         yield (
             f"after one rotation of all frames by {turn:.0f} degrees {left / now:.0%} of the error "
             "is left; give the truth in the world of the cameras"
+        )
+    shift = (truth - estimate)[valid].mean(0)
+    left = _error(estimate + shift, truth, valid)
+    if float(shift.norm()) > _AWAY and left < _LITTLE * now:
+        yield (
+            f"after one shift of all frames by {float(shift.norm()):.3g} m {left / now:.0%} of the "
+            "error is left; give the truth in the world of the cameras, with its origin"
         )
     _, image = _turned(estimate * estimate.new_tensor([-1.0, 1.0, 1.0]), truth, valid)
     if image < _LEFT * min(left, now):

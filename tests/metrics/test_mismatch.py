@@ -39,6 +39,14 @@ def test_errors_of_a_capture_are_not_explained(joints: Tensor, size: float) -> N
         ))  # fmt: skip
 
 
+def test_a_truth_with_another_origin(joints: Tensor) -> None:
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    away = torch.tensor([3.0, 0.0, -4.0]).to(joints)
+    (line,) = told(joints + 0.03 * noise + away, joints)
+    assert line.startswith("after one shift of all frames by 5 m 1% of the error is left")
+    assert told(joints + 0.03 * noise + 0.3 * away, joints) == ()
+
+
 @pytest.mark.parametrize("size", [1 / 0.3048, 0.3])
 def test_a_truth_in_feet(joints: Tensor, size: float) -> None:
     line, *_ = told(joints, size * joints)
