@@ -194,8 +194,8 @@ def doubts(looked: Looked) -> Iterator[str]:
     if len(beside):
         yield (
             f"in {counted(len(beside))} given masks lie beside the captured person, and are not "
-            "used: are they of these frames and this person, true inside? run.json names them "
-            "(doubtful_masks)"
+            "used, as those of who is mostly hidden: else, are they of these frames and this "
+            "person, true inside? run.json names them (doubtful_masks)"
         )
     yield from overlap_doubts(refinement.pose.after)
     parts = (("motion", refinement.pose), ("surface", refinement.surface))
