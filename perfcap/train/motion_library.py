@@ -15,7 +15,7 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
-from perfcap.train.library_bones import require_ends
+from perfcap.train.library_bones import require_ends, require_moving
 from perfcap.train.library_checks import (
     order_doubts,
     read_index,
@@ -138,6 +138,7 @@ class MotionLibrary:
             return _landmarks(angles, places, offsets, names, skeleton["parents"])[0]
 
         for whose, some in _people(archive, rows):
+            require_moving(whose, [angles[name] for name in some], names)
             require_sides(whose, [motion[name] for name in some])
             own = {name: clips[name] for name in some}
             require_readings(whose, own, names, skeleton["parents"].tolist(), pose)

@@ -66,6 +66,18 @@ def stretched(joint: str, factor: float) -> Callable[[Arrays, Rows], None]:
     return spoil
 
 
+def forgotten(*joints: str) -> Callable[[Arrays, Rows], None]:
+    """Joints whose angles nobody filled in, as those of another name."""
+
+    def spoil(arrays: Arrays, _: Rows) -> None:
+        names = arrays["joint_names"].tolist()
+        for name in arrays:
+            if name.endswith("euler_zyx_deg"):
+                arrays[name][:, [names.index(joint) for joint in joints]] = 0.0
+
+    return spoil
+
+
 def mirrored(arrays: Arrays, _: Rows) -> None:
     swap = {"L": "Right", "R": "Left"}
     arrays["joint_names"] = np.array(
@@ -157,6 +169,8 @@ def crouching(arrays: Arrays, order: tuple[int, ...] = (0, 1, 2)) -> None:
         (scaled("euler_zyx_deg", np.pi / 180), "they look like radians"),
         (stretched("ToeBase", 0.0), r"a foot \(ankle to toe\) is 0 m long, .* a lifter learns"),
         (stretched("Hand", 1.8), r"a forearm \(elbow to wrist\) is .* to 1\.2: give offsets_m"),
+        (forgotten("LeftArm", "RightArm"), "LeftArm, RightArm have the same angles in every frame"),
+        (forgotten("RightForeArm"), "RightForeArm have the same angles in every frame"),
         (upended, "people lie or stand on their heads"),
         (mirrored, "left and right look exchanged"),
         (cut, "clips 01_01 and 02_01 are the same motion, or parts of it"),
