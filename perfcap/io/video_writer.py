@@ -151,9 +151,9 @@ class VideoWriter:
             return
         self._size = size
         self._claim = claim(self.path)
-        self._container = av.open(
-            str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
-        )
+        # what is relative and has a colon would be a protocol of FFmpeg
+        path = str(self._partial.absolute())
+        self._container = av.open(path, "w", format="mp4", options={"movflags": "+faststart"})
         options = dict(self.encoding.options)
         self._stream = self._container.add_stream("libx264", self.encoding.rate, options=options)
         self.encoding.shape(self._stream, size)
