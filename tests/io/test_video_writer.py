@@ -15,6 +15,13 @@ def test_odd_sizes_are_padded(tmp_path: Path) -> None:
     assert VideoFile(make_video(tmp_path / "odd.mp4", 3, (47, 63))).size == (48, 64)
 
 
+def test_a_colon_in_a_relative_path_is_no_protocol(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(VideoFile(make_video(Path("take:2.mp4"), 3))) == 3
+
+
 def test_nothing_half_written_under_the_final_name(tmp_path: Path) -> None:
     path = tmp_path / "a.mp4"
     with pytest.raises(RuntimeError, match="stop"), VideoWriter(path, 30) as writer:
