@@ -1,46 +1,47 @@
-"""``perfcap capture`` of one of several people, whose actor is given."""
+"""One person of several in videos: enough people are followed to say who is the same."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, cast
 
-import numpy as np
 import pytest
-from crowd_files import SIZE, CrowdFiles, write_crowd
-from crowds import make_crowd
-from runs import Command
+import torch
+from synthetic import cameras as circle
 
-from perfcap.app.capture_people import _with_bones_of
-from perfcap.detect.association import associate
-from perfcap.io.result import read_result
+from perfcap.app import networks
+from perfcap.app.networks import Detecting
+from perfcap.detect.detections import Detections
+from perfcap.detect.people import OnnxFinder
 
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> CrowdFiles:
-    crowd = make_crowd(2, frames=20, views=3, size=SIZE, noise=2.0, spoil=0.1)
-    return write_crowd(tmp_path_factory.mktemp("pair"), crowd)
+FRAMES = 4
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("number", [0, 1])
-def test_it_is_the_one_with_the_bones_of_the_actor(
-    pair: CrowdFiles, tmp_path: Path, perfcap: Command, number: int
+@dataclass
+class Videos:
+    names: tuple[str, ...] = ("left", "right")
+    views: int = 2
+
+    def __len__(self) -> int:
+        return FRAMES
+
+
+@pytest.mark.parametrize(("people", "followed"), [(1, 2), (2, 2), (3, 3)])
+def test_two_are_followed_where_one_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, people: int, followed: int
 ) -> None:
-    options = ("--people", "1", "--no-overlay", "--until", "track_motion")
-    done = perfcap(pair.command(tmp_path, *options, actors=pair.actors[number : number + 1]))
-    assert done.code == 0
-    assert any("has other bones" in note for note in done.notes)
-    error = read_result(tmp_path).joints - pair.crowd.joints[number].numpy()
-    assert 1000 * np.linalg.norm(error, axis=-1).mean() < 25
+    """The surest of two views were different people, and became one who was 15 cm too tall."""
+    asked = []
 
+    def follow(first: Any, frames: Any, finder: Any, count: int, *more: Any) -> list[Detections]:
+        asked.append(count)
+        one = Detections.from_joints(torch.ones(FRAMES, 1, 16, 2), torch.ones(FRAMES, 1, 16))
+        return [one] * count
 
-@pytest.mark.long
-def test_of_people_alike_the_best_seen_is_taken() -> None:
-    crowd = make_crowd(2, frames=20, views=3, size=SIZE)
-    found = associate(crowd.cameras, crowd.candidates)
-    twins = replace(found, points=found.points[[0, 0]])
-    kept = _with_bones_of(crowd.actors[1], "b", twins)
-    assert kept.people == found.people[:1] and len(kept.slots) == 1
-    assert any("fit it almost as well" in note for note in kept.notes)
-    assert kept.notes[-1] == "further people: 1, left out, since views see less of them"
+    monkeypatch.setattr(networks, "follow_people", follow)
+    network = cast(Any, SimpleNamespace(manifest=None, kernel=None))
+    detecting = Detecting((network,), people=people, finder=cast(OnnxFinder, object()))
+    found = networks.detect_everybody(cast(Any, Videos()), detecting, circle(2))
+    assert asked == [followed] * 2
+    assert found.confidence2d.shape == (followed, FRAMES, 2, 16)
