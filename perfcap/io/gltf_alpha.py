@@ -1,59 +1,80 @@
-"""How much of a part of a character is drawn see-through: an actor's faces are all solid."""
+"""Parts of a character that are drawn see-through: an actor's faces are all solid."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.actor.template import image_mime
-from perfcap.io.gltf_document import Document, Object
-from perfcap.io.gltf_texture import LARGEST_AREA, LARGEST_SIDE, painted_by, read_material
+from perfcap.geometry.surface_topology import face_areas
+from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_document import Document
+from perfcap.io.gltf_part import Part
+from perfcap.io.gltf_texture import LARGEST_AREA, LARGEST_SIDE
 from perfcap.io.image_file import image_size
 
 Floats = NDArray[np.float64]
+Alpha = NDArray[np.uint8] | NDArray[np.uint16]
 
-_SEEN = 0.5  # of alpha, where a material blends; others say their cutoff
-_SAMPLES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / ([[3], [6], [6], [6]])
+_MOST = 0.01  # of the surface; eyelashes are less
+# where the alpha of a triangle is looked at: its middle, and near each corner
+_PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / ([[3], [6], [6], [6]])
+_OPAQUE = np.full((1, 1), 255, np.uint8)
 
 
-def hidden_area(
-    document: Document, primitive: Object, corners: Floats, coordinates: Floats | None
-) -> float:
-    """Area of a primitive that is hardly drawn, by the alpha of its material, m².
+def see_through(document: Document, parts: Sequence[Part]) -> Iterator[Finding]:
+    """Parts of which much is not drawn, as hair of cards with strands painted on them.
 
     Args:
         document: the file.
-        primitive: of it.
-        corners: of its triangles, (T, 3, 3), metres.
-        coordinates: of their texture, (T, 3, 2) with the origin at the top left; or None.
+        parts: of it.
     """
-    if "material" not in primitive:
-        return 0.0
-    material = document.item("materials", primitive["material"])
-    if material.get("alphaMode") not in ("MASK", "BLEND"):
-        return 0.0
-    (cutoff,) = document.numbers([material.get("alphaCutoff", _SEEN)], 1, "alphaCutoff")
-    factor = float(painted_by(document, material)[0][3])
-    number = read_material(document, primitive)[0].image
-    alpha = np.ones((1, 1))
-    if number is not None and coordinates is not None:
-        alpha = _alpha(document.image(number))
-    places = _SAMPLES @ (np.zeros((len(corners), 3, 2)) if coordinates is None else coordinates)
-    size = np.array(alpha.shape[::-1])
-    column, row = np.moveaxis(((places - np.floor(places)) * size).astype(int), -1, 0)
-    hidden = factor * alpha[row.clip(max=size[1] - 1), column.clip(max=size[0] - 1)] < cutoff
-    sides = corners[:, 1:] - corners[:, :1]
-    areas = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1)
-    return float(areas @ hidden.mean(1))
+    kinds: dict[int | None, list[Part]] = {}
+    for part in parts:
+        if part.blend is not None:
+            kinds.setdefault(None if part.uv is None else part.material.image, []).append(part)
+    if not kinds:
+        return
+    most = _MOST * sum(float(face_areas(part.vertices, part.faces).sum()) for part in parts)
+    for number, some in kinds.items():  # each image is decoded once
+        alpha = _OPAQUE if number is None else _alpha(document.image(number))
+        for part in some:
+            hidden = _hidden_area(part, alpha)
+            if hidden > most:
+                yield Finding(
+                    Severity.WARNING,
+                    part.name,
+                    f"{hidden:.2g} m² of its faces are transparent, and count as solid: in "
+                    "silhouettes the person is larger there, and results show it",
+                    "model what is seen, or leave the part out",
+                )
 
 
-def _alpha(data: bytes) -> Floats:
-    """Alpha of an encoded image, (H, W) in 0 to 1; ones where it has none, or is not read."""
+def _hidden_area(part: Part, alpha: Alpha) -> float:
+    """Area of a part that is hardly drawn, by the alpha (H, W) of its image, m²."""
+    assert part.blend is not None
+    hidden = np.zeros(len(part.faces))
+    height, width = alpha.shape
+    uv = np.zeros((len(part.vertices), 2)) if part.uv is None else part.uv
+    for place in _PLACES:
+        at = np.einsum("k,tki->ti", place, uv[part.faces])
+        column, row = ((at - np.floor(at)) * (width, height)).astype(int).T
+        share = (
+            alpha[row.clip(max=height - 1), column.clip(max=width - 1)] / np.iinfo(alpha.dtype).max
+        )
+        hidden += part.blend.factor * share < part.blend.cutoff
+    return float(face_areas(part.vertices, part.faces) @ hidden) / len(_PLACES)
+
+
+def _alpha(data: bytes) -> Alpha:
+    """Alpha of an encoded image, (H, W); opaque where it has none, or is not read."""
     size = image_size(data) if image_mime(data) is not None else None
     if size is None or max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_AREA:
-        return np.ones((1, 1))
+        return _OPAQUE
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim < 3 or image.shape[2] < 4:
-        return np.ones((1, 1))
-    return np.asarray(image[..., 3] / np.iinfo(image.dtype).max, np.float64)
+        return _OPAQUE
+    return np.ascontiguousarray(image[..., 3])

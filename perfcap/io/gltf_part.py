@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,11 +12,10 @@ from scipy.spatial import KDTree
 
 from perfcap.geometry.surface_topology import surface_topology
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.gltf_alpha import hidden_area
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.gltf_scene import NodeTree, Skin, drawn_nodes, read_skin, rigid
 from perfcap.io.gltf_shape_keys import ShapeKeys, default_weights
-from perfcap.io.gltf_texture import Material, read_material
+from perfcap.io.gltf_texture import Blend, Material, read_blend, read_material
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -25,7 +24,6 @@ _TRIANGLES = 4
 _MAX_VERTICES = 4_000_000
 _NO_WEIGHT = 1e-6
 _MOST_BARE, _FEW_BARE = 0.05, 50  # share and number of vertices; more are a forgotten part
-_MOST_HIDDEN = 0.01  # of the surface; eyelashes are a tenth of that
 _ROUGH_SUM = 0.01  # what weights of 8 bits are off by
 
 
@@ -40,7 +38,7 @@ class Part:
     weights: Floats  # (v, K), rows sum to one
     uv: Floats | None
     material: Material
-    hidden: float = 0.0  # m², hardly drawn
+    blend: Blend | None = None
 
 
 class _Triangles(NamedTuple):
@@ -77,28 +75,7 @@ def read_parts(
     used = list(skins.values())
     for place in unskinned if parts else []:
         parts += _read_loose(keys, tree, place, used, parts, notes)
-    notes += _see_through(parts)
     return parts, used
-
-
-def _see_through(parts: Sequence[Part]) -> Iterator[Finding]:
-    """Parts of which much is not drawn, as hair of cards with strands painted on them."""
-    areas = [_area(part) for part in parts]
-    for part in parts:
-        if part.hidden > _MOST_HIDDEN * sum(areas):
-            yield Finding(
-                Severity.WARNING,
-                part.name,
-                f"{part.hidden:.2g} m² of its faces are transparent, and count as solid: in "
-                "silhouettes the person is larger there, and results show it",
-                "model what is seen, or leave the part out",
-            )
-
-
-def _area(part: Part) -> float:
-    """Of all faces, m²."""
-    sides = np.diff(part.vertices[part.faces], axis=1)
-    return float(0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1).sum())
 
 
 def read_unskinned(document: Document, tree: NodeTree) -> list[Part]:
@@ -239,8 +216,8 @@ def _read_primitive(keys: ShapeKeys, triangles: _Triangles, to_world: Floats) ->
         faces = faces[:, ::-1]  # a mirrored armature turns triangles inside out
     none = np.zeros((len(local), 0))
     vertices = local @ linear.T + offset
-    hidden = hidden_area(document, primitive, vertices[faces], None if uv is None else uv[faces])
-    return Part(name, vertices, faces, none.astype(np.int64), none, uv, material, hidden)
+    blend = read_blend(document, primitive)
+    return Part(name, vertices, faces, none.astype(np.int64), none, uv, material, blend)
 
 
 def _read_faces(document: Document, primitive: Object, vertices: int) -> Integers:

@@ -15,6 +15,7 @@ from perfcap.actor.bone_space import BoneSpace, is_similarity
 from perfcap.actor.template import Template
 from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
+from perfcap.io.gltf_alpha import see_through
 from perfcap.io.gltf_document import Document, open_document
 from perfcap.io.gltf_part import Part, joined, joined_uv, read_parts
 from perfcap.io.gltf_scene import NodeTree, Skin, read_tree
@@ -84,6 +85,7 @@ def read_character(document: Document) -> Character:
         raise document.error(
             "has no skinned mesh; bind the mesh to a skeleton, or use `perfcap actor build`"
         )
+    notes += see_through(document, parts)
     notes += _several(document, skins)
     bones = _bone_order(tree, skins)
     template = _assemble(document, tree, skins, bones, parts, notes)

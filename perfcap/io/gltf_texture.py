@@ -32,6 +32,7 @@ _PATCH = 16  # px, side of a material of one colour
 _BORDER = 4  # px around each image, so that filters see nothing of its neighbours
 _JPEG_QUALITY = 95
 _WHITE = (1.0, 1.0, 1.0)
+_SEEN = 0.5  # of alpha, where the file says no other
 _OF_VERTICES = -1  # number of the image that is made of their colours
 
 
@@ -60,13 +61,39 @@ class Material:
     colors: bytes | None = None
 
 
+@dataclass(frozen=True)
+class Blend:
+    """How a part that is not opaque is drawn.
+
+    Attributes:
+        factor: of the alpha of its image.
+        cutoff: alpha below which it is hardly seen, or not at all.
+    """
+
+    factor: float
+    cutoff: float
+
+
+def read_blend(document: Document, primitive: Object) -> Blend | None:
+    """How a primitive is seen through, by the ``alphaMode`` of its material; None if it is not."""
+    if "material" not in primitive:
+        return None
+    material = document.item("materials", primitive["material"])
+    mode = material.get("alphaMode")
+    if mode not in ("MASK", "BLEND"):
+        return None
+    given = material.get("alphaCutoff", _SEEN) if mode == "MASK" else _SEEN
+    (cutoff,) = document.numbers([given], 1, "alphaCutoff")
+    return Blend(float(_painted_by(document, material)[0][3]), float(cutoff))
+
+
 def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats]:
     """Material of a primitive, its set of texture coordinates, and their transform (2, 3)."""
     identity = np.eye(2, 3)
     if "material" not in primitive:
         return _without_image(document, primitive, np.ones(3)), 0, identity
     material = document.item("materials", primitive["material"])
-    factor, reference = painted_by(document, material)
+    factor, reference = _painted_by(document, material)
     light = np.clip(factor[:3], 0, 1)
     if reference is None:
         return _without_image(document, primitive, light), 0, identity
@@ -81,7 +108,7 @@ def read_material(document: Document, primitive: Object) -> tuple[Material, int,
     return Material(number, _triple(light)), coordinate, transform
 
 
-def painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:
+def _painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:
     """Colour of a material, (4,), and its reference to a texture.
 
     Colour of light that is reflected; by the extension that came before metallic roughness; or,

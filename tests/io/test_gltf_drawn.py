@@ -11,6 +11,7 @@ import pytest
 from gltf_files import Builder, armature_file
 
 from perfcap.errors import InputError
+from perfcap.io import gltf_alpha
 from perfcap.io.doctor.finding import Severity
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import Character, read_character
@@ -117,6 +118,19 @@ def test_a_cutoff_of_their_own_counts(tmp_path: Path) -> None:
     builder = painted(100, "MASK")
     builder.tree["materials"][0]["alphaCutoff"] = 0.3
     assert not [e for e in character(builder, tmp_path).findings if "transparent" in e.what]
-    builder.tree["materials"][0]["alphaCutoff"] = "much"
+    builder.tree["materials"][0]["alphaMode"] = "BLEND"  # which has no cutoff
+    assert [e for e in character(builder, tmp_path).findings if "transparent" in e.what]
+    builder.tree["materials"][0] |= {"alphaMode": "MASK", "alphaCutoff": "much"}
     with pytest.raises(InputError, match="alphaCutoff"):
         character(builder, tmp_path)
+
+
+def test_an_image_of_several_parts_is_decoded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a small file of many parts would take hours."""
+    calls: list[bytes] = []
+    decode = gltf_alpha._alpha
+    monkeypatch.setattr(gltf_alpha, "_alpha", lambda data: (calls.append(data), decode(data))[1])
+    found = character(painted(0, "MASK"), tmp_path)
+    assert len(found.parts) == 2 and len(calls) == 1
