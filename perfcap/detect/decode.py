@@ -158,9 +158,8 @@ def _read_columns(rows: Tensor, manifest: Manifest) -> tuple[Tensor, Tensor]:
 def _confidence(raw: Tensor, manifest: Manifest) -> Tensor:
     if manifest.output.activation == "sigmoid":
         raw = raw.sigmoid()
-    elif (
-        manifest.output.kind == "coordinates"
-    ):  # rows of people may be of nobody, and hold anything
+    elif manifest.output.kind == "coordinates":
+        # not of people, whose rows may be of nobody, and hold anything
         _require_probabilities(raw, manifest)
     return calibrate(raw.nan_to_num(0.0, 1.0, 0.0), manifest.calibration)
 

@@ -19,7 +19,7 @@ from perfcap.io.image_file import image_size
 Floats = NDArray[np.float64]
 Alpha = NDArray[np.uint8] | NDArray[np.uint16]
 
-_MOST = 0.01  # of the surface; eyelashes are less
+_MOST = 0.01  # of the surface, more than lashes and the like
 # where the alpha of a triangle is looked at: its middle, and near each corner
 _PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / ([[3], [6], [6], [6]])
 _OPAQUE = np.full((1, 1), 255, np.uint8)

@@ -37,7 +37,7 @@ _FAR = 100.0  # m, from a camera: nobody is filmed from there
 _NOT_UP, _ALIKE = 0.5, 0.7
 _ORDER = "check that these are in the order of the joint set, unless the estimator errs by as much"
 _OWN = "check axes, unit and frames of what your own energies want, in the world of the cameras"
-_WAY = "check the unit and the frames of the moving cameras' poses"
+_WAY = "check unit and frames of the poses of the moving cameras, if they were given"
 _TRUNK = [LANDMARKS.index(name) for name in ("neck", "l_hip", "r_hip")]
 
 

@@ -54,9 +54,12 @@ def standing(
     across = rotation[:-lag][both][:, None, :2]  # 1 2 3 of each frame
     moved = (across @ moved[both][..., None]).squeeze(-1)
     shift = (across @ shift[both][:, None, :, None]).squeeze(-1)
-    slid = (moved - factor[:, None, None, None] * shift).square().sum(-1) / _STILL**2
-    stands: Tensor = (1 / (1 + slid)).flatten(1).sum(-1)
-    return stands
+
+    def count(each: Tensor) -> Tensor:  # one by one: of a long clip all together fill the memory
+        slid = (moved - each * shift).square().sum(-1) / _STILL**2
+        return (1 / (1 + slid)).sum()
+
+    return torch.stack([count(each) for each in factor])
 
 
 @torch.no_grad()

@@ -12,9 +12,8 @@ from torch import Tensor
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 
-# Bones in parts of the ones before: feet of the CMU library have 0.25 to 0.32 of the shank, its
-# forearms 0.45 to 0.70 of the upper arm, those of perfcap's actors up to 1.06; to the finger tips
-# they have 1.24 and more
+# Bones in parts of the ones before, wider than of people and of any skeleton in use; copied joints
+# have none, and to the finger tips forearms are longer
 _RATIOS = (
     ("foot", ("ankle", "toe"), ("knee", "ankle"), (0.12, 0.6)),
     ("forearm", ("elbow", "wrist"), ("shoulder", "elbow"), (0.35, 1.2)),

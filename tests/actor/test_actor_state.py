@@ -42,7 +42,8 @@ def test_its_own_state_is_not() -> None:
         PoseRefiner(taller()).load_state_dict(own)
         PoseRefiner(taller()).float().load_state_dict(own)  # in another precision
         alone = {key: part for key, part in own.items() if not key.startswith("actor.")}
-        PoseRefiner(actor()).load_state_dict(alone, strict=False)
+        lacking = PoseRefiner(actor()).load_state_dict(alone, strict=False).missing_keys
+    assert lacking and all(key.startswith("actor.") for key in lacking)
 
 
 @pytest.mark.parametrize("ask", [Actor.joints, Actor.surface])
@@ -62,11 +63,15 @@ def test_turns_in_radians_are_not() -> None:
     motion = bent(own, 0.6)
     wild = motion.angles.clone()
     wild[0] = 50.0
+    turn = torch.tensor([0.0, 1.0, 0.0]).to(motion.rotation).expand_as(motion.rotation)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        own.joints(replace(motion, rotation=torch.full_like(motion.rotation, 3 * math.pi)))
-        own.surface(replace(motion, angles=wild))
-        torch.func.vmap(lambda angles: own.joints(replace(motion, angles=angles)))(wild[None])
+        thrice = own.joints(replace(motion, rotation=3 * math.pi * turn))
+        surface = own.surface(replace(motion, angles=wild))
+        every = torch.func.vmap(lambda angles: own.joints(replace(motion, angles=angles)))
+        torch.testing.assert_close(every(wild[None])[0], own.joints(replace(motion, angles=wild)))
+    torch.testing.assert_close(thrice, own.joints(replace(motion, rotation=math.pi * turn)))
+    assert surface.isfinite().all()
 
 
 def bent(own: Actor, angle: float) -> Motion:

@@ -30,8 +30,8 @@ _PARTS = (
 # of what is as named. In 123 takes of ten recordings lengths crosswise are longer by 4 % or more,
 # and their spread 0.96 times as large or more
 _STEADIER, _SHORTER = 0.8, 0.9
-# the same of limbs: of 81 sets of views and runs of 3D poses right ones have 1.03 and 0.28 or more,
-# arms 1.46; much shorter ones, of one length, need not be steadier, which errors of joints hide
+# the same of limbs, of which a single bone says it. Bones that are far shorter, and of one length,
+# need not be steadier, which errors of joints hide
 _LIMB_SHORTER, _FAR_SHORTER, _ALIKE = 0.95, 0.75, 1.15
 _FEWEST = 10  # frames
 _REMEDY = "exchange their names or columns: in the order of the joints they are each other's"
@@ -121,7 +121,14 @@ def _bones(
 def bone_lengths(
     name: str, points: Tensor, sides: Sequence[str], others: Sequence[str] | None = None
 ) -> Tensor:
-    """Lengths of bones that end at a joint of both sides, (F, N), metres, as ``_bones``; or all."""
+    """Lengths of bones that end at a joint of both sides, (F, N), metres.
+
+    Args:
+        name: of the joint.
+        points: (F, 16, 3).
+        sides: of the joint whose bones begin at left and right others.
+        others: where its bones begin; all of ``BONES`` when not given.
+    """
     at = dict(zip(LANDMARKS, points.unbind(-2), strict=True))
     lengths = [
         (at[f"{begin}_{other}"] - at[f"{end}_{name}"]).norm(dim=-1)
