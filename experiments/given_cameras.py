@@ -24,6 +24,7 @@ from report import Report, Table, data_folder
 from scipy.spatial.transform import Rotation, Slerp
 from staged_people import RATE, staged
 from torch import Tensor
+from way_lengths import scaled_way
 
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
@@ -280,10 +281,7 @@ def _scaled(factor: float) -> Spoil:
     """A way that is longer than the true one, all else alike."""
 
     def spoil(film: Film, _: Film) -> Film | None:
-        camera = film.camera
-        centre = camera.centre[0] + factor * (camera.centre - camera.centre[0])
-        moved = -(camera.rotation @ centre[..., None])[..., 0]
-        return replace(film, camera=replace(camera, translation=moved)) if film.moves else None
+        return replace(film, camera=scaled_way(film.camera, factor)) if film.moves else None
 
     return spoil
 
