@@ -157,11 +157,11 @@ def _explained(
             "is left; give the truth in the world of the cameras"
         )
     shift = (truth - estimate)[valid].mean(0)
-    left = _error(estimate + shift, truth, valid)
-    if float(shift.norm()) > _AWAY and left < _LITTLE * now:
+    shifted = _error(estimate + shift, truth, valid)
+    if float(shift.norm()) > _AWAY and shifted < _LITTLE * now:
         yield (
-            f"after one shift of all frames by {float(shift.norm()):.3g} m {left / now:.0%} of the "
-            "error is left; give the truth in the world of the cameras, with its origin"
+            f"after one shift of all frames by {float(shift.norm()):.3g} m {shifted / now:.0%} of "
+            "the error is left; give the truth in the world of the cameras, with its origin"
         )
     _, image = _turned(estimate * estimate.new_tensor([-1.0, 1.0, 1.0]), truth, valid)
     if image < _LEFT * min(left, now):
