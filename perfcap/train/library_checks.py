@@ -39,7 +39,6 @@ _BONES = (
     ("upper arm", "shoulder", "elbow"), ("forearm", "elbow", "wrist"),
     ("thigh", "hip", "knee"), ("shank", "knee", "ankle"),
 )  # fmt: skip
-_LEG = (0.5, 1.2)  # m, hip to ankle; of the CMU library 0.75 to 0.92
 _ANKLES = [LANDMARKS.index(name) for name in ("r_ankle", "l_ankle")]
 
 
@@ -149,7 +148,9 @@ def require_motion(path: Path, clips: Mapping[str, Tensor], root: Mapping[str, T
                 f"{path}: clip {name}: joints span {size:.3g} m, expected {_SIZE[0]} to "
                 f"{_SIZE[1]}; give offsets_m in metres"
             )
-        for bone, left, right in _two_sided(points):
+        lengths = bone_lengths(points)
+        for bone, _, _ in _BONES:
+            left, right = lengths[f"left {bone}"], max(lengths[f"right {bone}"], 1e-6)
             if not 1 / _SIDES_BONES < left / right < _SIDES_BONES:
                 raise InputError(
                     f"{path}: clip {name}: the left {bone} is {left:.3g} m long, the right one "
@@ -174,16 +175,6 @@ def usually_upright(clips: Iterable[Tensor]) -> bool:
     up = points[:, LANDMARKS.index("neck"), 1] - points[:, _ANKLES, 1].mean(1)
     tall = (points.amax(1) - points.amin(1)).norm(dim=-1)
     return float((up > 0.3 * tall).double().mean()) >= _USUALLY
-
-
-def size_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
-    """What speaks against the size of a person of clips with landmarks (F, 16, 3)."""
-    leg = sum(left for bone, left, _ in _two_sided(clips[0]) if bone in ("thigh", "shank"))
-    if not _LEG[0] < leg < _LEG[1]:
-        yield (
-            f"legs are {leg:.2g} m long, those of grown people 0.65 to 1.05; if this is none, "
-            "offsets_m and root_m are not in metres (divide lengths of the CMU files by 0.45)"
-        )
 
 
 def order_doubts(names: Sequence[str], clips: Sequence[Tensor]) -> Iterator[str]:
@@ -214,15 +205,22 @@ def require_sides(path: Path | str, clips: Iterable[Tensor]) -> None:
     Raises:
         InputError: they are, they do.
     """
+    for fault in side_faults(clips):
+        raise InputError(f"{path}: {fault}")
+
+
+def side_faults(clips: Iterable[Tensor]) -> Iterator[str]:
+    """Sides of landmarks (F, 16, 3) of clips that are exchanged, and knees that bend sideways."""
     points = _some(clips)
-    for finding in examine_sides(str(path), points):
-        raise InputError(f"{finding.subject}: {finding.what}; {finding.remedy}")
+    for finding in examine_sides("", points):
+        yield f"{finding.what}; {finding.remedy}"
+        return
     across = _bends_across(points)
     if across is not None and across < _ACROSS:
-        raise InputError(
-            f"{path}: knees bend sideways ({across:.0%} of their bends are about the line through "
-            "the hips); expected angles about z, y and x in this order, each column its axis: "
-            "sort or convert euler_zyx_deg"
+        yield (
+            f"knees bend sideways ({across:.0%} of their bends are about the line through the "
+            "hips); expected angles about z, y and x in this order, each column its axis: sort or "
+            "convert euler_zyx_deg"
         )
 
 
@@ -232,12 +230,14 @@ def _some(clips: Iterable[Tensor]) -> Tensor:
     return points[:: max(1, len(points) // _LOOKED_AT)].double()
 
 
-def _two_sided(points: Tensor) -> Iterator[tuple[str, float, float]]:
-    """Bones of a clip (F, 16, 3) by name, with their lengths on the left and on the right."""
+def bone_lengths(points: Tensor) -> dict[str, float]:
+    """Lengths of the bones of arms and legs of a clip (F, 16, 3), metres, by side and name."""
     at = {name: points[0, k] for k, name in enumerate(LANDMARKS)}
-    for bone, start, end in _BONES:
-        left, right = (float((at[f"{s}_{start}"] - at[f"{s}_{end}"]).norm()) for s in "lr")
-        yield bone, left, max(right, 1e-6)
+    return {
+        f"{side} {bone}": float((at[f"{side[0]}_{start}"] - at[f"{side[0]}_{end}"]).norm())
+        for bone, start, end in _BONES
+        for side in ("left", "right")
+    }
 
 
 def _bends_across(points: Tensor) -> float | None:

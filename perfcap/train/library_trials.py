@@ -152,7 +152,15 @@ def require_readings(
     Raises:
         InputError: says what is odd, and of which reading it is not.
     """
-    sample = _sample(clips)
+    for fault in misread(clips.values(), names, parents, pose):
+        raise InputError(f"{path}: {fault}")
+
+
+def misread(
+    clips: Iterable[Mapping[str, Array]], names: Sequence[str], parents: Sequence[int], pose: Pose
+) -> Iterator[str]:
+    """What is odd about clips, and which reading it is not of; arguments as above."""
+    sample = _sample(list(clips))
     count = sum(len(angles) // 2 for angles, _, _ in sample)
     if count < _FEWEST:
         return
@@ -169,11 +177,12 @@ def require_readings(
             continue
         other = medians(angles, root)[rule]
         if other < min(rule.fine, _HALF * said[rule]):
-            raise InputError(
-                f"{path}: {rule.what.format(said[rule])}; they would not if {what}: expected "
+            yield (
+                f"{rule.what.format(said[rule])}; they would not if {what}: expected "
                 "euler_zyx_deg in degrees about z, y and x in this order, each joint's in its own "
                 "column, and root_m with y up; convert them"
             )
+            return
 
 
 def _trials(
@@ -265,12 +274,12 @@ def leap_doubts(clips: Iterable[NDArray[np.float32]]) -> Iterator[str]:
         )
 
 
-def _sample(clips: Mapping[str, Mapping[str, Array]]) -> list[tuple[Array, Array, Array]]:
+def _sample(clips: Sequence[Mapping[str, Array]]) -> list[tuple[Array, Array, Array]]:
     """Frames, each with the one after it, of all clips: angles (2F, J, 3), root, offsets."""
-    total = sum(len(clip["root_m"]) - 1 for clip in clips.values())
+    total = sum(len(clip["root_m"]) - 1 for clip in clips)
     step = max(1, total // _PAIRS)
     parts = []
-    for clip in clips.values():
+    for clip in clips:
         first = np.arange(0, len(clip["root_m"]) - 1, step)
         frames = np.stack((first, first + 1), 1).ravel()
         if len(frames):

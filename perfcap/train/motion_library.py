@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -26,10 +26,10 @@ from perfcap.train.library_checks import (
     require_sides,
     require_skeleton,
     shared_bodies,
-    size_doubts,
     usually_upright,
 )
-from perfcap.train.library_trials import leap_doubts, require_readings, sliding
+from perfcap.train.library_takes import size_doubts, take_doubts
+from perfcap.train.library_trials import leap_doubts, misread, require_readings, sliding
 
 RATE = 60.0  # Hz
 _WHAT = "the arrays of a packed motion library"
@@ -79,12 +79,14 @@ class Recording:
         landmarks: (F, 16, 3) in the world, metres, y up.
         turns: how each joint of the skeleton is turned in the world against a T-pose that faces
             +z, arms along x, legs down, feet ahead, (F, 16, 3, 3), in the order of ``JOINTS``.
+        doubts: what speaks against its angles by themselves.
     """
 
     name: str
     subject: str
     landmarks: Tensor
     turns: Tensor
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,13 @@ class MotionLibrary:
             require_readings(whose, own, names, skeleton["parents"].tolist(), pose)
         inner = {name: values[:, 1:] for name, values in angles.items()}
         require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
-        return cls(recordings)
+        parents = skeleton["parents"].tolist()
+        return cls(
+            tuple(
+                replace(each, doubts=tuple(misread([clips[each.name]], names, parents, pose)))
+                for each in recordings
+            )
+        )
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -182,11 +190,10 @@ class MotionLibrary:
         """What speaks against the motion, and against people who are kept from training being
         others than the rest.
         """
-        clips: dict[str, list[Tensor]] = {}
-        names: dict[str, list[str]] = {}
+        takes: dict[str, list[Recording]] = {}
         for recording in self.recordings:
-            clips.setdefault(recording.subject, []).append(recording.landmarks)
-            names.setdefault(recording.subject, []).append(recording.name)
+            takes.setdefault(recording.subject, []).append(recording)
+        clips = {subject: [each.landmarks for each in own] for subject, own in takes.items()}
         told = [*sliding(recording.landmarks.numpy() for recording in self.recordings)]
         for subject, own in clips.items() if not told else ():
             lines = (*sliding(each.numpy() for each in own), *size_doubts(own))
@@ -197,7 +204,12 @@ class MotionLibrary:
                     "not, root_m and euler_zyx_deg of the root are not y up, in degrees"
                 )
         for subject, own in clips.items():
-            lines = (*order_doubts(names[subject], own), *leap_doubts(each.numpy() for each in own))
+            names = [take.name for take in takes[subject]]
+            lines = (
+                *take_doubts(names, own, [take.doubts for take in takes[subject]]),
+                *order_doubts(names, own),
+                *leap_doubts(each.numpy() for each in own),
+            )
             told += [f"subject {subject}: {line}" for line in lines]
         yield from told
         same = shared_bodies(clips, kept)
