@@ -88,6 +88,22 @@ class Painted:
         return np.stack([self.change(each, start + k) for k, each in enumerate(images)])
 
 
+@dataclass(frozen=True)
+class Part:
+    """Some frames of one view."""
+
+    inner: Frames
+    start: int
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def read_view(self, view: int, start: int, stop: int) -> Image:
+        """RGB frames, (stop - start, H, W, 3)."""
+        return self.inner.read_view(view, start + self.start, stop + self.start)
+
+
 def run(config: Experiment) -> Report:
     """A row a kind of file."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -259,9 +275,8 @@ def _of_another(film: Film, other: Film) -> Film | None:
     """The way of the video before, repeated where it is shorter."""
     if not other.moves:
         return None
-    camera = other.camera.frames(
-        torch.arange(len(film.camera.rotation)) % len(other.camera.rotation)
-    )
+    count = len(film.camera.rotation), len(other.camera.rotation)
+    camera = other.camera.frames(torch.arange(count[0]) % count[1])
     return replace(film, camera=replace(film.camera, rotation=camera.rotation.double(),
                                         translation=camera.translation.double()))  # fmt: skip
 
@@ -286,6 +301,23 @@ def _scaled(factor: float) -> Spoil:
     return spoil
 
 
+def _short(spoil: Spoil) -> Spoil:
+    """The same of the second second of a film alone."""
+
+    def cut(film: Film) -> Film:
+        part = slice(round(RATE), round(2 * RATE))
+        return replace(
+            film,
+            reader=Part(film.reader, part.start, part.stop - part.start),
+            camera=film.camera.frames(part),
+            joints=film.joints[part],
+            confidence=film.confidence[part],
+            masks=None if film.masks is None else film.masks[part],
+        )
+
+    return lambda film, other: spoil(cut(film), cut(other))
+
+
 FILES: dict[str, Spoil] = {
     "right": _right,
     "right, before nine people who are not known": _crowd,
@@ -303,6 +335,12 @@ FILES: dict[str, Spoil] = {
     "a frame late": _late(1),
     "of another take": _of_another,
     "stands still": _of_frames(torch.zeros_like),
+    "the first 24 poses are the same": _of_frames(lambda frames: frames.clamp(min=24)),
+    "right, a second of it": _short(_right),
+    "poses tremble, a second of it": _short(_trembling(0.05, 0.005)),
+    "runs backwards, a second of it": _short(_of_frames(lambda frames: frames.flip(0))),
+    "ten frames late, a second of it": _short(_late(10)),
+    "of another take, a second of it": _short(_of_another),
     "a lens 1.5 times as long": _longer(1.5),
     "a way 2 times as long": _scaled(2.0),
     "a way 0.3 times as long": _scaled(0.3),

@@ -1,7 +1,7 @@
 """Ways of moving cameras that their videos contradict, and those that they do not."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +74,53 @@ def test_a_way_that_runs_backwards() -> None:
 def test_poses_of_other_frames_say_which(late: int, said: str) -> None:
     frames = (torch.arange(FRAMES) + late).clamp(0, FRAMES - 1)
     assert f"moves as poses of {said} do" in one(examined(ROOM, ROOM.camera.frames(frames))).what
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Some frames of the room."""
+
+    start: int
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
+        return ROOM.read_view(view, self.start + start, self.start + stop)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("start", [0, 20, FRAMES - 30])
+def test_a_clip_of_a_second_is_looked_at_too(start: int) -> None:
+    frames = torch.arange(start, start + 30)
+    right = ROOM.camera.frames(frames)
+    wrong = {
+        "backwards": right.frames(torch.arange(30).flip(0)),
+        "late": right.frames((torch.arange(30) - 8).clamp(min=0)),
+        "inverse": replace(
+            right,
+            rotation=right.rotation.mT,
+            translation=-(right.rotation.mT @ right.translation[..., None])[..., 0],
+        ),
+    }
+    seen = (ROOM.seen[0][frames.numpy()], ROOM.seen[1][frames.numpy()])
+    told = {
+        kind: examine_way(Cut(start, 30), ["phone"], camera, RATE, seen, first=start)
+        for kind, camera in ({"right": right} | wrong).items()
+    }
+    assert [kind for kind, found in told.items() if found] == list(wrong)
+    for found in told.values():
+        assert all("moves otherwise than the camera's poses" in each.what for each in found)
+
+
+@pytest.mark.long
+def test_poses_that_are_held_are_named() -> None:
+    """As where a tracker found its place late: the first one it knows, until then."""
+    held = ROOM.camera.frames(torch.arange(FRAMES).clamp(min=16))
+    found = one(examined(ROOM, held, first=100))
+    assert "poses in frames 100-116 are the same" in found.what and found.subject == "phone"
+    assert "solve the camera there again" in found.remedy
 
 
 class Counted:

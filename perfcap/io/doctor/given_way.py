@@ -14,7 +14,13 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 from perfcap.io.doctor.footage import Frames
 from perfcap.io.doctor.rest import CONFIDENT, about_joints
 from perfcap.matchmove import CornerTracks, Sightings, find_bars
-from perfcap.matchmove.given_way import Compared, SeenWay, compare_way, off_way
+from perfcap.matchmove.given_way import (
+    Compared,
+    GivenWaySettings,
+    SeenWay,
+    compare_way,
+    off_way,
+)
 
 Array = NDArray[np.float64]
 Joints = tuple[Array, Array]
@@ -23,6 +29,9 @@ _TRACKED = 15.0  # frames a second in which corners are followed
 _LONGEST, _STRETCHES, _STRETCH = 20.0, 8, 2.5  # s that are followed whole; else so many of so long
 _SAMPLES = 5  # frames in which bars beside the picture are looked for
 _WINDOW, _WRONG = 5, 3  # pairs of frames, one after the other, and of these such as are wrong
+# Of a clip too short for that, pairs are closer to each other, and wrong in so much of it; of poses
+# that tremble by 0.05 degrees and 5 mm up to a half are, by up to 0.009
+_DENSE, _FEW, _MOSTLY, _CLEAR = GivenWaySettings(every=0.1), 3, 0.6, 0.01
 _LATE = 60  # frames by which poses may be early or late, and are said to be
 _FITS, _BETTER = 0.002, 1 / 3  # of the image, and of what given poses are off, that others are
 
@@ -57,8 +66,13 @@ def examine_way(
         way = _seen(clip, view, cameras.select([view]), rate, joints)
         compared = compare_way(way)
         wrong = _lasting(compared)
+        if len(compared) < _WINDOW:
+            compared = compare_way(way, _DENSE)
+            wrong = _mostly(compared)
         if wrong:
             findings.append(_finding(name, way, compared, wrong, first))
+        else:
+            findings += _held(name, way, first)
     return findings
 
 
@@ -141,6 +155,37 @@ def _lasting(compared: Sequence[Compared]) -> list[Compared]:
     windows = np.lib.stride_tricks.sliding_window_view(wrong, _WINDOW).sum(1) >= _WRONG
     lasting = wrong & (np.convolve(windows, np.ones(_WINDOW)) > 0)
     return [compared[index] for index in np.flatnonzero(lasting).tolist()]
+
+
+def _mostly(compared: Sequence[Compared]) -> list[Compared]:
+    """Pairs of a short clip that are wrong, if most are, and one clearly."""
+    wrong = [each for each in compared if each.wrong]
+    if len(wrong) < max(_FEW, _MOSTLY * len(compared)):
+        return []
+    return wrong if max(each.off for each in wrong) > _CLEAR else []
+
+
+def _held(name: str, way: SeenWay, first: int) -> Iterator[Finding]:
+    """Poses that are the same for a while in which the camera moves, as where a tracker was lost.
+
+    Compared with frames a second away, as above, the others are most of what moves.
+    """
+    same = (np.diff(way.rotation, axis=0) == 0).all((1, 2))
+    same &= (np.diff(way.translation, axis=0) == 0).all(1)
+    edges = np.diff(np.r_[0, same.astype(int), 0])
+    for start, stop in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        inside = (way.sightings.frame >= start) & (way.sightings.frame <= stop)
+        part = replace(way, sightings=way.sightings.part(inside), plane=way.plane[inside])
+        wrong = _mostly(compare_way(part, _DENSE))
+        if wrong:
+            off = float(np.median([each.off for each in wrong]))
+            yield Finding(
+                Severity.WARNING,
+                name,
+                f"the camera's poses in frames {first + start}-{first + stop} are the same, while "
+                f"what is behind people moves by {off:.1%} of the image",
+                "solve the camera there again, or leave these frames out",
+            )
 
 
 def _finding(
