@@ -158,7 +158,7 @@ def _read(request: Views, detecting: Detecting | None = None) -> Inputs:
     rig = rig.match(clip.names) if len(rig.names) > 1 or clip.views > 1 else rig
     about = (*clip.warnings, *_short(request.frames, part, clip), *rig.warnings)
     about += (*camera_notes(rig, clip), *of_others(request.detections, rig.names, known))
-    maps = read_pixel_map(request.video_map, rig.names) if request.video_map else None
+    maps = read_pixel_map(request.video_map, rig.names, known) if request.video_map else None
     pixel_map = match_image(rig, clip.sizes, maps)
     if request.detections_in == "video" and detecting is not None:
         raise InputError(

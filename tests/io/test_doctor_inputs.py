@@ -24,6 +24,7 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.detections import read_detections
@@ -53,7 +54,19 @@ def test_image_sizes() -> None:
     )
     half = torch.diag(torch.tensor([2.0, 2, 1])).double()
     assert examine_cameras(rig(), sizes, {"cam2": half}) == []
-    assert "3 videos for 4 cameras" in one(examine_cameras(rig(), sizes[:3])).what
+    few = one(examine_cameras(rig(), sizes[:3]))
+    assert "3 videos for 4 cameras" in few.what and "COLMAP" not in few.remedy
+    fixed = rig().cameras
+    way = Camera(
+        *(
+            each[None, :1].repeat(5, *[1] * each.ndim)
+            for each in (fixed.intrinsics, fixed.rotation, fixed.translation)
+        ),
+        None,
+        fixed.size[:1],
+    )
+    moving = one(examine_cameras(CameraRig(("camera",), way), sizes))
+    assert "4 videos for 1 cameras" in moving.what and "images of several" in moving.remedy
 
 
 def test_lenses() -> None:

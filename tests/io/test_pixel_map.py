@@ -104,6 +104,14 @@ def test_maps_of_no_view_are_not_left_out(tmp_path: Path) -> None:
         read_pixel_map(path, RIG.names)
 
 
+def test_maps_that_are_called_as_no_view_are_refused_where_one_is_lacking(tmp_path: Path) -> None:
+    path = write(tmp_path / "map.json", {"cam01": SHRUNK, "kitchen": SHRUNK})
+    with pytest.raises(InputError, match="maps of kitchen, which are no views, and none of"):
+        read_pixel_map(path, ["cam01", "cam02"])
+    assert len(read_pixel_map(path, ["cam01", "cam03"], ["cam01", "kitchen", "cam03"])) == 2
+    assert len(read_pixel_map(path, ["cam01"])) == 2
+
+
 def test_as_many_videos_as_cameras() -> None:
     with pytest.raises(InputError, match="1 videos for 2 cameras"):
         match_image(RIG, [(1920, 1088)])

@@ -59,12 +59,16 @@ def _apply(matrices: Tensor, pixels: Tensor) -> Tensor:
     return pixels @ matrices[..., :2, :2].mT + matrices[..., None, :2, 2]
 
 
-def read_pixel_map(path: str | Path, views: Sequence[str] = ()) -> dict[str, Tensor]:
+def read_pixel_map(
+    path: str | Path, views: Sequence[str] = (), known: Sequence[str] = ()
+) -> dict[str, Tensor]:
     """Read ``{"video_px_to_native_px": {view: 2x3 or 3x3}}`` as (3, 3) float64 by view name.
 
     Args:
         path: the file.
         views: of which it must name one at least, where any are known.
+        known: further views of the calibration, which it may name as well. Names of none are
+            refused where it lacks a view's.
 
     Raises:
         InputError: it cannot be used.
@@ -79,6 +83,14 @@ def read_pixel_map(path: str | Path, views: Sequence[str] = ()) -> dict[str, Ten
         raise InputError(
             f"{path}: names {', '.join(maps)}, none of the views {', '.join(views)}; call each map "
             "as its view"
+        )
+    found = {find_view(view, list(maps)) for view in (*views, *known)}
+    left = [name for index, name in enumerate(maps) if index not in found]
+    lacking = [view for view in views if _find(view, maps) is None]
+    if left and lacking:
+        raise InputError(
+            f"{path}: has maps of {', '.join(left)}, which are no views, and none of the views "
+            f"{', '.join(lacking)}; call each map as its view, or leave it out"
         )
     return maps
 

@@ -96,7 +96,10 @@ def _sizes(
 ) -> list[Finding]:
     if len(video_sizes) != len(rig.names):
         what = f"{len(video_sizes)} videos for {len(rig.names)} cameras"
-        return [Finding(Severity.ERROR, "cameras", what, "give one video a camera")]
+        remedy = "give one video a camera"
+        if rig.cameras.moving and len(rig.names) == 1:
+            remedy += "; where COLMAP placed images of several, put those of each into a folder"
+        return [Finding(Severity.ERROR, "cameras", what, remedy)]
     findings = []
     for view, size in enumerate(video_sizes):
         try:

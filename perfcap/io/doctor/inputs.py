@@ -65,7 +65,7 @@ def examine_inputs(
         clip = _try(findings, partial(at_rate, clip, videos, rig)) or clip
         rig = _try(findings, partial(rig.match, clip.names)) or rig
         names = rig.names
-    maps = _try(findings, lambda: read_pixel_map(video_map, names)) if video_map else None
+    maps = _try(findings, lambda: read_pixel_map(video_map, names, known)) if video_map else None
     if clip is not None:
         findings += [
             *_warnings("videos", clip.warnings),
