@@ -31,6 +31,7 @@ from perfcap.geometry.rotation import rotvec_to_matrix
 from perfcap.io.clip import Clip
 from perfcap.io.doctor.footage import Frames
 from perfcap.io.doctor.given_way import examine_way
+from perfcap.pipeline.images import PartOfReader
 from perfcap.train.motion_library import MotionLibrary
 
 Image = NDArray[np.uint8]
@@ -86,22 +87,6 @@ class Painted:
         """Changed RGB frames, (stop - start, H, W, 3)."""
         images = self.inner.read_view(view, start, stop)
         return np.stack([self.change(each, start + k) for k, each in enumerate(images)])
-
-
-@dataclass(frozen=True)
-class Part:
-    """Some frames of one view."""
-
-    inner: Frames
-    start: int
-    count: int
-
-    def __len__(self) -> int:
-        return self.count
-
-    def read_view(self, view: int, start: int, stop: int) -> Image:
-        """RGB frames, (stop - start, H, W, 3)."""
-        return self.inner.read_view(view, start + self.start, stop + self.start)
 
 
 def run(config: Experiment) -> Report:
@@ -308,7 +293,7 @@ def _short(spoil: Spoil) -> Spoil:
         part = slice(round(RATE), round(2 * RATE))
         return replace(
             film,
-            reader=Part(film.reader, part.start, part.stop - part.start),
+            reader=PartOfReader(film.reader, part.start, part.stop),
             camera=film.camera.frames(part),
             joints=film.joints[part],
             confidence=film.confidence[part],

@@ -117,7 +117,7 @@ class Images:
         cameras = self.cameras.frames(slice(start, stop))
         masks = None if self.masks is None else _PartOfMasks(self.masks, start)
         lag = None if self.lag is None else self.lag[start:stop]
-        reader = _Part(self.reader, start, stop)
+        reader = PartOfReader(self.reader, start, stop)
         return replace(self, reader=reader, cameras=cameras, masks=masks, lag=lag)
 
 
@@ -149,8 +149,8 @@ class _Checked:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Frames ``start`` to ``stop`` of a reader."""
+class PartOfReader:
+    """Frames ``start`` to ``stop`` of a reader, counted from 0."""
 
     reader: FrameReader
     start: int
@@ -160,6 +160,7 @@ class _Part:
         return max(0, self.stop - self.start)
 
     def read_view(self, view: int, start: int, stop: int) -> Frames:
+        """RGB frames of a view, (stop - start, H, W, 3) uint8; fewer at its end."""
         stop = min(self.start + stop, self.stop)
         return self.reader.read_view(view, self.start + start, stop)
 

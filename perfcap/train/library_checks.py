@@ -205,23 +205,24 @@ def require_sides(path: Path | str, clips: Iterable[Tensor]) -> None:
     Raises:
         InputError: they are, they do.
     """
-    for fault in side_faults(clips):
+    fault = side_fault(clips)
+    if fault is not None:
         raise InputError(f"{path}: {fault}")
 
 
-def side_faults(clips: Iterable[Tensor]) -> Iterator[str]:
-    """Sides of landmarks (F, 16, 3) of clips that are exchanged, and knees that bend sideways."""
+def side_fault(clips: Iterable[Tensor]) -> str | None:
+    """Sides of landmarks (F, 16, 3) of clips that are exchanged, or knees that bend sideways."""
     points = _some(clips)
     for finding in examine_sides("", points):
-        yield f"{finding.what}; {finding.remedy}"
-        return
+        return f"{finding.what}; {finding.remedy}"
     across = _bends_across(points)
-    if across is not None and across < _ACROSS:
-        yield (
-            f"knees bend sideways ({across:.0%} of their bends are about the line through the "
-            "hips); expected angles about z, y and x in this order, each column its axis: sort or "
-            "convert euler_zyx_deg"
-        )
+    if across is None or across >= _ACROSS:
+        return None
+    return (
+        f"knees bend sideways ({across:.0%} of their bends are about the line through the hips); "
+        "expected angles about z, y and x in this order, each column its axis: sort or convert "
+        "euler_zyx_deg"
+    )
 
 
 def _some(clips: Iterable[Tensor]) -> Tensor:

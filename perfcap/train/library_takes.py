@@ -10,12 +10,12 @@ from statistics import median
 
 from torch import Tensor
 
-from perfcap.train.library_checks import bone_lengths, side_faults, usually_upright
+from perfcap.train.library_checks import bone_lengths, side_fault, usually_upright
 
 _LEG = (0.5, 1.2)  # m, hip to ankle; of the CMU library 0.75 to 0.92
 _LONGER = 1.15  # times a bone of a person's other takes: skeletons are fitted take by take
-# m of the lowest joint above or below the floor of the takes of who stands: joints of who lies, or
-# stands on their hands, are at most 0.1 above that of feet
+# m of the lowest joint above or below the floor of the takes of who stands: who lies, or stands on
+# their hands, touches it
 _AFLOAT = 0.15
 _NAMED = 4  # clips in a sentence
 
@@ -32,19 +32,20 @@ def size_doubts(clips: Sequence[Tensor]) -> Iterator[str]:
 
 
 def take_doubts(
-    names: Sequence[str], takes: Sequence[Tensor], angles: Sequence[Sequence[str]]
+    names: Sequence[str], takes: Sequence[Tensor], angles: Sequence[str | None]
 ) -> Iterator[str]:
     """What speaks against single takes of one person.
 
     Args:
         names: of the takes.
         takes: their landmarks (F, 16, 3), metres, y up.
-        angles: what speaks against the angles of each.
+        angles: what speaks against the angles of each; None if nothing does.
     """
     yield from _sizes(names, takes)
     wrong: dict[str, list[str]] = {}
-    for name, points, faults in zip(names, takes, angles, strict=True):
-        for fault in [*faults, *side_faults([points])][:1]:  # one explains the other
+    for name, points, misread in zip(names, takes, angles, strict=True):
+        fault = misread or side_fault([points])  # one explains the other
+        if fault is not None:
             wrong.setdefault(fault, []).append(name)
     yield from (f"{_clips(some)}: {fault}" for fault, some in wrong.items())
     if not usually_upright(takes):  # the person is named, or lies

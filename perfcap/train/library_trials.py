@@ -152,18 +152,19 @@ def require_readings(
     Raises:
         InputError: says what is odd, and of which reading it is not.
     """
-    for fault in misread(clips.values(), names, parents, pose):
+    fault = reading_fault(list(clips.values()), names, parents, pose)
+    if fault is not None:
         raise InputError(f"{path}: {fault}")
 
 
-def misread(
-    clips: Iterable[Mapping[str, Array]], names: Sequence[str], parents: Sequence[int], pose: Pose
-) -> Iterator[str]:
+def reading_fault(
+    clips: Sequence[Mapping[str, Array]], names: Sequence[str], parents: Sequence[int], pose: Pose
+) -> str | None:
     """What is odd about clips, and which reading it is not of; arguments as above."""
-    sample = _sample(list(clips))
+    sample = _sample(clips)
     count = sum(len(angles) // 2 for angles, _, _ in sample)
     if count < _FEWEST:
-        return
+        return None
 
     def medians(angles: Read, root: Read = lambda a: a) -> dict[_Rule, float]:
         points = np.concatenate(
@@ -177,12 +178,12 @@ def misread(
             continue
         other = medians(angles, root)[rule]
         if other < min(rule.fine, _HALF * said[rule]):
-            yield (
+            return (
                 f"{rule.what.format(said[rule])}; they would not if {what}: expected "
                 "euler_zyx_deg in degrees about z, y and x in this order, each joint's in its own "
                 "column, and root_m with y up; convert them"
             )
-            return
+    return None
 
 
 def _trials(

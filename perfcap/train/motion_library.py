@@ -29,7 +29,7 @@ from perfcap.train.library_checks import (
     usually_upright,
 )
 from perfcap.train.library_takes import size_doubts, take_doubts
-from perfcap.train.library_trials import leap_doubts, misread, require_readings, sliding
+from perfcap.train.library_trials import leap_doubts, reading_fault, require_readings, sliding
 
 RATE = 60.0  # Hz
 _WHAT = "the arrays of a packed motion library"
@@ -79,14 +79,14 @@ class Recording:
         landmarks: (F, 16, 3) in the world, metres, y up.
         turns: how each joint of the skeleton is turned in the world against a T-pose that faces
             +z, arms along x, legs down, feet ahead, (F, 16, 3, 3), in the order of ``JOINTS``.
-        doubts: what speaks against its angles by themselves.
+        doubt: what speaks against its angles by themselves; None if nothing does.
     """
 
     name: str
     subject: str
     landmarks: Tensor
     turns: Tensor
-    doubts: tuple[str, ...] = ()
+    doubt: str | None = None
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,7 @@ class MotionLibrary:
         root = {name: torch.from_numpy(clip["root_m"]) for name, clip in clips.items()}
         require_motion(archive, motion, root)
         require_ends(archive, motion)
+        parents = skeleton["parents"].tolist()
 
         def pose(angles: Array, places: Array, offsets: Array) -> Array:
             return _landmarks(angles, places, offsets, names, skeleton["parents"])[0]
@@ -143,13 +144,12 @@ class MotionLibrary:
             require_moving(whose, [angles[name] for name in some], names)
             require_sides(whose, [motion[name] for name in some])
             own = {name: clips[name] for name in some}
-            require_readings(whose, own, names, skeleton["parents"].tolist(), pose)
+            require_readings(whose, own, names, parents, pose)
         inner = {name: values[:, 1:] for name, values in angles.items()}
         require_own_motion(archive, inner, {row["clip"]: row["subject"] for row in rows})
-        parents = skeleton["parents"].tolist()
         return cls(
             tuple(
-                replace(each, doubts=tuple(misread([clips[each.name]], names, parents, pose)))
+                replace(each, doubt=reading_fault([clips[each.name]], names, parents, pose))
                 for each in recordings
             )
         )
@@ -206,7 +206,7 @@ class MotionLibrary:
         for subject, own in clips.items():
             names = [take.name for take in takes[subject]]
             lines = (
-                *take_doubts(names, own, [take.doubts for take in takes[subject]]),
+                *take_doubts(names, own, [take.doubt for take in takes[subject]]),
                 *order_doubts(names, own),
                 *leap_doubts(each.numpy() for each in own),
             )

@@ -29,8 +29,8 @@ _TRACKED = 15.0  # frames a second in which corners are followed
 _LONGEST, _STRETCHES, _STRETCH = 20.0, 8, 2.5  # s that are followed whole; else so many of so long
 _SAMPLES = 5  # frames in which bars beside the picture are looked for
 _WINDOW, _WRONG = 5, 3  # pairs of frames, one after the other, and of these such as are wrong
-# Of a clip too short for that, pairs are closer to each other, and wrong in so much of it; of poses
-# that tremble by 0.05 degrees and 5 mm up to a half are, by up to 0.009
+# Of a clip too short for that, pairs are closer to each other: how many are wrong at least, in what
+# share of them, and one by how much of the image; poses that tremble make some of them wrong
 _DENSE, _FEW, _MOSTLY, _CLEAR = GivenWaySettings(every=0.1), 3, 0.6, 0.01
 _LATE = 60  # frames by which poses may be early or late, and are said to be
 _FITS, _BETTER = 0.002, 1 / 3  # of the image, and of what given poses are off, that others are
@@ -65,10 +65,11 @@ def examine_way(
         joints = None if seen is None else (seen[0][..., view, :, :], seen[1][..., view, :])
         way = _seen(clip, view, cameras.select([view]), rate, joints)
         compared = compare_way(way)
-        wrong = _lasting(compared)
         if len(compared) < _WINDOW:
             compared = compare_way(way, _DENSE)
             wrong = _mostly(compared)
+        else:
+            wrong = _lasting(compared)
         if wrong:
             findings.append(_finding(name, way, compared, wrong, first))
         else:
@@ -148,10 +149,8 @@ def _on_plane(seen: Sightings, cameras: Camera) -> Array:
 
 
 def _lasting(compared: Sequence[Compared]) -> list[Compared]:
-    """Pairs that are wrong, as most of those about them are."""
+    """Pairs that are wrong, as most of those about them are; of a window of them or more."""
     wrong = np.array([each.wrong for each in compared])
-    if len(wrong) < _WINDOW:
-        return []
     windows = np.lib.stride_tricks.sliding_window_view(wrong, _WINDOW).sum(1) >= _WRONG
     lasting = wrong & (np.convolve(windows, np.ones(_WINDOW)) > 0)
     return [compared[index] for index in np.flatnonzero(lasting).tolist()]
@@ -168,7 +167,7 @@ def _mostly(compared: Sequence[Compared]) -> list[Compared]:
 def _held(name: str, way: SeenWay, first: int) -> Iterator[Finding]:
     """Poses that are the same for a while in which the camera moves, as where a tracker was lost.
 
-    Compared with frames a second away, as above, the others are most of what moves.
+    Pairs of all frames reach beyond such a while, to poses that are right: only its own are taken.
     """
     same = (np.diff(way.rotation, axis=0) == 0).all((1, 2))
     same &= (np.diff(way.translation, axis=0) == 0).all(1)
@@ -182,8 +181,8 @@ def _held(name: str, way: SeenWay, first: int) -> Iterator[Finding]:
             yield Finding(
                 Severity.WARNING,
                 name,
-                f"the camera's poses in frames {first + start}-{first + stop} are the same, while "
-                f"what is behind people moves by {off:.1%} of the image",
+                f"the camera's poses in frames {ranges(range(first + start, first + stop + 1))} "
+                f"are the same, while what is behind people moves by {off:.1%} of the image",
                 "solve the camera there again, or leave these frames out",
             )
 
