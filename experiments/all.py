@@ -67,7 +67,7 @@ LONG = (
     "people_memory", "people_prior", "people_real", "people_tracker", "planted_mistakes",
     "pose_fusion", "real_body",
     "real_silhouettes", "report_speed", "segmentation_ablation", "shaken_masks",
-    "shape_over_time", "silhouette_speed", "stage_ablation", "surface_speed",
+    "shape_over_time", "sides_of_clips", "silhouette_speed", "stage_ablation", "surface_speed",
     "trust_video", "trust_views", "trust_wrong_views", "video_alone", "video_speed", "view_stages",
     "views_sweep", "way_lengths", "worst_masks",
 )  # fmt: skip

@@ -20,7 +20,7 @@ from torch import Tensor
 from perfcap.io.doctor import Finding
 from perfcap.io.doctor.lifted import examine_lifted
 
-_Track = tuple[Tensor, Tensor, Tensor]
+Track = tuple[Tensor, Tensor, Tensor]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Experiment:
 def run(config: Experiment) -> Report:
     """A row for each length of stretches and each delay."""
     torch.set_num_threads(1)
-    tracks = list(_tracks(config))
+    tracks = list(read_tracks(config))
     rows = []
     for length in config.stretches:
         for late in config.late:
@@ -58,7 +58,7 @@ def run(config: Experiment) -> Report:
     return Report((Table("3D poses of other frames", columns, tuple(rows), 0),))
 
 
-def _tracks(config: Experiment) -> Iterator[_Track]:
+def read_tracks(config: Experiment) -> Iterator[Track]:
     """Poses (F, 16, 3), joints on the plane (F, 16, 2) and confidence (F, 16) of each clip."""
     like = pose_refiner.Experiment(data=config.data, clips=config.clips, frames=config.frames)
     for index, clip in enumerate(pose_refiner.library(like)):
@@ -70,7 +70,7 @@ def _tracks(config: Experiment) -> Iterator[_Track]:
         yield poses[:, 0], guess.cameras.to_plane(pixels)[:, 0], sure[:, 0]
 
 
-def _examined(track: _Track, length: int, late: int) -> Iterator[list[Finding]]:
+def _examined(track: Track, length: int, late: int) -> Iterator[list[Finding]]:
     poses, plane, sure = track
     for start in range(0, len(poses) - length + 1, length):
         frames = torch.arange(start, start + length)

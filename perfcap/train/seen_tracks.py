@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -33,6 +34,7 @@ from perfcap.train.config import LiftingData
 from perfcap.train.detector_noise import unseen
 from perfcap.train.lifting_data import STANDING, LiftingBatch, LiftingSamples, root_relative
 from perfcap.train.loop import mixed_seed
+from perfcap.train.track_confidence import require_surer_nearer
 
 _WHAT = "tracks with their truth (joints2d, confidence, truth, intrinsics)"
 _SHAPES = {
@@ -100,7 +102,8 @@ class SeenTracks:
         Raises:
             InputError: most bodies are of no person's size in metres, a track or a joint is in the
                 median a tenth of a person's height from the truth before its camera, most have left
-                and right exchanged, or two joints are each nearer to the other's truth.
+                and right exchanged, two joints are each nearer to the other's truth, or confidences
+                are next to nothing or the higher, the farther joints are from the truth.
         """
         span = float((self.joints.amax(-2) - self.joints.amin(-2)).norm(dim=-1).median())
         if not _SPANS[0] < span < _SPANS[1]:
@@ -122,6 +125,7 @@ class SeenTracks:
                 "and intrinsics of the same pictures; leave tracks of somebody else out"
             )
         self._require_joints(path)
+        require_surer_nearer(path, self.confidence, self._apart())
 
     def _require_joints(self, path: Path) -> None:
         """Refuse single joints that are elsewhere: medians over all hardly know of them."""
@@ -215,10 +219,15 @@ class SeenTracks:
 
     def _misses(self, order: list[int]) -> Tensor:
         """Median distance of each track from true landmarks in an order, in heights, (N,)."""
-        true = (self.joints[..., :2] / self.joints[..., 2:])[:, :, order]
+        apart = torch.where(self.confidence > 0, self._apart(order), torch.nan)
+        return apart.flatten(1).nanmedian(1).values
+
+    def _apart(self, order: Sequence[int] = range(len(LANDMARKS))) -> Tensor:
+        """Distances of landmarks from true ones in an order, in heights, (N, F, 16)."""
+        true = (self.joints[..., :2] / self.joints[..., 2:])[:, :, list(order)]
         height = STANDING / self.joints[..., 2].mean(-1, keepdim=True)
-        apart = (self.plane - true).norm(dim=-1) / height
-        return torch.where(self.confidence > 0, apart, torch.nan).flatten(1).nanmedian(1).values
+        apart: Tensor = (self.plane - true).norm(dim=-1) / height
+        return apart
 
     def to(self, device: torch.device) -> SeenTracks:
         """The same on a device."""

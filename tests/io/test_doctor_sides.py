@@ -8,8 +8,10 @@ from takes import make_take
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
+from perfcap.detect.lifter import OnnxLifter
+from perfcap.io import models_folder, read_cameras, read_detections
 from perfcap.io.calibration import CameraRig
-from perfcap.io.doctor import examine_agreement
+from perfcap.io.doctor import Severity, examine_agreement
 from perfcap.io.doctor.detections import examine_detections
 from perfcap.io.doctor.sides import examine_sides
 
@@ -66,6 +68,43 @@ def test_one_foot_and_the_middle_of_the_shoulders_are_enough() -> None:
         assert not examine_sides("x", some)
         (found,) = examine_sides("x", some[:, MIRRORED])
         assert found.what == WORDS
+
+
+@pytest.mark.parametrize("frames", [1, 2, 4])
+@pytest.mark.parametrize(
+    ("limbs", "words"),
+    [
+        (("shoulder", "elbow", "wrist"), "left and right of the arms look exchanged"),
+        (("hip", "knee", "ankle", "toe"), "left and right of the legs look exchanged"),
+        (("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe"), WORDS),
+    ],
+)
+def test_single_frames_say_so_where_it_is_plain(
+    frames: int, limbs: tuple[str, ...], words: str
+) -> None:
+    take = make_take(20)
+    joints = take.actor.joints(take.truth)[7 : 7 + frames]
+    assert not examine_sides("x", joints)
+    order = list(range(len(LANDMARKS)))
+    for name in limbs:
+        left, right = (LANDMARKS.index(f"{side}_{name}") for side in "lr")
+        order[left], order[right] = right, left
+    (found,) = examine_sides("x", joints[:, order])
+    assert found.what.startswith(words) and found.severity is Severity.WARNING
+    assert not examine_sides("x", without_feet(joints, guessed=False)[:, MIRRORED])
+
+
+@pytest.mark.parametrize("first", [72, 74, 75])
+def test_a_raised_leg_that_is_lifted_exchanges_nothing(first: int) -> None:
+    """Of these frames of the shipped clip its own lifter has the trunk face away from the feet."""
+    demo = models_folder() / "demo"
+    rig = read_cameras(demo / "camera.json", [(480, 480)])
+    given, _ = read_detections([demo / "detections.npz"], views=rig.names)
+    part = given.frames(slice(first, first + 12))
+    flat = replace(part, joints3d=None, trusted3d=torch.zeros_like(part.trusted3d))
+    lifted = OnnxLifter(models_folder() / "lifters" / "cmu")(flat, rig.cameras, 30.0)
+    told = examine_detections(rig, lifted, coverage=False)
+    assert not [each for each in told if "left and right" in each.what]
 
 
 def without_feet(points: torch.Tensor, guessed: bool) -> torch.Tensor:

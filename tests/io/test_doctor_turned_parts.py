@@ -16,7 +16,7 @@ from perfcap.io import models_folder
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Severity, examine_detections
-from perfcap.io.doctor.sides import bearings
+from perfcap.io.doctor.sides import bearings, examine_sides
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "rendered"
 needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data beside this tree")
@@ -142,7 +142,7 @@ def test_sides_that_change_places_where_there_is_no_pose(edges: tuple[int, ...])
 
 
 def test_somebody_who_bends_down_faces_no_other_way() -> None:
-    """Toes point behind hips that hang upside down, but nothing turns over at once."""
+    """Chests look behind hips that hang upside down, but toes point ahead of their shanks."""
     camera, seen = one_view()
     points = person()
     across, hips = points[:, 12] - points[:, 8], 0.5 * (points[:, 8:9] + points[:, 12:13])
@@ -150,8 +150,27 @@ def test_somebody_who_bends_down_faces_no_other_way() -> None:
     turn = rotvec_to_matrix(lean * torch.nn.functional.normalize(across, dim=-1))
     bent = points.clone()
     bent[:, :8] = (points[:, :8] - hips) @ turn.mT + hips
-    assert bool((bearings(bent)[0][-8:] < -0.2).all())
-    places = camera.cameras.to_camera(bent)
+    assert bool((bearings(bent)[0] > 0.2).all()) and examine_sides("", bent[-8:]) == []
+    assert examine_detections(camera, _seen_by(camera, seen, bent)) == []
+
+
+def test_feet_that_turn_little_by_little_turn_nothing_over() -> None:
+    """Toes point backwards in the end, as of a lifter that is wrong about feet."""
+    camera, seen = one_view()
+    points = person()
+    turned = points.clone()
+    for knee, ankle, toe in ((9, 10, 11), (13, 14, 15)):
+        shank = torch.nn.functional.normalize(points[:, knee] - points[:, ankle], dim=-1)
+        angle = torch.linspace(0, 4, FRAMES, dtype=torch.float64).clamp(max=2.8)[:, None]
+        turn = rotvec_to_matrix(angle * shank)
+        foot = (points[:, toe] - points[:, ankle])[..., None]
+        turned[:, toe] = points[:, ankle] + (turn @ foot)[..., 0]
+    assert bool((bearings(turned)[0][-8:] < -0.2).all())
+    assert examine_detections(camera, _seen_by(camera, seen, turned)) == []
+
+
+def _seen_by(camera: CameraRig, seen: Detections, points: Tensor) -> Detections:
+    """Landmarks (F, 16, 3) in the image and as 3D poses."""
+    places = camera.cameras.to_camera(points)
     pose: Tensor = places - 0.5 * (places[..., 8:9, :] + places[..., 12:13, :])
-    bending = replace(seen, joints2d=camera.cameras.project(bent), joints3d=pose)
-    assert examine_detections(camera, bending) == []
+    return replace(seen, joints2d=camera.cameras.project(points), joints3d=pose)

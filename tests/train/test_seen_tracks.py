@@ -1,5 +1,6 @@
 """Tracks of videos with their truth: read, checked, turned and mirrored as they should be."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from motion_files import write_library
+from numpy.typing import NDArray
 from takes import make_take
 
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
@@ -21,6 +23,7 @@ from perfcap.train.seen_tracks import MixedSamples, SeenTracks
 
 EXACT = LiftingData(frames=12, noise=DetectorNoise(*([0.0] * 14)))
 MIRRORED = list(LANDMARKS16.mirrored())
+Reading = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 LENS = np.array([[500.0, 0.0, 310.0], [0.0, 520.0, 250.0], [0.0, 0.0, 1.0]])
 
 
@@ -147,6 +150,29 @@ def test_joints_that_are_exchanged_in_some_tracks(tmp_path: Path) -> None:
         tracks = read(tmp_path, **made)
         with pytest.raises(InputError, match=words) if words else nullcontext():
             tracks.require_followed(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("reading", "words"),
+    [
+        (lambda sure: sure, ""),
+        (np.ones_like, ""),
+        (lambda sure: np.where(sure > 0.6, 1.0, 0.5).astype(np.float32), ""),
+        (lambda sure: 1.3 - sure, "the surest third of the joints is .* the least sure third"),
+        (lambda sure: 0.01 * sure, "confidences are 0.01 at most.*percents divided twice"),
+    ],
+)
+def test_surer_joints_are_nearer(tmp_path: Path, reading: Reading, words: str) -> None:
+    made = people()
+    sure = made["confidence"]
+    noise = (
+        np.random.default_rng(1).normal(0, 1, made["joints2d"].shape) * 20 * (1 - sure[..., None])
+    )
+    pixels = made["truth"] @ LENS.T
+    joints = (pixels[..., :2] / pixels[..., 2:] + noise).astype(np.float32)
+    tracks = read(tmp_path, **(made | {"joints2d": joints, "confidence": reading(sure)}))
+    with pytest.raises(InputError, match=words) if words else nullcontext():
+        tracks.require_followed(tmp_path / "tracks.npz")
 
 
 @pytest.mark.parametrize("kind", SPOILED)

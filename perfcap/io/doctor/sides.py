@@ -16,6 +16,7 @@ from perfcap.io.doctor.finding import Finding, Severity, ranges
 AHEAD = 0.2  # cosine between what sides and feet call ahead, below which a frame says nothing
 _FEWEST = 5  # frames that say something
 _MOST = 0.75  # share of them
+_PLAIN = 0.4  # mean cosine of fewer frames that all say the opposite (``sides_of_clips.py``)
 # The same of images in any order: of six recordings up to 0.11, of climbers 0.19
 _SEVERAL, _SOME = 12, 0.3
 _NEAR, _LONG = 3, 8  # frames on each side of an exchange, and as many in which it lasts
@@ -28,6 +29,7 @@ _BENT = 0.34  # sine of a knee that says how it bends
 _PAIRS = ("hip", "shoulder", "elbow", "wrist", "knee", "ankle")
 _KNEES = 8, 0.9  # frames, and share of them, by knees: of dancers some are turned far out
 _NOWHERE = 1e-6  # of a place: rounding
+_SHINS = [LANDMARKS.index(f"{side}_knee") for side in "lr"]
 _ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "lr"]
 _TOES = [LANDMARKS.index(f"{side}_toe") for side in "lr"]
 _REMEDY = (
@@ -40,7 +42,8 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
     """Left and right of joints in space, exchanged in all views or in a 3D pose, leave no trace.
 
     But then toes point backwards, and knees bend the other way; and where arms or legs alone are
-    exchanged, the hips' sides are opposite to the shoulders'.
+    exchanged, the hips' sides are opposite to the shoulders'. Of clips of less than five frames
+    that is a warning, and must be plain.
 
     Args:
         subject: of the finding.
@@ -49,16 +52,15 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
             exchanged in some, as by an augmentation, and nothing turns over from one to the next.
     """
     ahead, level = bearings(points)
-    if _against(level):
-        legs = _against(ahead)
+    if wrong := _against(level) or _plainly(level):
+        legs = _against(ahead) or _plainly(ahead)
         what = f"left and right of the {'legs' if legs else 'arms'} look exchanged in every frame"
-        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
+        return [Finding(wrong, subject, what, _REMEDY)]
     footless = bool(_feet(points).isnan().all())
-    wrong = _against(ahead, *_KNEES) if footless else _against(ahead)
-    if wrong:
+    if wrong := _against(ahead, *_KNEES) if footless else _against(ahead) or _plainly(ahead):
         sign = "the knees bend backwards" if footless else "the feet point backwards"
         what = f"left and right look exchanged: {sign}"
-        return [Finding(Severity.ERROR, subject, what, _REMEDY)]
+        return [Finding(wrong, subject, what, _REMEDY)]
     if not successive and not footless and (share := _partly_against(ahead)):
         what = f"left and right look exchanged in {share} images: the feet point backwards there"
         return [Finding(Severity.WARNING, subject, what, _REMEDY)]
@@ -68,7 +70,9 @@ def examine_sides(subject: str, points: Tensor, *, successive: bool = True) -> l
 def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     """Cosines between where hips and toes point, and between the lines of hips and shoulders.
 
-    Of joints without toes, between the axis about which bent knees turn and the line of the hips.
+    Ahead is across the hips and the shanks: who bends down has the chest look backwards, but feet
+    stay at right angles to their shanks. Of joints without toes, the first is between the axis
+    about which bent knees turn and the line of the hips.
 
     Args:
         points: landmarks (F, 16, 3) in right-handed axes, NaN where unknown.
@@ -78,22 +82,24 @@ def bearings(points: Tensor) -> tuple[Tensor, Tensor]:
     """
     at = dict(zip(LANDMARKS, points.unbind(1), strict=True))
     hips, shoulders = at["l_hip"] - at["r_hip"], at["l_shoulder"] - at["r_shoulder"]
-    between = 0.5 * (at["l_shoulder"] + at["r_shoulder"])
+    level = _cosine(hips, shoulders)
+    feet = _feet(points)
+    if bool(feet.isnan().all()):
+        return _cosine(_knees(at), hips), level
     # joints that few views see are often unknown, and one foot says as much as two
-    top = torch.where(at["neck"].isnan(), between, at["neck"])
-    up = top - 0.5 * (at["l_hip"] + at["r_hip"])
-    toes = _feet(points)
-    if bool(toes.isnan().all()):
-        return _cosine(_knees(at), hips), _cosine(hips, shoulders)
-    return _cosine(torch.linalg.cross(hips, up), toes), _cosine(hips, shoulders)
+    between = 0.5 * (at["l_shoulder"] + at["r_shoulder"])
+    trunk = torch.where(at["neck"].isnan(), between, at["neck"]) - 0.5 * (at["l_hip"] + at["r_hip"])
+    shanks = points[:, _SHINS] - points[:, _ANKLES]
+    up = torch.where(shanks.isnan(), trunk[:, None], shanks)
+    return _cosine(torch.linalg.cross(hips[:, None].expand_as(up), up), feet).nanmean(1), level
 
 
 def _feet(points: Tensor) -> Tensor:
-    """From ankles to toes, (F, 3); NaN where both are unknown, or guessed to be at the ankles."""
+    """From ankles to toes, (F, 2, 3); NaN where unknown, or guessed to be at the ankles."""
     ankles, toes = points[:, _ANKLES], points[:, _TOES]
     feet = toes - ankles
     guessed = (feet.abs() <= _NOWHERE * ankles.abs()).all(-1, keepdim=True)
-    return torch.where(guessed, torch.nan, feet).nanmean(1)
+    return torch.where(guessed, torch.nan, feet)
 
 
 def _knees(at: dict[str, Tensor]) -> Tensor:
@@ -223,14 +229,23 @@ def alike(sides: Tensor, others: Tensor) -> float:
 
 
 def _cosine(first: Tensor, second: Tensor) -> Tensor:
-    """Of each frame, (F,); NaN where a direction is unknown."""
+    """Of vectors (..., 3); NaN where a direction is unknown."""
     return torch.nn.functional.cosine_similarity(first, second, dim=-1)
 
 
-def _against(cosine: Tensor, fewest: int = _FEWEST, most: float = _MOST) -> bool:
-    """Whether nearly all frames that say something say the opposite."""
+def _against(cosine: Tensor, fewest: int = _FEWEST, most: float = _MOST) -> Severity | None:
+    """What it is that nearly all frames that say something say the opposite, if they do."""
     clear = cosine[cosine.abs() > AHEAD]
-    return len(clear) >= fewest and float((clear < 0).double().mean()) > most
+    wrong = len(clear) >= fewest and float((clear < 0).double().mean()) > most
+    return Severity.ERROR if wrong else None
+
+
+def _plainly(cosine: Tensor) -> Severity | None:
+    """The same of clips that are too short for it: most frames say the opposite, none the right."""
+    clear = cosine[cosine.abs() > AHEAD]
+    wrong = len(cosine) < _FEWEST and len(clear) >= max(1, len(cosine) / 2)
+    wrong = wrong and bool((clear < 0).all()) and float(clear.mean()) < -_PLAIN
+    return Severity.WARNING if wrong else None
 
 
 def _partly_against(cosine: Tensor) -> str:
