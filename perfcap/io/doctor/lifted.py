@@ -18,6 +18,10 @@ FINE = 0.01  # below this nothing is looked for
 LOST = 0.15  # more is no pose of these joints
 FAR = 0.3  # errors beyond this count as this: a joint behind the camera has any
 NEARER = 0.8  # a shift explains a misfit if undoing it leaves at most this share
+# In clips of fewer frames the best shift leaves less by accident: then this share, and a warning,
+# unless little is left (``late_poses.py``)
+_NEARER_OF = ((20, 0.6), (40, 0.7))
+_SURELY = 0.5
 # Of clips of 60 frames and more that are 2 or 3 frames late, misfits lessen by less and do so all
 # along; of 266 sound ones of recorded motion none does both (``late_poses.py``)
 STEADILY, _ALONG, _STRETCH, _LASTING, _LEAST = 0.92, 0.75, 10, 56, 2
@@ -80,8 +84,12 @@ def examine_lifted(
     way = "late" if shift > 0 else "early"
     what = f"3D poses look {abs(shift)} frames {way} against the 2D joints"
     remedy = "give 2D and 3D joints of the same frames"
-    if least < NEARER * own:
-        return [Finding(Severity.ERROR, name, f"{what} ({now:.0%} misfit)", remedy)]
+    frames = int((view.confidence > 0).any(-1).sum())
+    nearer = next((share for most, share in _NEARER_OF if frames < most), NEARER)
+    if least < nearer * own:
+        sure = nearer == NEARER or least < _SURELY * own
+        severity = Severity.ERROR if sure else Severity.WARNING
+        return [Finding(severity, name, f"{what} ({now:.0%} misfit)", remedy)]
     if successive and least < STEADILY * own and _steadily(view, shift):
         what = f"{what} (that leaves {least:.1%} of {now:.1%} misfit, in most of the clip)"
         return [Finding(Severity.WARNING, name, what, remedy)]
