@@ -150,6 +150,9 @@ _GROUPS = {
 _SUBTALAR_RISE, _SUBTALAR_TURN = math.radians(42), math.radians(23)
 # A bend this small does not tell the axis of a knee or elbow: the anatomical one is used.
 _STRAIGHT = math.radians(4)
+# Less bend tells it where it lies near the anatomical one alone: of a forearm that droops a little,
+# or a knee that lies inside of the leg, the bend is to the side, which no hinge does.
+_SLIGHT, _NEAR = math.radians(20), math.cos(math.radians(25))
 
 
 def human_rig(positions: Mapping[str, Tensor]) -> Rig:
@@ -311,8 +314,9 @@ def _bend(upper: Tensor, lower: Tensor, expected: Tensor) -> tuple[Tensor, float
     sine = normal.norm() / (upper.norm() * lower.norm())
     square = expected - (expected @ upper) / (upper @ upper) * upper
     square = square / square.norm()
-    if sine < math.sin(_STRAIGHT) or normal @ square < 0.5 * normal.norm():
-        # straight (or bent the wrong way): flexion about the anatomical axis
+    near = _NEAR if sine < math.sin(_SLIGHT) else 0.5
+    if sine < math.sin(_STRAIGHT) or normal @ square < near * normal.norm():
+        # straight (or bent to the side, or the wrong way): flexion about the anatomical axis
         axis = square
     else:
         axis = normal / normal.norm()

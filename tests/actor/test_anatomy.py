@@ -66,6 +66,26 @@ def test_any_rest_pose_gives_a_valid_rig(kind: dict[str, float]) -> None:
     assert torch.allclose(axes.norm(dim=-1), torch.ones(27, dtype=F64), atol=1e-12)
 
 
+@pytest.mark.parametrize("aside", [-0.03, 0.0, 0.03])
+def test_hinges_do_not_follow_a_slight_bend_to_the_side(aside: float) -> None:
+    """Forearms that droop in a T-pose, and knees in or out of the leg's line, by a few degrees."""
+    plain = rest_positions(arms=90.0, elbows=5.0, knees=7.0)
+    at = dict(plain)
+    for side, out in (("l", LEFT), ("r", -LEFT)):
+        at[f"{side}_wrist"] = plain[f"{side}_wrist"] + aside * UP
+        at[f"{side}_knee"] = plain[f"{side}_knee"] + aside * out
+    straight, skewed = (
+        {each.name: torch.tensor(each.axis, dtype=F64) for each in human_rig(pose).hinges}
+        for pose in (plain, at)
+    )
+    for name in ("l_elbow_flexion", "r_elbow_flexion", "l_knee_flexion", "r_knee_flexion"):
+        angle = math.degrees(math.acos(min(1.0, float(straight[name] @ skewed[name]))))
+        assert angle < 10.0, name
+    skeleton = Skeleton(human_rig(at))
+    pose = skeleton(skeleton.rest_motion())
+    assert torch.allclose(pose.position[0], skeleton.rig.positions, atol=1e-14)
+
+
 @pytest.mark.parametrize("kind", POSES)
 def test_arms_hang_and_legs_stand_in_the_neutral_pose(kind: dict[str, float]) -> None:
     neutral = posed(Skeleton(human_rig(rest_positions(**kind))))

@@ -208,7 +208,7 @@ def _numbered(finding: Finding, views: Sequence[int]) -> Finding:
 def _throughout(scene: Scene, successive: bool) -> tuple[list[Finding], list[Finding]]:
     """The unit of the world, and joints that have the names of others in every view."""
     points, _ = scene.sampled().triangulated(rounds=6)
-    # hips, neck and a foot are rarely known together where two views see them
+    # hips, a shank and its foot are rarely known together where two views see them
     more, _ = scene.sampled(_OF_SIDES).triangulated(rounds=6)
     exchanged = (
         examine_sides("detections", more, successive=successive)
