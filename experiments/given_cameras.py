@@ -28,8 +28,7 @@ from way_lengths import scaled_way
 
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.io.clip import Clip
-from perfcap.io.doctor.footage import Frames
+from perfcap.io.clip import Clip, FrameReader
 from perfcap.io.doctor.given_way import examine_way
 from perfcap.pipeline.images import PartOfReader
 from perfcap.train.motion_library import MotionLibrary
@@ -61,7 +60,7 @@ class Film:
     """A video, its camera of each frame (F, 1), and joints (F, 16, 2) with their confidence."""
 
     name: str
-    reader: Frames
+    reader: FrameReader
     camera: Camera
     joints: Array
     confidence: Array
@@ -77,7 +76,7 @@ class Film:
 class Painted:
     """Frames of one view that are changed as they are read."""
 
-    inner: Frames
+    inner: FrameReader
     change: Callable[[Image, int], Image]
 
     def __len__(self) -> int:

@@ -33,9 +33,9 @@ class Experiment:
     """Of the library, at most."""
     frames: int = 200
     """Of a clip, at most, at 30 Hz."""
-    stretches: tuple[int, ...] = (60, 100, 200)
+    stretches: tuple[int, ...] = (15, 20, 30, 40, 60, 100, 200)
     """Frames of the stretches."""
-    late: tuple[int, ...] = (0, 2, 3, 5, -2, -3)
+    late: tuple[int, ...] = (0, 2, 3, 5, 6, -2, -3)
     """Frames by which poses are late, or early."""
     seed: int = 0
     """Of errors of the detector."""

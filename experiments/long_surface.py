@@ -25,7 +25,8 @@ from surface_recordings import images_of
 
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap
-from perfcap.pipeline.images import FrameReader, Frames, Images
+from perfcap.io.clip import FrameReader
+from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.refine_surface import DeformedSurface

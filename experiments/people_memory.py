@@ -23,7 +23,8 @@ from report import Report, Table
 
 from perfcap.geometry.camera import Camera
 from perfcap.io.calibration import PixelMap
-from perfcap.pipeline.images import FrameReader, Images
+from perfcap.io.clip import FrameReader
+from perfcap.pipeline.images import Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.people import Scene
 

@@ -26,9 +26,10 @@ from perfcap.actor.motion import Motion
 from perfcap.app.networks import find_segmenter
 from perfcap.detect import OnnxSegmenter
 from perfcap.geometry.camera import Camera
+from perfcap.io.clip import FrameReader
 from perfcap.metrics import mask_overlap
 from perfcap.pipeline.extract_silhouettes import SilhouetteSource
-from perfcap.pipeline.images import FrameReader, Frames, Images
+from perfcap.pipeline.images import Frames, Images
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.sight import Sight
 from perfcap.segment import SequenceSettings

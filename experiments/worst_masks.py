@@ -25,8 +25,8 @@ from surface_recordings import images_of, true_mask
 
 from perfcap.app.networks import find_segmenter
 from perfcap.detect import OnnxSegmenter
+from perfcap.io.clip import FrameReader
 from perfcap.metrics import MaskOverlap, mask_overlap
-from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.stage import Stage

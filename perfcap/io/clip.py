@@ -50,6 +50,16 @@ class FrameSource(Protocol):
         """Let go of files."""
 
 
+class FrameReader(Protocol):
+    """Frames of C synchronous views, read in blocks; ``Clip`` is one."""
+
+    def __len__(self) -> int:
+        """F."""
+
+    def read_view(self, view: int, start: int, stop: int) -> Frames:
+        """RGB frames ``start`` to ``stop`` of a view, (stop - start, H, W, 3) uint8."""
+
+
 class Clip:
     """Frames of C synchronous views: frame f of every view was taken at the same time.
 

@@ -13,10 +13,10 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
+from perfcap.io.clip import FrameReader
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
 from perfcap.pipeline.extract_silhouettes import FEET, FrameBlock, SilhouetteSource
-from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.pose_spread import parts_of_triangles
 from perfcap.pipeline.sampled_poses import PoseSampler, PoseSpread, plain_factor
 from perfcap.pipeline.sight import Sight, View

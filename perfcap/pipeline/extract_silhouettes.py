@@ -15,10 +15,11 @@ from perfcap.actor.actor import Actor
 from perfcap.actor.motion import Motion
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import NEAR, Camera
+from perfcap.io.clip import FrameReader
 from perfcap.memory import give_back
 from perfcap.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint
 from perfcap.pipeline.evidence import RECORDS, Evidence, Mask, MaskRecord, encode_confidence
-from perfcap.pipeline.images import FrameReader, KnownMasks
+from perfcap.pipeline.images import KnownMasks
 from perfcap.pipeline.sight import Sight
 from perfcap.pipeline.track_motion import Progress
 from perfcap.segment import FrameReport, Scene, Segmentation, extract_contour, survey

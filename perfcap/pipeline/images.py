@@ -12,21 +12,12 @@ from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
-from perfcap.io.clip import Clip
+from perfcap.io.clip import Clip, FrameReader
 from perfcap.segment.edge_network import EdgeNetwork
 from perfcap.segment.network_cue import PersonNetwork, Plane
 from perfcap.segment.trimap import Box, Mask
 
 Frames = NDArray[np.uint8]
-
-
-class FrameReader(Protocol):
-    """Frames of C synchronous views, read in blocks; ``perfcap.io.clip.Clip`` is one."""
-
-    def __len__(self) -> int: ...
-
-    def read_view(self, view: int, start: int, stop: int) -> Frames:
-        """RGB frames ``start`` to ``stop`` of a view, (stop - start, H, W, 3) uint8."""
 
 
 class KnownMasks(Protocol):

@@ -15,8 +15,8 @@ from torch import Tensor
 from perfcap.actor.actor import Actor
 from perfcap.actor.template import Template
 from perfcap.geometry.camera import Camera
+from perfcap.io.clip import FrameReader
 from perfcap.pipeline.evidence import Evidence, Mask
-from perfcap.pipeline.images import FrameReader
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.surface import SurfaceFrames
 from perfcap.pipeline.trust import THRESHOLD

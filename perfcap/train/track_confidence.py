@@ -7,8 +7,8 @@ from pathlib import Path
 from torch import Tensor
 
 from perfcap.errors import InputError
+from perfcap.io.doctor.faint import examine_faint
 
-_FAINT = 0.1  # the highest of all
 # The surest third of the joints, times the least sure third, and share of a person's height; errors
 # that know nothing of confidence leave both alike
 _FARTHER, _SOME = 1.5, 0.005
@@ -25,13 +25,10 @@ def require_surer_nearer(path: Path, confidence: Tensor, apart: Tensor) -> None:
     Raises:
         InputError: they are.
     """
+    for finding in examine_faint("", confidence):
+        raise InputError(f"{path}: {finding.what}; {finding.remedy}")
     seen = confidence > 0
     sure, apart = confidence[seen], apart[seen]
-    if float(sure.max()) < _FAINT:
-        raise InputError(
-            f"{path}: confidences are {float(sure.max()):.2g} at most; expected shares up to 1: "
-            "were percents divided twice?"
-        )
     third = len(sure) // 3
     low, high = sure.sort().values[[third, len(sure) - 1 - third]]
     if low == high:  # as of a network that says 1 of all

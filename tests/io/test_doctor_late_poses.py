@@ -7,7 +7,8 @@ import torch
 from takes import make_take
 from torch import Tensor
 
-from perfcap.io.doctor import Finding, Severity
+from perfcap.io import models_folder, read_cameras, read_detections
+from perfcap.io.doctor import Finding, Severity, examine_detections
 from perfcap.io.doctor.lifted import examine_lifted
 
 TAKE = make_take(120)
@@ -51,3 +52,13 @@ def test_frames_that_are_left_fit_better_anyway() -> None:
     seen[30:] += noise(0.02, 30, 16, 2)
     sure, trusted = torch.ones(60, 16), torch.ones(60, dtype=torch.bool)
     assert not examine_lifted("a", still, seen, sure, trusted)
+
+
+@pytest.mark.parametrize(("first", "last"), [(80, 95), (90, 105), (20, 35)])
+def test_short_clips_are_not_late(first: int, last: int) -> None:
+    """Of so few frames some shift always leaves less."""
+    demo = models_folder() / "demo"
+    rig = read_cameras(demo / "camera.json")
+    given, _ = read_detections([demo / "detections.npz"], views=rig.names)
+    told = examine_detections(rig, given.frames(slice(first, last)), coverage=False)
+    assert not [each for each in told if "against the 2D joints" in each.what]

@@ -1,4 +1,4 @@
-"""Left and right exchanged throughout, where two views see hips, neck and feet rarely at once."""
+"""Left and right exchanged throughout: of views that see badly, of short clips, of raised legs."""
 
 from dataclasses import replace
 
@@ -94,21 +94,11 @@ def test_single_frames_say_so_where_it_is_plain(
     assert not examine_sides("x", without_feet(joints, guessed=False)[:, MIRRORED])
 
 
-@pytest.mark.parametrize(("first", "last"), [(80, 95), (90, 105), (20, 35)])
-def test_short_clips_are_not_late(first: int, last: int) -> None:
-    """Of so few frames some shift always leaves less."""
-    demo = models_folder() / "demo"
-    rig = read_cameras(demo / "camera.json", [(480, 480)])
-    given, _ = read_detections([demo / "detections.npz"], views=rig.names)
-    told = examine_detections(rig, given.frames(slice(first, last)), coverage=False)
-    assert not [each for each in told if "against the 2D joints" in each.what]
-
-
 @pytest.mark.parametrize("first", [72, 74, 75])
 def test_a_raised_leg_that_is_lifted_exchanges_nothing(first: int) -> None:
     """Of these frames of the shipped clip its own lifter has the trunk face away from the feet."""
     demo = models_folder() / "demo"
-    rig = read_cameras(demo / "camera.json", [(480, 480)])
+    rig = read_cameras(demo / "camera.json")
     given, _ = read_detections([demo / "detections.npz"], views=rig.names)
     part = given.frames(slice(first, first + 12))
     flat = replace(part, joints3d=None, trusted3d=torch.zeros_like(part.trusted3d))

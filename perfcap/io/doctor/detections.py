@@ -17,6 +17,7 @@ from perfcap.io.doctor.depth import examine_depth
 from perfcap.io.doctor.doubled import examine_doubled
 from perfcap.io.doctor.edges import examine_edges
 from perfcap.io.doctor.empty_joints import examine_empty, examine_placeholders
+from perfcap.io.doctor.faint import examine_faint
 from perfcap.io.doctor.finding import Finding, Severity, of_view, ranges
 from perfcap.io.doctor.grid import examine_grid
 from perfcap.io.doctor.jumps import examine_jumps
@@ -35,7 +36,6 @@ from perfcap.io.doctor.unsteady import examine_unsteady
 CONFIDENT = 0.3
 EXTENT = (0.3, 3.0)  # m, of a person's 3D pose
 ROOT_TOLERANCE = 0.05  # m
-_FAINT = 0.1  # the most confident joint of a whole clip
 _LYING, _LEANING = 0.9, 0.5  # shares of frames; who dances leans to the side in some
 _FEWEST = 10  # frames
 _SOME = 4  # joints that tell a copied view
@@ -91,7 +91,7 @@ def examine_detections(
             findings += [] if order else examine_unsteady(name, shown[0], confident)
         pixels = detections.joints2d[:, view][confident]
         findings += examine_placeholders(name, pixels)
-        findings += _faint(name, detections.confidence2d[:, view]) if faint else []
+        findings += examine_faint(name, detections.confidence2d[:, view]) if faint else []
         if not detected:
             findings += _image_size(name, pixels, rig.cameras.size[view])
             findings += examine_edges(name, pixels, rig.cameras.size[view])
@@ -244,19 +244,6 @@ def _coverage(name: str, confidence: Tensor) -> list[Finding]:
     what = f"nothing is detected in {share}: {ranges(frames)}"
     severity = Severity.WARNING if len(frames) > len(confidence) / 10 else Severity.INFO
     return [Finding(severity, name, what, "such frames are bridged from their neighbours")]
-
-
-def _faint(name: str, confidence: Tensor) -> list[Finding]:
-    """Confidences (F, 16) that are all next to nothing: energies would hardly count them."""
-    highest = float(confidence.max()) if confidence.numel() else 0.0
-    if not 0 < highest < _FAINT:
-        return []
-    what = f"confidences are {highest:.2g} at most"
-    remedy = (
-        "expected shares of up to 1: were percents divided twice, or are they peaks of heat maps "
-        "that sum to 1? Divide by what a sure joint has"
-    )
-    return [Finding(Severity.WARNING, name, what, remedy)]
 
 
 def _copied(names: Sequence[str], detections: Detections) -> list[Finding]:

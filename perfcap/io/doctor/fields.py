@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.footage import Frames
 
 _LOOKS = 6  # pairs of frames that follow each other, evenly spread
 _COLUMNS = 4  # every so many are looked at
@@ -21,7 +21,7 @@ _FEWEST = 500  # pixels that move
 _SHARE = 0.15
 
 
-def examine_fields(clip: Frames, names: Sequence[str]) -> list[Finding]:
+def examine_fields(clip: FrameReader, names: Sequence[str]) -> list[Finding]:
     """Views whose frames show two moments each, where something moves.
 
     Args:
@@ -57,7 +57,7 @@ def field_frames(count: int) -> list[int]:
     return pairs
 
 
-def _gray(clip: Frames, view: int, frame: int) -> NDArray[np.int16]:
+def _gray(clip: FrameReader, view: int, frame: int) -> NDArray[np.int16]:
     image = np.ascontiguousarray(clip.read_view(view, frame, frame + 1)[0])
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.int16)
 

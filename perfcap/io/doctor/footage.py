@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from perfcap.detect.detections import Detections
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity, ranges
 
 Array = NDArray[np.float32]
@@ -53,16 +53,7 @@ _LIMBS = [
 _BONES = np.array([[LANDMARKS.index(name) for name in limb] for limb in _LIMBS])
 
 
-class Frames(Protocol):
-    """Frames of several views; ``Clip`` is one."""
-
-    def __len__(self) -> int: ...
-
-    def read_view(self, view: int, start: int, stop: int) -> NDArray[np.uint8]:
-        """RGB frames of a view, (stop - start, H, W, 3)."""
-
-
-def examine_blank(clip: Frames, names: Sequence[str], start: int = 0) -> list[Finding]:
+def examine_blank(clip: FrameReader, names: Sequence[str], start: int = 0) -> list[Finding]:
     """Views whose images are of one color, from a few frames evenly spread.
 
     Args:
@@ -95,7 +86,7 @@ def blank_frames(count: int) -> list[int]:
 
 
 def examine_footage(
-    clip: Frames, sizes: Sequence[tuple[int, int]], detections: Detections, joints2d: Tensor
+    clip: FrameReader, sizes: Sequence[tuple[int, int]], detections: Detections, joints2d: Tensor
 ) -> list[Finding]:
     """Whether joints lie on what moves in their frame, in others, or in another picture of it.
 
@@ -210,7 +201,7 @@ def _liveliest(joints: Tensor, confidence: Tensor) -> int:
     return int((path[_STRETCH:] - path[: len(path) - _STRETCH]).argmax())
 
 
-def _small(clip: Frames, view: int, frame: int) -> Array:
+def _small(clip: FrameReader, view: int, frame: int) -> Array:
     image = clip.read_view(view, frame, frame + 1)[0]
     height, width = image.shape[:2]
     scale = _SIDE / max(height, width)

@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from perfcap.geometry.camera import Camera
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity, ranges
-from perfcap.io.doctor.footage import Frames
 from perfcap.io.doctor.rest import CONFIDENT, about_joints
 from perfcap.matchmove import CornerTracks, Sightings, find_bars
 from perfcap.matchmove.given_way import (
@@ -37,7 +37,7 @@ _FITS, _BETTER = 0.002, 1 / 3  # of the image, and of what given poses are off, 
 
 
 def examine_way(
-    clip: Frames,
+    clip: FrameReader,
     names: Sequence[str],
     cameras: Camera,
     rate: float,
@@ -77,7 +77,9 @@ def examine_way(
     return findings
 
 
-def _seen(clip: Frames, view: int, cameras: Camera, rate: float, joints: Joints | None) -> SeenWay:
+def _seen(
+    clip: FrameReader, view: int, cameras: Camera, rate: float, joints: Joints | None
+) -> SeenWay:
     """The way of one view, and corners that are followed through some of its frames."""
     count = min(len(clip), len(cameras.rotation))
     count = count if joints is None else min(count, joints[0].shape[-3])

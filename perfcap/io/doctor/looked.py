@@ -19,8 +19,9 @@ from torch import Tensor
 
 from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
 from perfcap.detect.look import CropNetwork
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.footage import Frames, lively_frames
+from perfcap.io.doctor.footage import lively_frames
 
 _NETWORK = "lightning"  # the fastest of those shipped
 _LOOKS, _MOST, _FEWEST = 48, 16, 6  # in all views; in one, and the fewest that say something
@@ -41,7 +42,7 @@ Array = NDArray[np.float64]
 
 
 def examine_looks(
-    clip: Frames,
+    clip: FrameReader,
     confidence: Tensor,
     joints2d: Tensor,
     names: Sequence[str] = (),

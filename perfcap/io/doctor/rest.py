@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.footage import Frames
 from perfcap.segment.registration import (
     Landmarks,
     Matrix,
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 def examine_rest(
-    clip: Frames, names: Sequence[str], rate: float, joints2d: Array, confidence: Array
+    clip: FrameReader, names: Sequence[str], rate: float, joints2d: Array, confidence: Array
 ) -> list[Finding]:
     """Views in which what is behind the person moves, from pairs of images evenly spread.
 
@@ -62,7 +62,7 @@ def examine_rest(
 
 
 def background_shift(
-    clip: Frames, view: int, rate: float, joints2d: Array, confidence: Array
+    clip: FrameReader, view: int, rate: float, joints2d: Array, confidence: Array
 ) -> float | None:
     """How far what is behind a person moves within half a second, of the longer side of the image.
 
@@ -84,7 +84,7 @@ def background_shift(
 
 
 def _moved(
-    clip: Frames, view: int, rate: float, joints: Array, seen: NDArray[np.bool_]
+    clip: FrameReader, view: int, rate: float, joints: Array, seen: NDArray[np.bool_]
 ) -> list[float]:
     """How far the background moves within each pair that shows it, of the longer side."""
     count = min(len(clip), len(joints))
@@ -115,7 +115,7 @@ def _pairs(count: int, rate: float) -> tuple[list[int], list[int]]:
 
 
 def _moved_between(
-    clip: Frames, view: int, pairs: dict[int, int], joints: Array, seen: NDArray[np.bool_]
+    clip: FrameReader, view: int, pairs: dict[int, int], joints: Array, seen: NDArray[np.bool_]
 ) -> dict[int, float]:
     """The same for pairs of frames, by the first of each; none of pairs that show nothing.
 

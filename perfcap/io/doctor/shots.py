@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.doctor.footage import Frames
 from perfcap.io.doctor.rest import (
     CONFIDENT,
     CORNERS,
@@ -39,7 +39,7 @@ Whole = NDArray[np.int64]
 
 
 def examine_standing(
-    clip: Frames,
+    clip: FrameReader,
     names: Sequence[str],
     rate: float,
     joints2d: Array,
@@ -70,7 +70,7 @@ def examine_standing(
 
 
 def examine_shots(
-    clip: Frames,
+    clip: FrameReader,
     names: Sequence[str],
     rate: float,
     joints2d: Array,
@@ -126,7 +126,7 @@ class Change:
 
 
 def background_changes(
-    clip: Frames, view: int, rate: float, joints2d: Array, confidence: Array
+    clip: FrameReader, view: int, rate: float, joints2d: Array, confidence: Array
 ) -> list[Change]:
     """Where the background of a view becomes another, or moves and then rests again.
 
@@ -175,7 +175,7 @@ class _View:
     """
 
     def __init__(
-        self, clip: Frames, view: int, joints: Array, seen: NDArray[np.bool_], count: int
+        self, clip: FrameReader, view: int, joints: Array, seen: NDArray[np.bool_], count: int
     ) -> None:
         self._clip, self._view, self._joints, self._seen = clip, view, joints, seen
         self._count = count
