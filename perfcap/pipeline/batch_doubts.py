@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
@@ -75,6 +76,12 @@ def together_doubts(
     lines = images_doubts(cameras, seen) or tuple(bone_doubts(actor, cameras, seen, remedy))
     for line in lines:
         yield f"the {len(clips)} clips together: {line}"
+
+
+def own_doubts(told: Sequence[Sequence[str]]) -> list[list[str]]:
+    """What is said of single clips, without what is said of most: all of them show that better."""
+    count = Counter(line for lines in told for line in set(lines))
+    return [[line for line in lines if 2 * count[line] < len(told)] for lines in told]
 
 
 def _joints(clip: ClipEstimate) -> Tensor:

@@ -23,7 +23,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_readable
 from perfcap.pipeline.adapt import adapted
-from perfcap.pipeline.batch_doubts import batch_doubts, together_doubts
+from perfcap.pipeline.batch_doubts import batch_doubts, own_doubts, together_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term
 from perfcap.pipeline.config import PoseConfig
@@ -216,23 +216,23 @@ class PoseRefiner(nn.Module):
         Returns:
             Whether there was one, of each clip that was looked at.
         """
-        told, batch = list[bool](), max(self._batches.values())
+        told, batch = list[list[str]](), max(self._batches.values())
         _warn(batch_doubts(clips), within=1)
         missing = self.joint_set.missing()
-        for index, clip in enumerate(clips[:_EXAMINED]):
+        for clip in clips[:_EXAMINED]:
             seen = clip.detections.map(lambda part: part.detach().cpu())
             tuned = clip.detections.confidence2d.requires_grad and batch < _LEARNT
-            which = "" if len(clips) == 1 else f"clip {index}: "
             lines = [*estimate_doubts(clip.cameras, seen, missing, tuned), *empty_poses(clip.empty)]
             if clip.targets is not None and not lines:
                 lines += size_doubts(self.actor, clip.targets, clip.certain)
                 lines += placed_doubts(clip)
             lines += () if lines else bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
-            _warn(lines, which, within=1)
-            told.append(bool(lines))
-        together = together_doubts(self.actor, clips, missing, _ACTOR)
-        _warn(together if 2 * sum(told) < len(told) else (), within=1)
-        return told
+            told.append(lines)
+        together = tuple(together_doubts(self.actor, clips, missing, _ACTOR))
+        for index, lines in enumerate(own_doubts(told) if together else told):
+            _warn(lines, "" if len(clips) == 1 else f"clip {index}: ", within=1)
+        _warn(together, within=1)
+        return [bool(lines) for lines in told]
 
     def _examine_fit(
         self, clips: Sequence[ClipEstimate], refined: RefinedPose, told: Sequence[bool]
