@@ -104,6 +104,7 @@ class Rig:
         spines: names of more bones between pelvis and chest.
         extra: further bones: fingers, twists and faces.
         loose: joints whose bones hang on nothing.
+        collar: what bones between the chest and the arms are called, before their side.
     """
 
     names: Mapping[str, str]
@@ -114,6 +115,7 @@ class Rig:
     spines: tuple[str, ...] = ()
     extra: int = 0
     loose: tuple[str, ...] = ()
+    collar: str | None = None
 
     def template(self) -> Template:
         """The person so rigged, in metres; the armature's unit and turn are in its space."""
@@ -174,6 +176,12 @@ def _between(template: Template, rig: Rig) -> Template:
     if rig.root is not None:
         names, parents, rest = [*names, rig.root], [*parents, -1], [*rest, np.eye(4)]
         parents[pelvis] = len(names) - 1
+    for side in "lr" if rig.collar else "":
+        arm = names.index(f"{side}_shoulder")
+        place = rest[arm].copy()
+        place[0, 3] *= 0.4
+        names, parents = [*names, f"{rig.collar}.{side}"], [*parents, parents[arm]]
+        rest, parents[arm] = [*rest, place], len(names) - 1
     for joint in rig.loose:
         parents[names.index(joint)] = -1
     return _sorted(template, names, parents, rest)

@@ -111,6 +111,8 @@ def map_bones(template: Template, given: Mapping[str, str] | None = None) -> Bon
     places = None
     if any(name not in found and name not in chosen for name in NAMED):
         places = _placed(template, found)
+        if _shared({**places, **found}) and not _shared(places) and set(NAMED) <= places.keys():
+            found, sources = {}, {}  # such as of a `leg` above a `shin`, which else is the knee
         sources = {**dict.fromkeys(places, PLACE), **sources}
         found = {**places, **found}
     ends = dict(names.ends) if known else {}
@@ -241,16 +243,20 @@ def _require(template: Template, joints: Mapping[str, int], names: Sequence[str]
 
 
 def _require_distinct(template: Template, joints: Mapping[str, int]) -> None:
+    for bone, names in _shared(joints).items():
+        raise InputError(
+            f"actor {template.name!r}: bone {template.bone_names[bone]} is {', '.join(names)}; "
+            "expected a bone for each: name another one in a mapping file (--mapping of "
+            "perfcap actor build)"
+        )
+
+
+def _shared(joints: Mapping[str, int]) -> dict[int, list[str]]:
+    """Bones that are more than one joint, and which."""
     by_bone: dict[int, list[str]] = {}
     for name, bone in joints.items():
         by_bone.setdefault(bone, []).append(name)
-    for bone, names in by_bone.items():
-        if len(names) > 1:
-            raise InputError(
-                f"actor {template.name!r}: bone {template.bone_names[bone]} is {', '.join(names)}; "
-                "expected a bone for each: name another one in a mapping file (--mapping of "
-                "perfcap actor build)"
-            )
+    return {bone: names for bone, names in by_bone.items() if len(names) > 1}
 
 
 # --- Landmarks beyond the last joints: the top of the head and the toes ---------------------------

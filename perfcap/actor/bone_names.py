@@ -81,8 +81,10 @@ CONVENTIONS = (
                "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "", "collar"),
     Convention("common words", "hips pelvis hip", "neck neck1 necklower", "head",
                "headtop headend headtip headnub",
-               "upperarm uparm arm shoulder", "lowerarm forearm elbow", "hand wrist",
-               "thigh upperleg upleg hip", "calf shin shank lowerleg leg knee", "foot ankle",
+               "upperarm uparm armupper bicep arm shoulder",
+               "lowerarm forearm armlower elbow", "hand wrist",
+               "thigh upperleg upleg legupper hip",
+               "calf shin shank lowerleg leglower leg knee", "foot ankle",
                "toeend toetip toenub"),
 )
 # fmt: on

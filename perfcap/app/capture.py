@@ -41,6 +41,7 @@ from perfcap.app.masked_frames import given_doubts, order_doubts, partly_masked
 from perfcap.app.memory_budget import threads_within
 from perfcap.app.project import in_project
 from perfcap.app.report import write_people_report, write_report
+from perfcap.app.said import all_said, hearing
 from perfcap.app.true_views import settled
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.commands.results import Report
@@ -128,13 +129,20 @@ def _capture(request: Capture) -> int:
             spare_others(folder, request.overwrite, detected=keeps_detections(request))
             work = begin_work(folder, call, request.overwrite)
         try:
-            return _run(request, folder, [source.generic for source in sources], work, call)
+            with hearing() as said:
+                generic = [source.generic for source in sources]
+                return _run(request, folder, generic, work, call, said)
         finally:
             drop_if_empty(work)
 
 
 def _run(
-    request: Capture, folder: Path, generic: Sequence[bool], work: Checkpoint, call: Call
+    request: Capture,
+    folder: Path,
+    generic: Sequence[bool],
+    work: Checkpoint,
+    call: Call,
+    said: Sequence[str],
 ) -> int:
     started = time.perf_counter()
     # one that cannot be read is told before people are looked for
@@ -145,7 +153,7 @@ def _run(
         found = find_people(request, inputs, list(actors.values()), generic)
         if len(found.people) > 1:
             crowd = Crowd(inputs, found, generic, actors)
-            good = run_people(request, folder, crowd, work)
+            good = run_people(request, folder, crowd, work, said)
             return DONE if good else INCOMPLETE
         told_of = (*inputs.warnings, *found.notes)
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
@@ -187,7 +195,7 @@ def _run(
             first = inputs.clip.start
             save_assumed(scratch / ASSUMED_CAMERA, performance.cameras, *seen, first)
         wall = time.perf_counter() - started
-        about = replace(inputs, warnings=(*inputs.warnings, *chosen.warnings))
+        about = replace(inputs, warnings=all_said(said, *inputs.warnings, *chosen.warnings))
         run = {"request": describe(request), "wall_s": wall, **environment(about)}
         run |= {"view_errors": views} if views else {}
         up = axis("y") if request.cameras is None else None  # of a level world

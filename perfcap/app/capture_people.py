@@ -29,6 +29,7 @@ from perfcap.app.inputs import Inputs
 from perfcap.app.match_people import UNMATCHED, Matching, match_actors
 from perfcap.app.memory_budget import threads_within
 from perfcap.app.people_files import CapturedScene, write_scene
+from perfcap.app.said import all_said
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.detect.association import Association, AssociationConfig, associate
 from perfcap.errors import InputError
@@ -175,8 +176,10 @@ def _with_bones_of(actor: Actor, name: str, found: Association) -> Association:
     )
 
 
-def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -> bool:
-    """Capture everybody and write the folder; whether all went well."""
+def run_people(
+    request: Capture, folder: Path, crowd: Crowd, work: Checkpoint, said: Sequence[str]
+) -> bool:
+    """Capture everybody and write the folder, with what was printed; whether all went well."""
     started = time.perf_counter()
     matching, chosen = _cast(request, crowd, work)
     everybody = [crowd.of(track) for track in matching.tracks]
@@ -201,8 +204,8 @@ def run_people(request: Capture, folder: Path, crowd: Crowd, work: Checkpoint) -
     pairs = zip(chosen, captured, strict=True)
     dressed = [one.dress(each, crowd.inputs) for one, each in pairs]
     done = [replace(each, lost=crowd.inputs.lost) for each in dressed]
-    cast_of = tuple(chosen)
-    scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, tuple(notes))
+    cast_of, told = tuple(chosen), all_said(said, *notes)
+    scene = CapturedScene(tuple(done), cast_of, crowd.inputs, crowd.found, matching, told)
     with replacing(folder, last=True) as scratch:
         write_scene(request, scratch, scene, started, work)
     _tell(done, crowd.inputs.clip.start)

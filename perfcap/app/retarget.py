@@ -19,6 +19,7 @@ from perfcap.actor.actor import Actor
 from perfcap.app.capture_folder import named_people, spare_inputs, spare_others
 from perfcap.app.console import PlainConsole
 from perfcap.app.inputs import parse_frames
+from perfcap.app.said import all_said, hearing
 from perfcap.app.together import level_rigs, on_their_floors
 from perfcap.commands.results import Retarget
 from perfcap.detect.detections import Detections
@@ -71,6 +72,7 @@ class _Part:
     target: Actor
     found: Retargeted
     scores: RetargetScores
+    about_target: tuple[str, ...]
     doubts: tuple[str, ...] = ()
 
 
@@ -108,7 +110,7 @@ def _retargeted(request: Retarget) -> list[_Part]:
     mapping = None if request.source_mapping is None else read_mapping(request.source_mapping)
     people = list(named_people(request.source)) if request.source.is_dir() else []
     people = people or [(request.source, "")]
-    actors = [load_actor(name, request.mapping, robots=True) for name in request.actor]
+    actors = [_target(name, request.mapping) for name in request.actor]
     if len(actors) not in (1, len(people)):
         raise InputError(
             f"--actor: {len(actors)} actors for {len(people)} people; expected one for all, or one "
@@ -116,11 +118,11 @@ def _retargeted(request: Retarget) -> list[_Part]:
         )
     targets = actors * len(people) if len(actors) == 1 else actors
     rigs = level_rigs([_read(request, place, mapping) for place, _ in people])
-    ratios = [leg_length(t) / leg_length(r.actor) for t, r in zip(targets, rigs, strict=True)]
+    ratios = [leg_length(t) / leg_length(r.actor) for (t, _), r in zip(targets, rigs, strict=True)]
     scale = sum(ratios) / len(ratios)  # one for all, so that people stay together
     config = _config(request)
     parts = [
-        _solved(name, rig, target, scale, config)
+        _solved(name, rig, *target, scale, config)
         for (_, name), rig, target in zip(people, rigs, targets, strict=True)
     ]
     placed = on_their_floors([(part.found, part.target) for part in parts])
@@ -134,15 +136,28 @@ def _config(request: Retarget) -> RetargetConfig:
     return replace(config, contact=replace(config.contact, enabled=False))
 
 
+def _target(name: str, mapping: Path | None) -> tuple[Actor, tuple[str, ...]]:
+    """The actor of a name, and what was said of its file."""
+    with hearing() as said:
+        actor = load_actor(name, mapping, robots=True)
+    return actor, tuple(said)
+
+
 def _read(request: Retarget, place: Path, mapping: ActorMapping | None) -> MovingRig:
-    rig = read_moving_rig(place, parse_frames(request.frames), mapping)
-    for note in rig.notes:
-        _LOG.warning("%s", note)
-    return rig
+    with hearing() as said:
+        rig = read_moving_rig(place, parse_frames(request.frames), mapping)
+        for note in rig.notes:
+            _LOG.warning("%s", note)
+    return replace(rig, notes=tuple(said))
 
 
 def _solved(
-    name: str, rig: MovingRig, target: Actor, scale: float, config: RetargetConfig
+    name: str,
+    rig: MovingRig,
+    target: Actor,
+    about_target: tuple[str, ...],
+    scale: float,
+    config: RetargetConfig,
 ) -> _Part:
     joints = JointMotion(torch.tensor(rig.rotation), torch.tensor(rig.position))
     with warnings.catch_warnings(record=True) as told:
@@ -155,7 +170,7 @@ def _solved(
                 _LOG.warning("%s", note)
     rig = replace(rig, notes=(*rig.notes, *notes))
     scores = retarget_scores(rig.actor, joints, target, found, rig.rate)
-    part = _Part(name, rig, joints, target, found, scores)
+    part = _Part(name, rig, joints, target, found, scores, about_target)
     return replace(part, doubts=tuple(_doubts(part)))
 
 
@@ -191,7 +206,7 @@ def _write_person(request: Retarget, folder: Path, part: _Part) -> None:
         _config(request),
         floor=found.floor,
         contact=found.contact,
-        warnings=(*part.rig.notes, *part.doubts),
+        warnings=all_said(part.about_target, *part.rig.notes, *part.doubts),
     )
     scores = part.scores.report() | {"scale": found.scale}
     about = {**_about(request), **part.rig.about, "retarget": scores}

@@ -78,6 +78,31 @@ def test_names_of_other_bones_than_usual_are_not_believed() -> None:
     assert template.bone_names[found.joints["l_knee"]] == "thigh_l"
 
 
+ARMS = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
+TRUNK = {"pelvis": "hips", "spine": "chest", "neck": "neck", "head": "head"}
+
+
+@pytest.mark.parametrize(
+    ("collar", "arm", "leg"),
+    [
+        ("shoulder", "arm forearm hand", "leg shin foot"),
+        (None, "arm forearm hand", "leg calf foot"),
+        ("shoulder", "arm elbow wrist", "leg knee ankle"),
+        ("collar", "shoulder arm hand", "thigh shin foot"),
+        ("shoulder", "arm_upper arm_lower hand", "leg_upper leg_lower foot"),
+        ("shoulder", "bicep forearm hand", "thigh calf foot"),
+        (None, "upper_arm arm hand", "upper_leg leg foot"),
+    ],
+)
+def test_words_that_mean_a_limb_or_a_part_of_it(collar: str | None, arm: str, leg: str) -> None:
+    """`leg` is a thigh above a shin, and a shank below an upper leg; `shoulder` may be a collar."""
+    words = [*zip(ARMS[0], arm.split(), strict=True), *zip(ARMS[1], leg.split(), strict=True)]
+    names = TRUNK | {f"{side}_{joint}": f"{word}.{side}" for joint, word in words for side in "lr"}
+    template = Rig(names, collar=collar).template()
+    found = map_bones(template)
+    assert named(template, dict(found.joints)) == names
+
+
 def test_what_is_given_comes_first() -> None:
     template = Rig(MIXAMO, spines=("mixamorig:Spine",)).template()
     found = map_bones(template, {"spine": "mixamorig:Spine", "head_top": "mixamorig:Head"})
