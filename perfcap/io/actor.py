@@ -214,7 +214,7 @@ def load_actor(
         about_file, about_actor = imported.about_file, imported.about_actor
     require_sound(path, (*about_file, *about_actor))
     # of folders, which were looked at as they were built, joints are not held against the mesh
-    told = [each for each in about_actor if each.subject in ("limbs", "joints")]
+    told = [each for each in about_actor if each.subject in ("limbs", "joints", "landmarks")]
     told += examine_weights(actor.template)
     for finding in (*about_file, *told, *limit_findings(actor.skeleton.rig)):
         if finding.severity is Severity.WARNING:

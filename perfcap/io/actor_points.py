@@ -20,13 +20,14 @@ Floats = NDArray[np.float64]
 _FROM_SKIN = 0.1
 _BACKWARDS = -0.2  # cosine between a foot and where hips and shoulders face; of people 0.9
 _BELOW = 0.01  # of the height, that a crown may be below the joint of the head
+_ABOVE, _AROUND = 0.04, 0.1  # the same above the mesh around it; of people it is 0.02 below
 _PLACES = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _USUAL = {**CENTRE_LIMITS, **SIDE_LIMITS}
 _LEFT, _MIRRORED = 0.25, 0.5  # of what people's joints may turn
 
 
 def landmark_findings(template: Template) -> Iterator[Finding]:
-    """Crowns below heads, toes of the other foot or behind it, and either far from the body.
+    """Crowns below heads or above the mesh, toes of the other foot or behind it, or far from both.
 
     Args:
         template: in metres, with the joints of a person; landmarks that are missing are left out.
@@ -41,6 +42,10 @@ def landmark_findings(template: Template) -> Iterator[Finding]:
     if odd:
         remedy = "correct [landmarks] in manifest.toml, or build the actor again"
         yield Finding(Severity.ERROR, "landmarks", "; ".join(odd), remedy)
+    elif "head_top" in at and (above := _above_mesh(at["head_top"], template)) > _ABOVE * height:
+        what = f"head_top lies {100 * above:.0f} cm above the mesh"
+        remedy = "put the bone that ends the head at the crown, or correct [landmarks]"
+        yield Finding(Severity.WARNING, "landmarks", what, remedy)
 
 
 def _misplaced(
@@ -60,6 +65,14 @@ def _misplaced(
     ahead, foot = np.cross(across, [0.0, 1.0, 0.0]), (place - holder) * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(ahead) * np.linalg.norm(place - holder))
     return "behind the ankle" if float(ahead @ foot) < _BACKWARDS * length else None
+
+
+def _above_mesh(place: Floats, template: Template) -> float:
+    """Metres that a place (3,) is above the vertices around it, as seen from above."""
+    height = float(np.ptp(template.vertices[:, 1]))
+    aside = np.linalg.norm((template.vertices - place)[:, [0, 2]], axis=1)
+    around = template.vertices[aside < _AROUND * height, 1]
+    return float(place[1] - (around if len(around) else template.vertices[:, 1]).max())
 
 
 def limit_findings(rig: Rig) -> Iterator[Finding]:

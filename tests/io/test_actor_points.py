@@ -72,6 +72,17 @@ def test_feet_and_heads_of_another_size_are_told(
     assert what in "; ".join(each.what for each in limb_findings(marked(sam, move, *names)))
 
 
+@pytest.mark.parametrize(("raised", "told"), [(0.0, 0), (0.05, 0), (0.12, 1), (0.18, 1)])
+def test_a_crown_above_the_body_is_told(sam: Template, raised: float, told: int) -> None:
+    """As of a bone at the end of the head that is drawn too long."""
+    found = list(
+        landmark_findings(marked(sam, lambda place: place + np.array([0, raised, 0]), "head_top"))
+    )
+    assert len(found) == told
+    assert all("above the mesh" in each.what for each in found)
+    assert all(each.severity is Severity.WARNING for each in found)
+
+
 def test_sound_bodies_have_sound_joints_and_landmarks(sam: Template) -> None:
     model = load_body_model("ada")
     generator = torch.Generator().manual_seed(3)
