@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.app.fit_views import ChosenFrames
+from perfcap.app.outline_registration import Registration, moved_sentences, register
 from perfcap.errors import InputError
 from perfcap.rigging import PersonMasks
 from perfcap.rigging.fit_body import extents
@@ -86,6 +87,15 @@ def outline_doubts(
                 f"masks of {name}: end about {far} {what} the edges of the images; {follows}, give "
                 "masks that end where the person does"
             )
+        else:
+            yield from moved_sentences(name, registration(chosen, masks, view, found.size))
+
+
+def registration(
+    chosen: ChosenFrames, masks: PersonMasks, view: int, size: float
+) -> tuple[Registration, Registration]:
+    """How masks of a view would fit its images better, across and down."""
+    return register(_frames(chosen, masks, view), size)
 
 
 def outline_edges(chosen: ChosenFrames, masks: PersonMasks) -> list[OutlineEdges]:
@@ -97,10 +107,7 @@ def outline_edges(chosen: ChosenFrames, masks: PersonMasks) -> list[OutlineEdges
 def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -> OutlineEdges:
     reach = max(4, round(_REACH * size))
     total, count = np.zeros(2 * reach), np.zeros(2 * reach)
-    for frame in range(len(chosen)):
-        image = chosen.read_view(view, frame, frame + 1)[0]
-        height, width = image.shape[:2]
-        mask = masks.inside[frame, view, :height, :width].numpy() > 0.5
+    for image, mask in _frames(chosen, masks, view):
         if mask.any() and not mask.all():
             # pixels of straight outlines lie at halves of a pixel: one row of them to a bin
             depth = np.floor(_depth(mask)).astype(np.int64)
@@ -114,6 +121,16 @@ def _of_view(chosen: ChosenFrames, masks: PersonMasks, view: int, size: float) -
     usual = max(float(np.median(profile)), 1e-9)
     best = int(profile.argmax())
     return OutlineEdges(best - reach + 0.5, float(profile[best]) / usual, size)
+
+
+def _frames(
+    chosen: ChosenFrames, masks: PersonMasks, view: int
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
+    """Images and masks of a view."""
+    for frame in range(len(chosen)):
+        image = chosen.read_view(view, frame, frame + 1)[0]
+        height, width = image.shape[:2]
+        yield image, masks.inside[frame, view, :height, :width].numpy() > 0.5
 
 
 def _depth(mask: NDArray[np.bool_]) -> Floats:

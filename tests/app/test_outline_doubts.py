@@ -9,7 +9,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from perfcap.app.body_doubts import outline_doubts, outline_edges
+from perfcap.app.body_doubts import outline_doubts, outline_edges, registration
+from perfcap.app.outline_registration import moved_sentences, register
 from perfcap.detect.detections import Detections
 from perfcap.rigging.fit_doubts import Overlap, mask_doubts
 
@@ -68,6 +69,82 @@ def test_where_the_edges_are(moved: int) -> None:
         side, kind = ("outside", "larger") if moved > 0 else ("inside", "smaller")
         assert told[0].startswith("masks of front: end about")
         assert f"{side} the edges" in told[0] and f"girths are {kind}" in told[0]
+
+
+def placed(wide: float, tall: float, right: float, down: float) -> Any:
+    """Those of the person, stretched about the image's middle and moved by some pixels."""
+    matrix = np.array(
+        [
+            [wide, 0.0, 0.5 * WIDTH * (1 - wide) + right],
+            [0.0, tall, 0.5 * HEIGHT * (1 - tall) + down],
+        ]
+    )
+    inside = np.stack(
+        [
+            cv2.warpAffine(255 * person(frame), matrix, (WIDTH, HEIGHT)) > 127
+            for frame in range(FRAMES)
+        ]
+    )
+    return SimpleNamespace(inside=torch.from_numpy(inside)[:, None])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ((1.0, 0.9375, 0.0, 0.0), ("times as tall",)),
+        ((1.0, 1.0, 0.0, 8.0), ("% of the person's height further up",)),
+        ((1.0, 1.0, 0.0, -8.0), ("% of the person's height further down",)),
+        ((1.0, 1.0, 8.0, 0.0), ("% of the person's height to the left",)),
+        ((1.0, 1.0, -8.0, 8.0), ("height to the right", "height further up")),
+        ((1.0, 1.0, 0.0, 0.0), ()),
+        ((1.0, 1.0, 1.0, -1.0), ()),
+    ],
+)
+def test_masks_of_other_pixels_are_named(
+    change: tuple[float, float, float, float], words: tuple[str, ...]
+) -> None:
+    """As of a segmenter's input with borders, resized straight to the video: nothing was said."""
+    told = list(moved_sentences("front", registration(chosen(80), placed(*change), 0, TALL)))
+    assert len(told) == bool(words)
+    for line in told:
+        assert line.startswith("masks of front: would end at the edges")
+        assert all(each in line for each in words)
+
+
+def test_both_axes_are_alike() -> None:
+    given = placed(1.0, 0.9375, 4.0, 0.0)
+    pairs = [
+        (chosen(80).read_view(0, frame, frame + 1)[0], given.inside[frame, 0].numpy())
+        for frame in range(FRAMES)
+    ]
+    turned = [(image.transpose(1, 0, 2).copy(), mask.T.copy()) for image, mask in pairs]
+    across, down = register(pairs, TALL)
+    other_across, other_down = register(turned, TALL)
+    assert down.moved and down.stretch > 0.03 and across.shift == pytest.approx(-0.02, abs=0.006)
+    for one, other in ((across, other_down), (down, other_across)):
+        assert (one.shift, one.stretch) == (other.shift, other.stretch)
+        assert one.gain == pytest.approx(other.gain, rel=1e-5)
+    assert "times as wide" in "".join(moved_sentences("front", (other_across, other_down)))
+
+
+@pytest.mark.parametrize("same", [False, True])
+def test_masks_of_nothing_are_nowhere_else(same: bool) -> None:
+    image = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
+    for found in register([(image, np.full((40, 50), same))], 30.0):
+        assert found.gain == 1.0 and not found.moved
+
+
+def test_what_is_said_of_a_view_has_it() -> None:
+    (line,) = outline_doubts(chosen(80), placed(1.0, 0.9375, 0.0, 0.0))
+    assert "times as tall; were they resized with borders" in line
+
+
+@pytest.mark.parametrize("down", [-8, 8])
+def test_how_far_masks_are_off_is_measured(down: int) -> None:
+    """In steps of half a hundredth of the person's height."""
+    given = placed(1.0, 1.0, 0.0, down)
+    across, along = registration(chosen(80), given, 0, TALL)
+    assert abs(along.shift + down / TALL) < 0.012 and along.moved and not across.moved
 
 
 def test_boxes_end_at_no_edges() -> None:
