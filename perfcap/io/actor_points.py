@@ -27,7 +27,10 @@ _LEFT, _MIRRORED = 0.25, 0.5  # of what people's joints may turn
 
 
 def landmark_findings(template: Template) -> Iterator[Finding]:
-    """Crowns below heads or above the mesh, toes of the other foot or behind it, or far from both.
+    """Crowns and toes that are not at their places.
+
+    Crowns lie below heads or above the mesh, toes at the other foot or behind it, or either far
+    from the body.
 
     Args:
         template: in metres, with the joints of a person; landmarks that are missing are left out.

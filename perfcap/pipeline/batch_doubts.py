@@ -78,10 +78,21 @@ def together_doubts(
         yield f"the {len(clips)} clips together: {line}"
 
 
-def own_doubts(told: Sequence[Sequence[str]]) -> list[list[str]]:
-    """What is said of single clips, without what is said of most: all of them show that better."""
-    count = Counter(line for lines in told for line in set(lines))
-    return [[line for line in lines if 2 * count[line] < len(told)] for lines in told]
+def clip_sentences(told: Sequence[Sequence[str]], together: Sequence[str]) -> Iterator[str]:
+    """What clips show together, then what is said of each, of more than half of them once."""
+    most, rest = once_of_most(told) if together else ([], told)
+    yield from together
+    yield from (f"most clips alone: {line}" for line in most)
+    for index, lines in enumerate(rest):
+        which = "" if len(told) == 1 else f"clip {index}: "
+        yield from (f"{which}{line}" for line in lines)
+
+
+def once_of_most(told: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """What is said of more than half of the clips, each once, and the rest, of each clip."""
+    count = Counter(line for lines in told for line in dict.fromkeys(lines))
+    most = [line for line, clips in count.items() if 2 * clips > len(told)]
+    return most, [[line for line in lines if line not in most] for lines in told]
 
 
 def _joints(clip: ClipEstimate) -> Tensor:

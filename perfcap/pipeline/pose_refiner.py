@@ -23,7 +23,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.camera import Camera
 from perfcap.geometry.plain import is_readable
 from perfcap.pipeline.adapt import adapted
-from perfcap.pipeline.batch_doubts import batch_doubts, own_doubts, together_doubts
+from perfcap.pipeline.batch_doubts import batch_doubts, clip_sentences, together_doubts
 from perfcap.pipeline.bone_doubts import bone_doubts
 from perfcap.pipeline.clip_problem import TERMS, ClipProblem, Term
 from perfcap.pipeline.config import PoseConfig
@@ -229,9 +229,7 @@ class PoseRefiner(nn.Module):
             lines += () if lines else bone_doubts(self.actor, clip.cameras, seen, _ACTOR)
             told.append(lines)
         together = tuple(together_doubts(self.actor, clips, missing, _ACTOR))
-        for index, lines in enumerate(own_doubts(told) if together else told):
-            _warn(lines, "" if len(clips) == 1 else f"clip {index}: ", within=1)
-        _warn(together, within=1)
+        _warn(clip_sentences(told, together), within=1)
         return [bool(lines) for lines in told]
 
     def _examine_fit(

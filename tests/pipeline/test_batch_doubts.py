@@ -11,7 +11,7 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS16
 from perfcap.pipeline import PoseRefiner
-from perfcap.pipeline.batch_doubts import own_doubts
+from perfcap.pipeline.batch_doubts import once_of_most
 
 TAKE = make_take(24)
 PIXELS = TAKE.detections.joints2d
@@ -64,7 +64,8 @@ def test_short_clips_show_together_what_each_does_not(length: int) -> None:
             PoseRefiner(TAKE.actor).eval()(TAKE.cameras, *given)
         return [str(each.message) for each in found]
 
-    (line,) = told(exchanged, 24)  # and not once more of each that its feet point backwards
+    line, alone = told(exchanged, 24)  # and not of each that its feet point backwards
+    assert "most clips alone: view 0: left and right look exchanged" in alone
     assert f"the {24 // length} clips together: view 0: x and y look exchanged" in line
     assert not told(poses, 24)
     assert "x and y look exchanged" not in "".join(told(exchanged, 1))  # which shows less
@@ -72,7 +73,9 @@ def test_short_clips_show_together_what_each_does_not(length: int) -> None:
 
 def test_what_only_single_clips_show_is_said_of_them() -> None:
     told = [["feet", "pose 3"], ["feet"], [], ["feet", "depth"]]
-    assert own_doubts(told) == [["pose 3"], [], [], ["depth"]]
+    assert once_of_most(told) == (["feet"], [["pose 3"], [], [], ["depth"]])
+    half = [["feet"], ["depth"]]
+    assert once_of_most(half) == ([], half)  # nothing is lost of two clips that differ
 
 
 def shuffled_images(exchanged: float, *, bones: float = 0.0) -> list[str]:
