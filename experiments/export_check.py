@@ -31,7 +31,8 @@ from report import DATA, Report, Table, main
 
 from perfcap.app.export import run_export
 from perfcap.commands.results import Export, Format
-from perfcap.io.export import Recording, upright_from
+from perfcap.geometry.rotation import turn_to_y
+from perfcap.io.export import Recording
 from perfcap.io.export.options import unique_names, word
 from perfcap.io.export.recording import Z_UP
 from perfcap.io.result import read_result
@@ -82,7 +83,7 @@ def _examine(case: Case, folder: Path, out: Path, programs: Programs) -> Mapping
     with redirect_stdout(StringIO()):
         run_export(Export(folder, FORMATS, out, name="x"))
     result = read_result(folder)
-    turn = upright_from(upright(torch.from_numpy(result.joints)).numpy())
+    turn = turn_to_y(upright(torch.from_numpy(result.joints))).numpy()
     recording = Recording(result, "x", 0, result.frames, turn)
     frames = np.unique(np.linspace(0, result.frames - 1, SAMPLES).round().astype(int)).tolist()
     found = {**_texts(recording, out, frames), **_stage(recording, out, frames)}

@@ -15,8 +15,9 @@ from perfcap.app.inputs import parse_frames
 from perfcap.app.level import Level, level_of
 from perfcap.commands.results import Export
 from perfcap.errors import InputError
+from perfcap.geometry.rotation import turn_to_y
 from perfcap.io.distrust import distrust
-from perfcap.io.export import FORMATS, Format, Options, Recording, publishing, upright_from
+from perfcap.io.export import FORMATS, Format, Options, Recording, publishing
 from perfcap.io.result import Result, read_result
 from perfcap.io.result_folder import EXPORT
 
@@ -139,7 +140,7 @@ def _recording(request: Export, name: str, result: Result, level: Level) -> Reco
     for line in lines:
         PlainConsole().print(line, soft_wrap=True)
     recording = Recording(result, name, int(chosen[0]), int(chosen[-1]) + 1)
-    return replace(recording, upright=upright_from(up.numpy()))
+    return replace(recording, upright=turn_to_y(up).numpy())
 
 
 def _up_name(recording: Recording) -> str:

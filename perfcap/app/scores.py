@@ -42,6 +42,7 @@ from perfcap.render import rasterize
 Scores = dict[str, float]
 Pairs = list[tuple[int, int]]  # rows of a result and of the truth
 
+_FAR, _NEARER = 0.1, 0.5  # m off, and share of it that another person leaves
 _TALL = 500.0  # px, of a person in the images for which interpolation is looked for
 _WHATS, _PARTS = ("vertex", "surface"), ("", "_garment")
 _FEET = [LANDMARKS.index(f"{side}_{joint}") for side in "rl" for joint in ("ankle", "toe")]
@@ -112,10 +113,30 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
             f"{truth.sequence.folder}: has the joints of the result itself, to the last bit, so "
             "that nothing is measured; give the truth"
         ]
+    nearer = list(_others(estimate, true, valid, truth, others))
+    if nearer:
+        return nearer
     numbers = found.frames[rows].tolist()
     order = LANDMARKS16.mirrored()
     told = mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS)
     return [*told, *_made_up(true, valid)]
+
+
+def _others(
+    estimate: Tensor, true: Tensor, valid: Tensor, truth: Truth, rows: list[int]
+) -> Iterator[str]:
+    """That another person of the recording is the one whom a result shows."""
+    for name, joints in truth.sequence.others.items():
+        other = _scored(joints[rows], truth)
+        both = valid & other.isfinite().all(-1)
+        if 2 * int(both.sum()) < int(valid.sum()):
+            continue
+        own, left = (float((estimate - each)[both].norm(dim=-1).mean()) for each in (true, other))
+        if own > _FAR and left < _NEARER * own:
+            yield (
+                f"{name} of the same recording is nearer to the result: {left / own:.0%} of the "
+                f"error is left; --sequence {name} compares with that person"
+            )
 
 
 def _made_up(true: Tensor, valid: Tensor) -> Iterator[str]:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from perfcap.actor.actor import Actor
 from perfcap.detect.joint_set import LANDMARKS
-from perfcap.io.export import upright_from
+from perfcap.geometry.rotation import turn_to_y
 from perfcap.io.moving_rig import Floats, MovingRig
 from perfcap.pipeline.joint_motion import JointMotion, carried_landmarks
 from perfcap.pipeline.retargeting import Retargeted
@@ -50,7 +50,7 @@ def _landmarks(rig: MovingRig) -> Tensor:
 def _upright_way(landmarks: Tensor) -> Floats:
     """Turns a world, as (4, 4), so that a person of landmarks (F, 16, 3) stands along y."""
     matrix = np.eye(4)
-    matrix[:3, :3] = upright_from(upright(landmarks).numpy())
+    matrix[:3, :3] = turn_to_y(upright(landmarks)).numpy()
     return matrix
 
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from perfcap.actor.motion import Motion
-from perfcap.actor.points import Points
+from perfcap.actor.points import PointDifferences, Points
 from perfcap.energy._arguments import (
     known_places,
     require_confidence,
@@ -67,7 +67,8 @@ class JointTarget(Energy[Motion]):
                 f"give (*b, F, C, {count}, 3) and (*b, F, C, {count})"
             )
         require_confidence(confidence)
-        require_metres(target, confidence)
+        if not isinstance(points, PointDifferences):  # which may start at the world's origin
+            require_metres(target, confidence)
         target = known_places(target, confidence, "target")
         super().__init__(weight, kernel)
         self.points, self.sees = points, sees

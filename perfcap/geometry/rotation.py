@@ -93,6 +93,19 @@ def skew(vector: Tensor) -> Tensor:
     return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).reshape(*x.shape, 3, 3)
 
 
+def turn_to_y(up: Tensor) -> Tensor:
+    """Rotation (3, 3) that takes a unit vector of the world, (3,), to +y by the smallest turn.
+
+    A world that hangs upside down is turned over about x, as images are against the world: there
+    the smallest turn is any of half a turn, and noise would choose the heading.
+    """
+    if float(up[1]) < -0.5:
+        over = torch.diag(up.new_tensor([1.0, -1.0, -1.0]))
+        return turn_to_y(over @ up) @ over
+    cross = skew(torch.linalg.cross(up, up.new_tensor([0.0, 1.0, 0.0])))
+    return torch.eye(3).to(up) + cross + cross @ cross / (1.0 + up[1])
+
+
 def left_jacobian(vectors: Tensor) -> Tensor:
     """How a rotation turns, in its own axes after it, as its vector (N, 3) changes; (N, 3, 3)."""
     angle = vectors.norm(dim=-1)[:, None, None]

@@ -16,7 +16,8 @@ from perfcap.geometry.alignment import similarity_align
 from perfcap.metrics.missing import check_mask
 
 HIPS = (8, 12)  # of the 16 landmarks; their middle is the root
-TRUNK = (8, 12, 1)  # right hip, left hip, neck: what tells which way a body faces
+NECK = 1
+TRUNK = (8, 12, NECK)  # right hip, left hip, neck: what tells which way a body faces
 
 
 class Alignment(StrEnum):

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes, similarity_align
-from perfcap.metrics.alignment import HIPS, root_of
+from perfcap.metrics.alignment import HIPS, NECK, root_of
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 from perfcap.metrics.mismatch_repeats import repeats
 
@@ -23,6 +23,7 @@ _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 
 _FEWEST = 10  # frames that tell a rate
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
+_CENTRED = 0.3  # m, from the origin: roots of bodies lie so near to hips or neck
 _AWAY, _LITTLE = 2.0, 0.2  # m that no depth of one view is off by; share of the error left by it
 _OTHER = 0.25  # m, after one rigid motion: another clip, whose place is most of the error
 _LARGER = 1.8  # than a person: a child captured as an average adult is not that far off
@@ -123,11 +124,7 @@ def _explained(
             f"the person of the truth is {larger:.2f} times as large as that of the result; "
             "expected metres (those in feet are 3.28 times as many)"
         )
-    if _stays(root_of(truth), valid) and not _stays(root_of(estimate), valid):
-        yield (
-            "the hips of the truth stay in one place, those of the result do not; the truth is "
-            "relative to them, so that only aligned errors count"
-        )
+    yield from _relative(estimate, truth, valid)
     rate, left = _best_rate(estimate, truth, valid)
     if left >= min(_LEFT, _best_lag(estimate, truth, valid, _error)[1]):
         yield from _late(estimate, truth, valid)
@@ -190,6 +187,27 @@ def _size(points: Tensor, valid: Tensor) -> float:
 def _stays(points: Tensor, valid: Tensor) -> bool:
     seen = points[valid[:, list(HIPS)].all(-1)]
     return len(seen) > 1 and float((seen - seen[0]).norm(dim=-1).max()) < _STILL
+
+
+def _relative(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
+    """A truth that is relative to the hips, or to another place in the body near its origin."""
+    if _stays(root_of(truth), valid) and not _stays(root_of(estimate), valid):
+        yield (
+            "the hips of the truth stay in one place, those of the result do not; the truth is "
+            "relative to them, so that only aligned errors count"
+        )
+        return
+    for joints in (list(HIPS), [NECK]):
+        seen = valid[:, joints].all(-1)
+        if int(seen.sum()) < 2:
+            continue
+        true, own = (points[seen][:, joints].mean(1).norm(dim=-1) for points in (truth, estimate))
+        if float(true.max()) < _CENTRED and float(own.median()) > 2 * _CENTRED:
+            yield (
+                "the person of the truth stays at the world's origin, that of the result does not; "
+                "the truth is relative to a place in the body, so that only aligned errors count"
+            )
+            return
 
 
 def _late(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:

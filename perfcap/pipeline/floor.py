@@ -12,7 +12,7 @@ from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.camera import Camera
-from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.geometry.rotation import turn_to_y
 
 _HIPS = [LANDMARKS.index(name) for name in ("r_hip", "l_hip")]
 _NECK = LANDMARKS.index("neck")
@@ -37,7 +37,6 @@ _RIGID = 1e-4  # rad, deviation from an axis of the world
 _AS_WELL = 0.8  # of the support of a free normal, that an axis of the world needs
 _CAMERA_WORLD = 1e-3  # entries of a rotation by which the world's axes are not the camera's
 _NEAREST = math.cos(math.radians(30))  # of the body's axis to an axis of the world
-_PARALLEL = 1e-9  # sine of the angle below which two directions are one
 _NEAR = 0.04  # m, from the plane: a point that it explains
 _UNSURE, _NEVER = (
     0.15,
@@ -71,15 +70,9 @@ class Floor:
     def world_to_floor(self) -> Tensor:
         """Rigid transform (4, 4) into a world with the floor at y = 0 and y up.
 
-        Turns by the least angle that brings the normal to y, so headings stay as they can.
+        Headings stay as they can (``geometry.rotation.turn_to_y``).
         """
-        up = self.normal.new_tensor([0.0, 1.0, 0.0])
-        axis = torch.linalg.cross(self.normal, up)
-        sine, cosine = axis.norm(), self.normal @ up
-        if float(sine) < _PARALLEL:  # half a turn about x where the normal points down
-            turn = torch.diag(up.new_tensor([1.0, float(cosine), float(cosine)]).sign())
-        else:
-            turn = rotvec_to_matrix(axis / sine * torch.atan2(sine, cosine))
+        turn = turn_to_y(self.normal)
         moved = torch.eye(4).to(turn)
         moved[:3, :3], moved[1, 3] = turn, -self.height
         return moved

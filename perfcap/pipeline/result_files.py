@@ -13,10 +13,10 @@ import numpy as np
 import yaml
 from torch import Tensor
 
+from perfcap.geometry.rotation import turn_to_y
 from perfcap.io.atomic import writing
 from perfcap.io.bvh_read import bvh_motion
 from perfcap.io.bvh_write import save_bvh
-from perfcap.io.export import upright_from
 from perfcap.io.gltf_write import save_animation
 from perfcap.io.mask_files import save_masks
 from perfcap.io.result_folder import MASKS, MOTION, REPORT, SURFACE, VOLUME
@@ -58,7 +58,8 @@ def write_result(
     known = identity(performance, first_frame, settings)
     _write_motion(performance, folder / MOTION, first_frame, known)
     transforms, template = performance.bone_transforms(), performance.actor.template
-    turn = upright_from(_array(upright(performance.joints()) if up is None else up))
+    up = upright(performance.joints()) if up is None else up
+    turn = _array(turn_to_y(up.detach().cpu().double()))
     level = np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]) @ transforms
     save_bvh(folder / "motion.bvh", bvh_motion(template, level, performance.rate))
     surface = performance.surface

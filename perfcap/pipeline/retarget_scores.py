@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,8 +65,8 @@ class RetargetScores:
             "facing_degrees": two(self.facing),
             "trunk_degrees": two(self.trunk),
             "reach_mm": two(self.reach),
-            "slide_mm": self.slide,
-            "source_slide_mm": self.source_slide,
+            "slide_mm": None if math.isnan(self.slide) else self.slide,
+            "source_slide_mm": None if math.isnan(self.source_slide) else self.source_slide,
         }
 
 

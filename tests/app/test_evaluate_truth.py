@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ import torch
 from runs import Command
 from synthetic import cameras as circle
 
-from perfcap.app.truth import read_found
+from perfcap.app.scores import joint_doubts
+from perfcap.app.truth import FILE_PROTOCOL, FoundJoints, Truth, read_found
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
 from perfcap.io import models_folder
+from perfcap.io.datasets import DatasetSequence
 from perfcap.io.surface_file import save_surface
 from perfcap.render import rasterize
 
@@ -126,6 +129,21 @@ def test_a_data_set_by_name(tmp_path: Path, perfcap: Command) -> None:
     assert not (tmp_path / "r" / "metrics.json").exists()
     line = perfcap(arguments).refused()
     assert "--sequence" in line and "pose2sim_balancing" in line
+
+
+@pytest.mark.parametrize("elsewhere", [0.0, 1.5])
+def test_another_person_of_the_recording_is_named(elsewhere: float) -> None:
+    true = torch.rand((40, 16, 3), generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    other = true + torch.tensor([1.2, 0.0, elsewhere])
+    found = FoundJoints(Path("motion.npz"), other + 0.02, np.arange(40), 30.0)
+    people = {"walk/1": other, "walk/2": true + 9}
+    sequence = DatasetSequence(
+        "3dpw", "walk/0", Path("truth"), torch.arange(40), 30.0, joints3d=true, others=people
+    )
+    (line,) = joint_doubts(found, Truth(sequence, FILE_PROTOCOL, strict=False))
+    assert line.startswith("walk/1 of the same recording is nearer to the result")
+    own = Truth(replace(sequence, joints3d=other), FILE_PROTOCOL, strict=False)
+    assert not joint_doubts(found, own)
 
 
 def test_joints_of_a_truth_have_their_names(tmp_path: Path, perfcap: Command) -> None:

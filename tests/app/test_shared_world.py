@@ -16,7 +16,6 @@ from takes import sway
 from perfcap.app.level import Level, level_of
 from perfcap.app.together import on_their_floors
 from perfcap.errors import InputError
-from perfcap.io.export import upright_from
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.result import Result, read_result
 from perfcap.pipeline.floor import Floor
@@ -85,17 +84,6 @@ def test_no_floor_cannot_be_level() -> None:
 def test_damaged_floors_are_none(captured: Path, damaged: object) -> None:
     result = read_result(captured)
     assert level_of([replace(result, report={**result.report, "floor": damaged})]).normal is None
-
-
-def test_any_direction_becomes_up_and_headings_stay() -> None:
-    for down in (1.0, -1.0):
-        for tilt in ((0.1, 0.02), (-0.03, 0.1), (0.05, -0.08)):
-            up = np.array([tilt[0], down, tilt[1]])
-            up /= np.linalg.norm(up)
-            turn = upright_from(up)
-            assert np.allclose(turn @ up, [0, 1, 0]) and np.isclose(np.linalg.det(turn), 1)
-            assert turn[0, 0] > 0.98  # x stays nearly where it was
-    assert np.array_equal(upright_from(np.array([0.0, -1.0, 0.0])), np.diag([1.0, -1.0, -1.0]))
 
 
 def test_files_are_level_where_the_floor_is_asked_for(

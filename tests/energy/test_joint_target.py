@@ -6,6 +6,7 @@ from checks import check_energy
 from synthetic import actor, random_motion
 
 from perfcap.actor.motion import Motion
+from perfcap.actor.points import PointDifferences
 from perfcap.energy.joint_target import JointTarget
 from perfcap.errors import InputError
 from perfcap.solve import Energy, LevenbergMarquardt, Objective, solve
@@ -80,6 +81,15 @@ def test_millimetres_are_refused() -> None:
     places = 1000 * person.joints(random_motion(person.skeleton, 3)).unsqueeze(-3)
     with pytest.raises(InputError, match="apart in a frame, expected metres"):
         JointTarget(person.landmarks, places)
+
+
+def test_vectors_may_be_beside_places_far_from_the_origin() -> None:
+    person = actor()
+    points = PointDifferences(person.landmarks, [0, 8], [1, None])
+    motion = random_motion(person.skeleton, 3)
+    far = Motion(motion.translation + 60, motion.rotation, motion.angles)
+    energy = JointTarget(points, points(far).unsqueeze(-3))
+    assert float(energy(far)) == 0
 
 
 def test_places_of_confidence_zero_may_be_anything() -> None:

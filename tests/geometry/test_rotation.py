@@ -18,6 +18,7 @@ from perfcap.geometry.rotation import (
     rotvec_to_matrix,
     rotvec_to_quaternion,
     skew,
+    turn_to_y,
 )
 
 ANGLES = (0.0, 1e-12, 1e-9, 1e-8, 1.5e-8, 1e-7, 1e-4, 0.5, 2.0, 3.1, math.pi - 1e-9, math.pi)
@@ -135,6 +136,21 @@ def test_matrix_to_quaternion_has_unit_length() -> None:
 def test_skew_is_the_cross_product() -> None:
     u, v = directions()[:4], directions()[4:8]
     assert torch.allclose((skew(u) @ v[..., None])[..., 0], torch.linalg.cross(u, v))
+
+
+@pytest.mark.parametrize("down", [1.0, -1.0])
+@pytest.mark.parametrize("tilt", [(0.1, 0.02), (-0.03, 0.1), (0.05, -0.08), (0.0, 0.0)])
+def test_any_direction_becomes_up_and_headings_stay(down: float, tilt: tuple[float, float]) -> None:
+    up = torch.nn.functional.normalize(torch.tensor([tilt[0], down, tilt[1]]).double(), dim=0)
+    turn = turn_to_y(up)
+    torch.testing.assert_close(turn @ up, torch.tensor([0.0, 1.0, 0.0]).double())
+    torch.testing.assert_close(turn @ turn.mT, torch.eye(3).double())
+    assert float(turn[0, 0]) > 0.98  # x stays nearly where it was
+
+
+def test_a_world_upside_down_is_turned_over_about_x() -> None:
+    turn = turn_to_y(torch.tensor([0.0, -1.0, 0.0]))
+    assert torch.equal(turn, torch.diag(torch.tensor([1.0, -1.0, -1.0])))
 
 
 def test_aligned_quaternions_are_smooth_through_full_turns() -> None:

@@ -119,6 +119,23 @@ def test_truth_relative_to_the_hips(joints: Tensor) -> None:
     assert "relative to them" in line
 
 
+@pytest.mark.parametrize("root", ["pelvis", "neck", "trembling hips"])
+def test_truth_relative_to_another_place_in_the_body(joints: Tensor, root: str) -> None:
+    hips, neck = joints[:, [8, 12]].mean(1), joints[:, 1]
+    noise = torch.randn(hips.shape, generator=torch.Generator().manual_seed(0)).to(hips)
+    up = torch.nn.functional.normalize(neck - hips, dim=-1)
+    place = {"pelvis": hips + 0.09 * up, "neck": neck, "trembling hips": hips + 0.002 * noise}
+    moved = joints + torch.linspace(1, 4, 60)[:, None, None].to(joints)
+    lines = told(moved, joints - place[root][:, None])
+    assert any("relative to a place in the body" in line for line in lines)
+
+
+def test_whoever_lies_at_the_origin_is_not_relative(joints: Tensor) -> None:
+    lying = joints - joints[:1, [8, 12]].mean(1, keepdim=True)
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    assert not any("relative" in line for line in told(lying + 0.1 * noise, lying))
+
+
 def test_another_order(joints: Tensor) -> None:
     (line,) = told(joints, joints.flip(-2))
     assert "order of the landmarks" in line

@@ -85,11 +85,12 @@ def test_another_rest_pose_is_no_other_motion() -> None:
     assert (other.joints(found.motion) - PERSON.joints(motion)).norm(dim=-1).max() < 0.02
 
 
-def test_turned_and_moved_sources_give_turned_and_moved_results() -> None:
+@pytest.mark.parametrize("far", [1.0, 50.0])  # by metres, and where a world's origin is far away
+def test_turned_and_moved_sources_give_turned_and_moved_results(far: float) -> None:
     other, motion = built(thigh=0.1, upper_arm=-0.1), sway(PERSON, 20)
     joints = joints_of(PERSON, motion)
     turn = rotvec_to_matrix(torch.tensor([0.0, 2.0, 0.0], dtype=F64))
-    away = torch.tensor([3.0, 0.0, -2.0], dtype=F64)
+    away = far * torch.tensor([3.0, 0.0, -2.0], dtype=F64)
     elsewhere = JointMotion(turn @ joints.rotation, joints.position @ turn.mT + away)
     one = retarget(PERSON, joints, other, 30.0, FREE)
     two = retarget(PERSON, elsewhere, other, 30.0, FREE)

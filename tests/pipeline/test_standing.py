@@ -242,3 +242,11 @@ def test_a_world_with_the_floor_at_zero() -> None:
         torch.testing.assert_close(turn[:3, :3] @ each, UP)
         assert float(torch.linalg.det(turn[:3, :3])) == pytest.approx(1)
         assert float((turn[:3, :3] @ (0.7 * each) + turn[:3, 3])[1]) == pytest.approx(0, abs=1e-12)
+
+
+def test_worlds_upside_down_keep_their_headings() -> None:
+    """Noise of the floor does not turn what one still camera saw in several takes apart."""
+    for lean in ((0.02, 0.01), (-0.02, 0.02), (0.0, -0.03)):
+        normal = torch.tensor([lean[0], -1.0, lean[1]], dtype=F64)
+        floor = Floor(normal / normal.norm(), torch.zeros((), dtype=F64), 0.0, 1.0)
+        assert float(floor.world_to_floor()[0, 0]) > 0.99

@@ -7,6 +7,8 @@ hand). No joints are published. Lengths are taken to be millimetres, as in the c
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ _LAYOUT = "NAME/calib.txt with NAME/images/ and, for some, NAME/ground_truth/*.o
 _RATE = 30.0
 _SIZE = (1080, 1920)
 _MILLIMETRE = 1e-3
+_DIGITS = re.compile(r"[0-9]{1,9}")
 _IMAGES = ("images", "frames")
 _SEQUENCES = (
     *("Chenglei_studio", "Franzi_studio", "Helge_outdoor", "Nadia_outdoor", "Natalia_outdoor"),
@@ -42,28 +45,61 @@ def list_monoperfcap(folder: Path) -> tuple[str, ...]:
 
 
 def read_monoperfcap(folder: Path, name: str) -> DatasetSequence:
-    """One sequence; its truth is a file a frame, in the order of the names."""
+    """One sequence; its truth is a file a frame, by the numbers in the names."""
     check_name(folder, _TITLE, name, list_monoperfcap(folder))
     place = folder / name
     meshes = matching(place, "ground_truth/*.off")
     masks = matching(place, "ground_truth/*.png")
     rig = read_skeletool(place / "calib.txt", _SIZE)
-    frames = max(len(meshes), len(masks))
-    notes = ["the truth is taken to start with the first image and to be in millimetres"]
-    if not frames:
-        notes = [f"{place}: has no ground_truth, so there is nothing to compare with"]
+    frames, note = _numbers(place, meshes or masks)
+    if meshes and masks and _numbers(place, masks)[0] != frames:
+        raise InputError(
+            f"{place / 'ground_truth'}: has {len(meshes)} *.off and {len(masks)} *.png of other "
+            "frames; expected both of each frame, or one kind"
+        )
     return DatasetSequence(
         dataset="monoperfcap",
         name=name,
         folder=place,
-        frames=torch.arange(frames),
+        frames=torch.tensor(frames, dtype=torch.int64),
         rate=_RATE,
         rig=rig.select([0]),
         videos=present([place / images for images in _IMAGES]),
         masks=tuple(masks),
         meshes=tuple(meshes),
-        warnings=tuple(notes),
+        warnings=(note,),
     )
+
+
+def _numbers(place: Path, truth: Sequence[Path]) -> tuple[list[int], str]:
+    """The frame that each file of the truth shows, and how that is known."""
+    if not truth:
+        return [], f"{place}: has no ground_truth, so there is nothing to compare with"
+    numbers = [_number(path) for path in truth]
+    shown = [_number(path) for name in _IMAGES for path in matching(place, f"{name}/*")]
+    images = [number for number in shown if number >= 0]
+    if any(number < 0 for number in numbers) or len(set(numbers)) < len(numbers):
+        return list(range(len(truth))), (
+            "the truth is taken to be of every image from the first on, and in millimetres: its "
+            "names have no numbers"
+        )
+    if len(set(images)) == len(images) and set(numbers) <= set(images):
+        order = {number: frame for frame, number in enumerate(images)}
+        return [order[number] for number in numbers], (
+            "the truth is taken to be of the images of its numbers, and in millimetres"
+        )
+    first = numbers[0]
+    gaps = numbers[-1] - first + 1 - len(numbers)
+    return [number - first for number in numbers], (
+        "the truth is taken to start with the first image and to be in millimetres"
+        + (f"; by its numbers {gaps} frames between have none" if gaps else "")
+    )
+
+
+def _number(path: Path) -> int:
+    """The last number in a file's name; -1 without one."""
+    found = _DIGITS.findall(path.stem)
+    return int(found[-1]) if found else -1
 
 
 def read_surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from perfcap.errors import InputError
 from perfcap.io.calibration.rig import CameraRig, make_rig
@@ -37,6 +38,7 @@ _WHAT = "a frame of CMU Panoptic"
 _RATE = 29.97
 _CENTIMETRE = 1e-2
 _LIMIT = 16 * MEBIBYTE
+_MAX_OTHERS = 16
 _NAME = re.compile(r"[\w-]{1,40}")
 _FRAME = re.compile(r"body3DScene_(\d{1,9})\.json")
 
@@ -62,9 +64,14 @@ def read_panoptic(folder: Path, name: str) -> DatasetSequence:
     if not 0 < len(files) <= MAX_FRAMES:
         raise wrong_layout(place, _TITLE, f"{_POSES}/body3DScene_*.json", _LAYOUT)
     bodies = {frame: _bodies(path) for frame, path in sorted(files.items())}
-    chosen = _choose(place, person, {identity for frame in bodies.values() for identity in frame})
+    people = {identity for frame in bodies.values() for identity in frame}
+    chosen = _choose(place, person, people)
     nothing = np.full((len(COCO19), 3), np.nan)
-    points = np.stack([frame.get(chosen, nothing) for frame in bodies.values()])
+
+    def landmarks(identity: int) -> Tensor:
+        points = np.stack([frame.get(identity, nothing) for frame in bodies.values()])
+        return landmarks_of(points, COCO19, _CENTIMETRE)
+
     rig = _cameras(place / f"calibration_{base}.json")
     return DatasetSequence(
         dataset="panoptic",
@@ -72,9 +79,10 @@ def read_panoptic(folder: Path, name: str) -> DatasetSequence:
         folder=place,
         frames=torch.tensor(list(bodies)),
         rate=_RATE,
-        joints3d=landmarks_of(points, COCO19, _CENTIMETRE),
+        joints3d=landmarks(chosen),
         rig=rig,
         videos=present([place / "hdVideos" / f"hd_{view}.mp4" for view in rig.names]),
+        others={f"{base}/{i}": landmarks(i) for i in sorted(people - {chosen})[:_MAX_OTHERS]},
     )
 
 

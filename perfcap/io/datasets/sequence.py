@@ -74,6 +74,7 @@ class DatasetSequence:
         masks: files of true silhouettes in the first view, one a frame; or none.
         meshes: files of true surfaces, one a frame, each with a topology of its own; or none.
         surface: reads the true surface on the actor's template, where there is one.
+        others: landmarks of the other people of the recording, by what each is called, (F, 16, 3).
         warnings: what a user should know.
     """
 
@@ -93,6 +94,7 @@ class DatasetSequence:
     surface: Callable[[], SurfaceTruth] | None = field(default=None, repr=False)
     warnings: tuple[str, ...] = ()
     rate_known: bool = True
+    others: Mapping[str, Tensor] = field(default_factory=dict)
 
     def joints2d(self) -> Tensor | None:
         """True landmarks in the images, (F, C, 16, 2): the annotated ones, or else projected."""

@@ -39,7 +39,7 @@ def list_three_dpw(folder: Path) -> tuple[str, ...]:
 
 
 def read_three_dpw(folder: Path, name: str) -> DatasetSequence:
-    """One person of a sequence, ``NAME/0``; ``NAME`` alone is the first."""
+    """One person of a sequence, ``NAME/0``; ``NAME`` alone where there is one."""
     base, _, number = name.partition("/")
     paths = [path for path in matching(folder, "sequenceFiles/*/*.pkl") if path.stem == base]
     if not paths:
@@ -48,9 +48,14 @@ def read_three_dpw(folder: Path, name: str) -> DatasetSequence:
     values = read_pickle(path, _WHAT)
     if not isinstance(values, dict):
         raise InputError(f"{path}: is {type(values).__name__}, expected the dictionary of 3DPW")
-    person = _person(path, values, number or "0")
+    people, person = _person(path, values, number)
     joints = _of(path, values, "jointPositions", person, (None, 3 * len(SMPL24)))
     frames = len(joints)
+    others = {
+        f"{base}/{i}": _of(path, values, "jointPositions", i, (frames, 3 * len(SMPL24)))
+        for i in range(people)
+        if i != person
+    }
     detections = _of(path, values, "poses2d", person, (frames, 3, len(COCO18)))
     valid = _of(path, values, "campose_valid", person, (frames,))
     return DatasetSequence(
@@ -59,21 +64,31 @@ def read_three_dpw(folder: Path, name: str) -> DatasetSequence:
         folder=folder,
         frames=torch.arange(frames),
         rate=_RATE,
-        joints3d=landmarks_of(joints.reshape(frames, 24, 3), SMPL24),
+        joints3d=_landmarks(joints),
         rig=_camera(path, values, frames),
         pixels=_pixels(detections),
         scored=torch.from_numpy(valid > 0),
         videos=present([folder / "imageFiles" / base]),
+        others={each: _landmarks(joints) for each, joints in others.items()},
     )
 
 
-def _person(path: Path, values: dict[Any, Any], number: str) -> int:
+def _landmarks(joints: NDArray[np.float64]) -> torch.Tensor:
+    return landmarks_of(joints.reshape(-1, len(SMPL24), 3), SMPL24)
+
+
+def _person(path: Path, values: dict[Any, Any], number: str) -> tuple[int, int]:
+    """How many people there are, and which one is meant."""
     people = values.get("jointPositions")
     if not isinstance(people, list) or not 0 < len(people) <= _MAX_PEOPLE:
         raise InputError(f"{path}: has no list jointPositions of people; expected {_WHAT}")
+    if not number and len(people) > 1:
+        names = ", ".join(f"{path.stem}/{i}" for i in range(len(people)))
+        raise InputError(f"{path}: shows {len(people)} people; name one: {names}")
+    number = number or "0"
     if not number.isdecimal() or int(number) >= len(people):
         raise InputError(f"{path}: has people 0 to {len(people) - 1}, not {number!r:.20}")
-    return int(number)
+    return len(people), int(number)
 
 
 def _of(

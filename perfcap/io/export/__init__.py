@@ -2,7 +2,7 @@
 
 from perfcap.io.export.formats import FORMATS, Format
 from perfcap.io.export.options import UNITS, Options
-from perfcap.io.export.recording import Recording, upright_from
+from perfcap.io.export.recording import Recording
 from perfcap.io.publish import publishing
 
-__all__ = ["FORMATS", "UNITS", "Format", "Options", "Recording", "publishing", "upright_from"]
+__all__ = ["FORMATS", "UNITS", "Format", "Options", "Recording", "publishing"]

@@ -142,17 +142,3 @@ class Recording:
             return points
         turned: NDArray[Any] = points @ turn.T.astype(points.dtype)
         return turned
-
-
-def upright_from(up: Floats) -> Floats:
-    """Rotation (3, 3) that takes a direction of the world, (3,), to +y by the smallest turn.
-
-    A world that hangs upside down is turned over about x, as images are against the world.
-    """
-    if up[1] < -0.5:
-        over = np.diag([1.0, -1.0, -1.0])
-        return upright_from(over @ up) @ over
-    axis = np.cross(up, (0.0, 1.0, 0.0))
-    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    turn: Floats = np.eye(3) + skew + skew @ skew / (1.0 + up[1])
-    return turn

@@ -48,6 +48,40 @@ def test_surfaces_and_camera(tmp_path: Path) -> None:
     assert [path.name for path in sequence.videos] == ["images"]
 
 
+def test_files_are_of_the_frames_of_their_numbers(tmp_path: Path) -> None:
+    place = write(tmp_path)
+    truth = place / "ground_truth"
+    (truth / "mesh_0001.off").unlink()
+    (sequence, note) = _read(tmp_path)
+    assert sequence == [0, 2] and "1 frames between have none" in note
+    for number in range(99, 104):  # images from 99 on
+        (place / "images" / f"image_{number:06d}.jpg").touch()
+    assert _read(tmp_path)[0] == [0, 2]  # of no images: counted from the first
+    for number, name in ((101, "mesh_0000.off"), (103, "mesh_0002.off")):
+        (truth / name).rename(truth / f"mesh_{number}.off")
+    frames, note = _read(tmp_path)
+    assert frames == [2, 4] and "of the images of its numbers" in note
+    (truth / "mesh_101.off").rename(truth / "first.off")
+    frames, note = _read(tmp_path)
+    assert frames == [0, 1] and "its names have no numbers" in note
+
+
+def _read(folder: Path) -> tuple[list[int], str]:
+    sequence = DATASET.read(folder, "Pablo_outdoor")
+    (note,) = sequence.warnings
+    return sequence.frames.tolist(), note
+
+
+def test_surfaces_and_silhouettes_are_of_the_same_frames(tmp_path: Path) -> None:
+    truth = write(tmp_path) / "ground_truth"
+    for number in range(3):
+        (truth / f"mask_{number:04d}.png").touch()
+    assert len(DATASET.read(tmp_path, "Pablo_outdoor").masks) == 3
+    (truth / "mask_0001.png").unlink()
+    with pytest.raises(InputError, match=r"3 \*\.off and 2 \*\.png of other frames"):
+        DATASET.read(tmp_path, "Pablo_outdoor")
+
+
 def test_without_truth(tmp_path: Path) -> None:
     place = write(tmp_path)
     for path in (place / "ground_truth").iterdir():

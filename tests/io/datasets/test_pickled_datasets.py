@@ -66,7 +66,13 @@ def test_3dpw(tmp_path: Path, protocol: int) -> None:
     torch.testing.assert_close(
         sequence.rig.cameras.translation[:, 0], torch.from_numpy(camera_poses()[1][:, :3, 3])
     )
-    first = THREE_DPW.read(tmp_path, "downtown_walking_00")
+    with pytest.raises(InputError, match=r"2 people; name one: downtown_walking_00/0, downto"):
+        THREE_DPW.read(tmp_path, "downtown_walking_00")
+    first = THREE_DPW.read(tmp_path, "downtown_walking_00/0")
+    assert list(first.others) == ["downtown_walking_00/1"]
+    torch.testing.assert_close(
+        first.others["downtown_walking_00/1"], sequence.joints3d, equal_nan=True
+    )
     assert first.name == "downtown_walking_00/0"
     assert first.counted(THREE_DPW.protocol).tolist() == [True, True, False, True, True]
     assert first.pixels is not None
@@ -74,6 +80,15 @@ def test_3dpw(tmp_path: Path, protocol: int) -> None:
     assert elbow == "wrist" and (first.pixels[:, 0, 4] == 100).all()
     assert first.pixels[:, 0, 5].isnan().all()
     assert "head_top" not in THREE_DPW.protocol.joints and len(THREE_DPW.protocol.joints) == 15
+
+
+def test_one_person_of_3dpw_needs_no_number(tmp_path: Path) -> None:
+    values = sequence_of_3dpw()
+    for key in ("jointPositions", "poses2d", "campose_valid"):
+        values[key] = values[key][:1]
+    write_3dpw(tmp_path, values)
+    alone = THREE_DPW.read(tmp_path, "downtown_walking_00")
+    assert alone.name == "downtown_walking_00/0" and not alone.others
 
 
 @pytest.mark.parametrize(
