@@ -3,8 +3,9 @@
 Stretches of 24 frames and whole clips, each view alone, joints of a network or simulated ones with
 the frames of other times: as they are, some frames late and early, and with left and right
 exchanged. What is named of the first is a false alarm. Joints of other recordings whose images are
-as large; all views, the videos of two of them exchanged. The network is the one that ``perfcap
-doctor`` and captures look with.
+as large; all views, the videos of two of them exchanged. Joints of pictures that were resized or
+moved, of one person and of all of several, and of several people of another recording. The network
+is the one that ``perfcap doctor`` and captures look with.
 """
 
 from __future__ import annotations
@@ -43,6 +44,10 @@ class Experiment:
     """Frames by which joints are late, and early."""
     views: int = 4
     """Most views of a recording."""
+    resized: tuple[float, ...] = (0.9, 0.94, 0.97, 1.05)
+    """Times the rows by which pictures were resized."""
+    moved: int = 30
+    """Pixels by which pictures were moved down."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,15 @@ def run(config: Experiment) -> Report:
     columns += [f"{count} off: the right way" for count in config.late]
     title = "joints of other frames or sides than the video shows"
     seen = Table(title, tuple(columns), (*rows, ("all", *counts)), 0)
-    return Report((seen, _of_others(clips), _in_other_order(clips)))
+    return Report(
+        (
+            seen,
+            _of_others(clips),
+            _in_other_order(clips),
+            _of_resized(clips, config),
+            _of_people(config),
+        )
+    )
 
 
 def _recordings(data: Path) -> Iterator[Recording]:
@@ -133,6 +146,74 @@ def _in_other_order(clips: Sequence[tuple[Recording, Sequence[_Seen]]]) -> Table
             rows.append((clip.name, len(pairs), both, one, others))
     columns = ("recording", "pairs of views", "both named", "one named", "others named")
     return Table("views whose videos are exchanged", columns, tuple(rows), 0)
+
+
+def _of_resized(clips: Sequence[tuple[Recording, Sequence[_Seen]]], config: Experiment) -> Table:
+    """How often joints of a resized or moved picture are named, in stretches of single views."""
+    rows = []
+    for clip, views in clips:
+        said = []
+        for file, joints, confidence in views:
+            last = len(joints) - config.stretch
+            for first in range(0, last, max(config.stretch, last // 2)):
+                part = range(first, first + config.stretch)
+                given = _wrong_rows(joints, config)
+                said.append([bool(_said(file, each, confidence, part, 0)) for each in given])
+        rows.append((clip.name, len(said), *np.array(said).sum(0).tolist()))
+    title = "joints of resized and moved pictures: named"
+    return Table(title, ("recording", "inputs", *_rows_named(config)), tuple(rows), 0)
+
+
+def _wrong_rows(joints: Tensor, config: Experiment) -> Iterator[Tensor]:
+    """Joints (..., 2) as they are, in pictures of so many times the rows, and moved down."""
+    for scale in (1.0, *config.resized):
+        yield joints * joints.new_tensor([1.0, scale])
+    yield joints + joints.new_tensor([0.0, config.moved])
+
+
+def _rows_named(config: Experiment) -> list[str]:
+    return ["right", *(f"rows x {scale:g}" for scale in config.resized), f"{config.moved} px down"]
+
+
+def _of_people(config: Experiment) -> Table:
+    """The same of each of several people whose joints are all given; and of another recording."""
+    takes = {}
+    for name in ("dev_duo", "dev_trio", "dev_twins"):
+        folders = sorted((config.data / "rendered_multi" / name).glob("person*"))
+        clips = [rendered_views(config.data, name, k) for k in range(1, len(folders) + 1)]
+        views = list(zip(*(_views(clip, config.views) for clip in clips), strict=True))
+        takes[name] = [
+            (view[0][0], torch.stack([v[1] for v in view]), torch.stack([v[2] for v in view]))
+            for view in views
+        ]
+    rows = []
+    for (name, views), (other, theirs) in product(takes.items(), takes.items()):
+        said: list[tuple[bool, ...]] = []
+        for (file, *own), (_, *strange) in zip(views, theirs, strict=False):
+            joints, confidence = own if name == other else strange
+            given = _wrong_rows(joints, config) if name == other else [joints]
+            said += zip(
+                *(_people_said(file, each, confidence, config) for each in given), strict=True
+            )
+        counts = np.array(said).sum(0).tolist()
+        counts += ["-"] * (len(_rows_named(config)) - len(counts))
+        rows.append((name, other, len(said), *counts))
+    title = "joints of all of several people: named, of other recordings without changes"
+    columns = ("video", "joints", "people in views", *_rows_named(config))
+    return Table(title, columns, tuple(rows), 0)
+
+
+def _people_said(
+    file: VideoFile, joints: Tensor, confidence: Tensor, config: Experiment
+) -> list[bool]:
+    """Whether something is said of each person of joints (P, F, 1, 16, 2)."""
+    count = min(config.stretch, joints.shape[1])
+    joints, confidence = joints[:, :count], confidence[:, :count]
+    shown = _View(file, 0, count)
+    return [
+        bool(examine_looks(shown, sure, own, everybody=(joints, confidence)))
+        for own, sure in zip(joints, confidence, strict=True)
+    ]
 
 
 def _row(name: str, views: Sequence[_Seen], config: Experiment) -> tuple[str | int, ...]:

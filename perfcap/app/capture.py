@@ -149,13 +149,14 @@ def _run(
     actors = {name: load_actor(name) for name in request.actor if name != AUTO}
     inputs = replace(read_inputs(request, work), files=call.inputs)
     workers = threads_within(request.memory, inputs.clip.sizes)
+    everybody = None
     if request.everybody:
         found = find_people(request, inputs, list(actors.values()), generic)
         if len(found.people) > 1:
             crowd = Crowd(inputs, found, generic, actors)
             good = run_people(request, folder, crowd, work, said)
             return DONE if good else INCOMPLETE
-        told_of = (*inputs.warnings, *found.notes)
+        everybody, told_of = inputs.detections, (*inputs.warnings, *found.notes)
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
     images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
     given = inputs
@@ -169,6 +170,7 @@ def _run(
         detected=detected,
         people=request.everybody,
         given=not alone,
+        everybody=everybody if inputs.detections is given.detections else None,  # frames moved
     )
     inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
     masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None

@@ -41,6 +41,7 @@ def examined(
     detected: bool,
     people: bool | None = None,
     given: bool = True,
+    everybody: Detections | None = None,
 ) -> Inputs:
     """The inputs with all there is to say of them, which is said before any work is done.
 
@@ -50,12 +51,15 @@ def examined(
         detected: whether the joints were found in these very images.
         people: whether ``--people`` is given; None where there is no such option to advise.
         given: whether the cameras are, not found in these very images.
+        everybody: as of ``examine_take``.
 
     Raises:
         InputError: see ``refuse_wrong`` and ``doubts``.
     """
     refuse_wrong(inputs, detected and people is False)
-    found = doubts(inputs, needs_images=needs_images, detected=detected, people=people)
+    found = doubts(
+        inputs, needs_images=needs_images, detected=detected, people=people, everybody=everybody
+    )
     found += way_doubts(inputs) if given else []
     if detected and people is False and inputs.clip.views > 1:
         found = _advised(found)

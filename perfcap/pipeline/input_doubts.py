@@ -260,8 +260,9 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
         moved = examine_standing(*take, scene.rate, *seen, everybody=crowd)
         late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
         found += moved
-    sure, alone = detections.confidence2d, crowd is None
-    found += late or examine_looks(images.reader, sure, pixels, names, alone=alone)
+    looks = images.reader, detections.confidence2d, pixels, names
+    all_of = None if crowd is None else (torch.from_numpy(crowd[0]), torch.from_numpy(crowd[1]))
+    found += late or examine_looks(*looks, everybody=all_of)
     return found
 
 

@@ -75,6 +75,38 @@ def test_joints_of_another_video() -> None:
     assert found.subject == "right" and "in the same order" in found.remedy
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("stretch", "shift", "words"),
+    [
+        ((1, 0.9), (0, 0), "above where"),
+        ((1, 1), (0, 40), "below where"),
+        ((1, 1), (25, 0), "to the right of where"),
+        ((0.94, 1), (0, 0), "to the left of where"),
+    ],
+)
+def test_joints_of_a_resized_picture(
+    stretch: tuple[float, float], shift: tuple[float, float], words: str
+) -> None:
+    """As of a network's square input, or of a picture that was cropped or padded."""
+    pixels = SEEN.joints2d * torch.tensor(stretch) + torch.tensor(shift)
+    (line,) = said(0, pixels)
+    assert "of the person's size " + words in line
+
+
+@pytest.mark.long
+def test_whom_a_network_sees_may_be_any_of_several_people() -> None:
+    """One who stands before another is seen in the other's place; wrong are joints of nobody."""
+    middle = SEEN.joints2d.mean(-2, keepdim=True)
+    hidden, sure = 2 * middle - SEEN.joints2d, SEEN.confidence2d
+    people = torch.stack((hidden, SEEN.joints2d)), torch.stack((sure, sure))
+    assert examine_looks(CLIP, sure, hidden, everybody=people) == []
+    assert examine_looks(CLIP, sure, SEEN.joints2d, everybody=people) == []
+    people = torch.stack((hidden, SEEN.joints2d + 300)), torch.stack((sure, sure))
+    (found,) = examine_looks(CLIP, sure, hidden, everybody=people)
+    assert "of another video or person" in found.what
+
+
 def test_where_the_network_sees_nobody() -> None:
     """Elsewhere in the image, or never: nothing is nearer than anything else."""
     assert said(5, late(5).joints2d * 0.3) == []

@@ -114,22 +114,21 @@ def examine_take(
         return findings
     there = pixel_map.to_video(detections.joints2d)
     late: list[Finding] = []
+    crowd = None
+    if everybody is not None:
+        crowd = pixel_map.to_video(everybody.joints2d), everybody.confidence2d
     if not rig.cameras.moving:
         seen = there.numpy(), detections.confidence2d.numpy()
-        crowd = None
-        if everybody is not None:
-            places = pixel_map.to_video(everybody.joints2d)
-            crowd = places.numpy(), everybody.confidence2d.numpy()
-        take = clip, rig.names, clip.fps, *seen
-        moved = examine_standing(*take, first=clip.start, rests=rests, everybody=crowd)
+        shown = clip, rig.names, clip.fps, *seen
+        others = None if crowd is None else (crowd[0].numpy(), crowd[1].numpy())
+        moved = examine_standing(*shown, first=clip.start, rests=rests, everybody=others)
         # what else pixels show supposes a camera at rest
         findings += moved
         if not moved and not detected:
             late = examine_footage(clip, clip.sizes, detections, there)
     if not detected:
-        late = late or examine_looks(
-            clip, detections.confidence2d, there, rig.names, alone=alone and everybody is None
-        )
+        take = clip, detections.confidence2d, there, rig.names
+        late = late or examine_looks(*take, alone=alone, everybody=crowd)
     return findings + late
 
 

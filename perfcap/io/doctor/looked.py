@@ -8,8 +8,8 @@ those of the same one, which nothing else shows of one view without 3D poses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import product
 
@@ -37,6 +37,10 @@ _OPPOSITE = 0.4
 # Of joints that the network is sure of, the share near those given, below which they are others:
 # 96 % of those of other recordings are named, and of right ones none but where others pass.
 _SURE, _ENOUGH, _ELSEWHERE = 0.4, 20, 0.35
+# Shares of the person: medians of how far joints are seen from those given, along each axis, and of
+# the deviations from these. Of right joints the first is below, or others stand before the person
+# and the second is above.
+_ASIDE, _ALIKE = 0.045, 0.06
 
 Array = NDArray[np.float64]
 
@@ -48,6 +52,7 @@ def examine_looks(
     names: Sequence[str] = (),
     network: CropNetwork | None = None,
     alone: bool = True,
+    everybody: tuple[Tensor, Tensor] | None = None,
 ) -> list[Finding]:
     """Whether joints are late or early, of the other side, or not of who is seen at all.
 
@@ -60,6 +65,8 @@ def examine_looks(
         names: of several views.
         network: that looks; the shipped one if not given.
         alone: whether the person is; of several, a network may see the one in front.
+        everybody: joints (P, F, C, 16, 2) and confidence (P, F, C, 16) of all of several people, so
+            that whom a network sees may be any of them.
     """
     count = min(len(clip), len(joints2d))
     if count < _FEWEST:
@@ -68,8 +75,8 @@ def examine_looks(
     views = range(joints2d.shape[1])
     most = min(_MOST, max(_FEWEST, _LOOKS // len(views)))
     frames = index[:: max(1, len(index) // most)][:most]
-    places = joints2d[:count].detach().double().cpu().numpy().copy()
-    places[confidence[:count].detach().cpu().numpy() <= _CONFIDENT] = np.nan
+    places = _known(joints2d[:count], confidence[:count])
+    people = places[None] if everybody is None else _known(*everybody)
     network = network or _shipped()
     if network is None:
         return []
@@ -77,19 +84,57 @@ def examine_looks(
     for view, frame in product(views, frames):
         if np.isfinite(places[frame, view]).all(-1).sum() >= _JOINTS:
             image = clip.read_view(view, frame, frame + 1)[0]
-            looks.append(_look(network, image, places[:, view], frame))
+            looks.append(_look(network, image, places[:, view], frame, people[:, frame, view]))
             shown.append(view)
     if len(looks) < _FEWEST:
         return []
-    apart, opposite, sure = (np.stack(each) for each in zip(*looks, strict=True))
-    same, of = apart[:, _SHIFTS], np.array(shown)
-    found = _late(apart) or _exchanged(same, opposite)
+    seen, of = _Looked.all_of(looks), np.array(shown)
+    found = _late(seen.apart) or _exchanged(seen.same, seen.opposite)
     # wrong in every view: they can agree all the same
     found = [replace(each, views=tuple(views)) for each in found]
-    if found or not alone:
+    if found or not (alone or everybody is not None):
         return found
-    shares = [_share(same[of == view], sure[of == view]) for view in views]
-    return _elsewhere(shares, names if len(views) > 1 else ())
+    each = [seen.part(of == view) for view in views]
+    names = names if len(views) > 1 else ()
+    shares = [_share(one.nearest, one.sure) for one in each]
+    return _elsewhere(shares, names) or _beside([_aside(one) for one in each], names)
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """How far what a network sees is from joints, shares of the person; NaN where unknown.
+
+    Attributes:
+        apart: of frames ``_SHIFTS`` S before to as many behind, (N, 2 S + 1, J).
+        opposite: of the other side's joints of the frame, (N, J).
+        nearest: of those of the nearest of all people, (N, J).
+        aside: from those of the frame, (N, J, 2).
+        sure: how sure the network is, (N, J), 0 to 1.
+    """
+
+    apart: Array
+    opposite: Array
+    nearest: Array
+    aside: Array
+    sure: Array
+
+    @property
+    def same(self) -> Array:
+        """Of the joints of the frame, (N, J)."""
+        return self.apart[:, _SHIFTS]
+
+    @classmethod
+    def all_of(cls, looks: Sequence[_Looked]) -> _Looked:
+        """Looks one after another."""
+        return cls(*(np.concatenate(each) for each in zip(*map(_parts, looks), strict=True)))
+
+    def part(self, chosen: NDArray[np.bool_]) -> _Looked:
+        """Some of the looks, by (N,)."""
+        return _Looked(*(each[chosen] for each in _parts(self)))
+
+
+def _parts(looks: _Looked) -> Iterator[Array]:
+    return (getattr(looks, each.name) for each in fields(looks))
 
 
 @cache
@@ -101,28 +146,34 @@ def _shipped() -> CropNetwork | None:
     return OnnxDetector(folder) if folder.is_dir() else None
 
 
-def _look(
-    network: CropNetwork, image: NDArray[np.uint8], places: Array, frame: int
-) -> tuple[Array, Array, Array]:
-    """Distances of what is seen in an image from joints (F, 16, 2) of frames around it.
+def _known(joints: Tensor, confidence: Tensor) -> Array:
+    """Joints (..., 16, 2), NaN where unknown."""
+    places: Array = joints.detach().double().cpu().numpy().copy()
+    places[confidence.detach().cpu().numpy() <= _CONFIDENT] = np.nan
+    return places
 
-    Returns:
-        Shares of the person, (2 S + 1, J), of ``_SHIFTS`` S frames before to as many behind, and
-        (J,) of the other side's joints of its own frame, NaN where unknown; how sure the network
-        is, (J,).
-    """
-    nothing = np.full(len(JUDGED), np.nan)
+
+def _look(
+    network: CropNetwork, image: NDArray[np.uint8], places: Array, frame: int, people: Array
+) -> _Looked:
+    """What is seen in an image (N = 1), from joints (F, 16, 2) and people (P, 16, 2) of it."""
     found = np.full((2 * _SHIFTS + 1, len(JUDGED)), np.nan)
     known = places[frame]
     looked = look_at_known(network, np.ascontiguousarray(image), known)
     if looked is None:
-        return found, nothing, np.zeros(len(JUDGED))
+        nothing = found[:1]
+        unknown = np.full((1, len(JUDGED), 2), np.nan)
+        return _Looked(found[None], nothing, nothing, unknown, np.zeros_like(nothing))
     size = max(float((np.nanmax(known, 0) - np.nanmin(known, 0)).max()), 1e-6)
     first, last = max(0, frame - _SHIFTS), min(len(places), frame + _SHIFTS + 1)
     apart = np.linalg.norm(places[first:last] - looked[0], axis=-1)[:, JUDGED]
     found[first - frame + _SHIFTS : last - frame + _SHIFTS] = apart / size
     opposite = np.linalg.norm(known[OPPOSITE] - looked[0], axis=-1)[JUDGED] / size
-    return found, opposite, looked[1][JUDGED]
+    others = np.linalg.norm(people - looked[0], axis=-1)[:, JUDGED] / size
+    nearest = np.where(np.isfinite(others), others, np.inf).min(0)
+    nearest[np.isinf(nearest)] = np.nan
+    aside = (looked[0] - known)[JUDGED] / size
+    return _Looked(*(each[None] for each in (found, opposite, nearest, aside, looked[1][JUDGED])))
 
 
 def _late(off: Array) -> list[Finding]:
@@ -162,10 +213,10 @@ def _exchanged(same: Array, opposite: Array) -> list[Finding]:
     return [Finding(Severity.ERROR, "detections", what, remedy)]
 
 
-def _share(same: Array, sure: Array) -> float:
+def _share(nearest: Array, sure: Array) -> float:
     """Of joints that the network surely sees in a view, those near the ones given; 1 of too few."""
-    known = np.isfinite(same) & (sure > _SURE)
-    return float((same[known] < NEAR).mean()) if known.sum() >= _ENOUGH else 1.0
+    known = np.isfinite(nearest) & (sure > _SURE)
+    return float((nearest[known] < NEAR).mean()) if known.sum() >= _ENOUGH else 1.0
 
 
 def _elsewhere(shares: Sequence[float], names: Sequence[str]) -> list[Finding]:
@@ -182,4 +233,33 @@ def _elsewhere(shares: Sequence[float], names: Sequence[str]) -> list[Finding]:
     if names:
         remedy += "; and that joints and videos of the views are in the same order"
     subject = ", ".join(names[view] for view in low) if names else "detections"
+    return [Finding(Severity.WARNING, subject, what, remedy)]
+
+
+def _aside(looks: _Looked) -> Array:
+    """Where the network sees joints from those given in a view, (2,); 0 where it sees others."""
+    own = looks.same <= looks.nearest
+    away = looks.aside[own & (looks.sure > _SURE)]
+    if len(away) < _ENOUGH:
+        return np.zeros(2)
+    middle: Array = np.median(away, 0)
+    spread = float(np.median(np.abs(away - middle), 0).max())
+    return middle if spread < _ALIKE and np.abs(middle).max() > _ASIDE else np.zeros(2)
+
+
+def _beside(aside: Sequence[Array], names: Sequence[str]) -> list[Finding]:
+    """A finding where joints lie to one side of where the network sees them, by view."""
+    off = [view for view, each in enumerate(aside) if each.any()]
+    if not off:
+        return []
+    most = max((aside[view] for view in off), key=lambda each: float(np.abs(each).max()))
+    axis = int(np.abs(most).argmax())
+    where = (("left", "right"), ("above", "below"))[axis][int(most[axis] < 0)]
+    where = where if axis else f"to the {where} of"
+    much = f"{abs(most[axis]):.0%} of the person's size"
+    what = f"joints look to lie {much} {where} where a network sees them"
+    remedy = (
+        "give them in the pixels of this very video, not of one that was resized, cropped or padded"
+    )
+    subject = ", ".join(names[view] for view in off) if names else "detections"
     return [Finding(Severity.WARNING, subject, what, remedy)]
