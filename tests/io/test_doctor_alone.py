@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-import torch
-from doctored_views import change_view, detections, one, rig
+import json
+from pathlib import Path
 
+import numpy as np
+import pytest
+import torch
+from doctored_views import NAMES, change_view, detections, one, person, rig
+
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.geometry.rotation import rotvec_to_matrix
-from perfcap.io.doctor import examine_agreement
+from perfcap.io.doctor import Severity, examine_agreement, examine_inputs
 from perfcap.io.doctor.jumps import examine_jumps
 
 
@@ -28,3 +34,30 @@ def test_whom_to_follow_is_asked_of_one_person() -> None:
     several = one(examine_jumps("left", pixels, confidence, alone=False)).remedy
     assert several.endswith("give a part with --frames")
     assert "--person" not in several
+
+
+@pytest.mark.parametrize("apart", [0.0, 1.2])
+def test_another_of_several_people_in_a_view_is_no_error(tmp_path: Path, apart: float) -> None:
+    """Of two people who stand apart, who is the most prominent changes from view to view."""
+    cameras = rig().cameras
+    aside = torch.tensor([0.9, 0.0, 0.3]).double()
+    pixels = torch.stack([cameras.project(person() + k * apart * aside) for k in (0, 1)], 2)
+    views = {
+        name: {"K": k.tolist(), "R": r.tolist(), "t": t.tolist()}
+        for name, k, r, t in zip(
+            NAMES, cameras.intrinsics, cameras.rotation, cameras.translation, strict=True
+        )
+    }
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps({"views": views, "width": 1000, "height": 1000, "fps": 30}))
+    np.savez(
+        tmp_path / "detections.npz",
+        joints2d=pixels.numpy(),
+        confidence2d=np.full(pixels.shape[:-1], 0.9),
+        joint_names=np.array(LANDMARKS),
+        view_names=np.array(NAMES),
+    )
+    found = examine_inputs(path, [tmp_path / "detections.npz"])
+    assert not [each for each in found if each.severity is Severity.ERROR]
+    other = [each for each in found if "another one of the people in a view" in each.remedy]
+    assert bool(other) == (apart > 0)

@@ -27,6 +27,12 @@ EXPECTED = (
     "MediaPipe), keypoints as .npy, or joints of SAM 3D Body, GVHMR or WHAM as .npz"
 )
 
+CROWDED = (
+    "the most prominent person of one view may be another one in the next; --people 1 "
+    "follows the same person in all views, --people auto everybody"
+)
+"""What is said where one of several people is followed in several views."""
+
 
 def read_detections(
     paths: str | Path | Sequence[str | Path],
@@ -70,10 +76,7 @@ def read_detections(
     warnings = [warning for track in mapped for warning in track.warnings]
     crowded = [view for view in found if slots_of(view) > 1]
     if len(found) > 1 and crowded:
-        note.append(
-            "the most prominent person of one view may be another one in the next; --people 1 "
-            "follows the same person in all views, --people auto everybody"
-        )
+        note.append(CROWDED)
     return _stack(mapped, shortest), warnings + note
 
 

@@ -20,7 +20,7 @@ from perfcap.io.calibration import (
     read_pixel_map,
 )
 from perfcap.io.clip import Clip
-from perfcap.io.detections import read_detections
+from perfcap.io.detections import CROWDED, read_detections
 from perfcap.io.doctor.agreement import examine_agreement
 from perfcap.io.doctor.cameras import examine_cameras
 from perfcap.io.doctor.detections import examine_detections
@@ -193,12 +193,26 @@ def _examine_detections(
         if posed is None:
             return [*_warnings("detections", warnings), *findings]
         rig = posed
+    take = examine_take(rig, detections, clip, pixel_map)
+    if CROWDED in warnings:
+        take = [_perhaps_another(each) for each in take]
     return [
         *_warnings("detections", warnings),
         *examine_detections(rig, detections),
-        *examine_take(rig, detections, clip, pixel_map),
+        *take,
         *examine_ways(rig, detections, clip, pixel_map),
     ]
+
+
+def _perhaps_another(finding: Finding) -> Finding:
+    """The same of views in which another person may be followed: no error then, but a doubt."""
+    if not finding.views or finding.severity is not Severity.ERROR:
+        return finding
+    remedy = (
+        f"{finding.remedy}; unless it is another one of the people in a view, as capture --people "
+        "would see"
+    )
+    return replace(finding, severity=Severity.WARNING, remedy=remedy)
 
 
 def _pixel_map(
