@@ -244,13 +244,14 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
             raise InputError(f"{finding.subject}: {finding.what}; {_REMEDY}")
     given, shown = (each.map(Tensor.detach).to(plain) for each in (scene.cameras, images.cameras))
     pixels = _shown_at(given, shown, detections)
-    seen, crowd = (pixels.numpy(), detections.confidence2d.numpy()), None
+    seen, crowd, everybody = (pixels.numpy(), detections.confidence2d.numpy()), None, None
     if len(scene.people) > 1:
         people = [p.detections.finite().map(Tensor.detach).to(plain) for p in scene.people]
-        crowd = (
-            torch.stack([_shown_at(given, shown, each) for each in people]).numpy(),
-            torch.stack([each.confidence2d for each in people]).numpy(),
+        everybody = (
+            torch.stack([_shown_at(given, shown, each) for each in people]),
+            torch.stack([each.confidence2d for each in people]),
         )
+        crowd = everybody[0].numpy(), everybody[1].numpy()
     found += [*halts, *examine_fields(images.reader, names)]
     take = images.reader, names
     late: list[Finding] = []
@@ -261,8 +262,7 @@ def _image_doubts(images: Images, scene: Scene, detections: Detections) -> list[
         late = [] if moved else examine_footage(images.reader, shown.size, detections, pixels)
         found += moved
     looks = images.reader, detections.confidence2d, pixels, names
-    all_of = None if crowd is None else (torch.from_numpy(crowd[0]), torch.from_numpy(crowd[1]))
-    found += late or examine_looks(*looks, everybody=all_of)
+    found += late or examine_looks(*looks, everybody=everybody)
     return found
 
 

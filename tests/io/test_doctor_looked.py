@@ -125,3 +125,15 @@ def test_whatever_the_camera_does() -> None:
         assert any("frames late against the video" in each.what for each in found) == told
     found = examine_take(moving, late(5), CLIP, there, detected=True)
     assert not any("against the video" in each.what for each in found)
+
+
+@pytest.mark.long
+def test_takes_of_several_people() -> None:
+    """Joints of another video are named of people, too, where those of all are known."""
+    upside = replace(SEEN, joints2d=2 * SEEN.joints2d.mean(-2, keepdim=True) - SEEN.joints2d)
+    there = PixelMap(torch.eye(3, dtype=torch.float64)[None])
+    moved = replace(upside, joints2d=upside.joints2d + 200)
+    everybody = Detections.stack((upside, moved))
+    for people, told in ((None, False), (everybody, True)):
+        found = examine_take(RIG, upside, CLIP, there, alone=False, everybody=people)
+        assert any("of another video or person" in each.what for each in found) == told

@@ -159,3 +159,18 @@ def test_joints_that_images_contradict_are_doubted(late: int, other: bool, words
     assert (words in " ".join(told.sentences)) and bool(told.findings) == bool(words)
     doubted = doubting(seen, told.findings).doubted
     assert not words if doubted is None else bool(doubted[late:].all())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("hidden", [False, True])
+def test_joints_of_several_people_that_images_contradict_are_doubted(hidden: bool) -> None:
+    """Upside down they are in the right place; whoever stands before one is no other video."""
+    demo = models_folder() / "demo"
+    clip, rig = Clip.open(demo / "video.mp4"), read_cameras(demo / "camera.json")
+    seen = read_detections([demo / "detections.npz"], views=rig.names)[0].without_poses()
+    upside = replace(seen, joints2d=2 * seen.joints2d.mean(-2, keepdim=True) - seen.joints2d)
+    other = seen if hidden else replace(upside, joints2d=upside.joints2d + 200)
+    people = tuple(Person(make_take(1).actor, each) for each in (upside, other))
+    scene = Scene(rig.cameras, people, clip.fps, Images(clip, rig.cameras))
+    told = scene_doubts(scene, people[0], looked_at=True).sentences
+    assert any("of another video or person" in line for line in told) != hidden
