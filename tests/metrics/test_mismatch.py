@@ -45,6 +45,8 @@ def test_a_truth_with_another_origin(joints: Tensor) -> None:
     (line,) = told(joints + 0.03 * noise + away, joints)
     assert line.startswith("after one shift of all frames by 5 m 1% of the error is left")
     assert told(joints + 0.03 * noise + 0.3 * away, joints) == ()
+    (line,) = told(joints + 0.01 * noise + 0.2 * away, joints)  # as of several views
+    assert line.startswith("after one shift of all frames by 1 m 2% of the error is left")
 
 
 @pytest.mark.parametrize("size", [1 / 0.3048, 0.3])

@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
 from perfcap.detect.look import CropNetwork
 from perfcap.io.clip import FrameReader
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.doctor.footage import lively_frames
+from perfcap.metrics.alignment import HIPS, NECK
 
 _NETWORK = "lightning"  # the fastest of those shipped
 _LOOKS, _MOST, _FEWEST = 48, 16, 6  # in all views; in one, and the fewest that say something
@@ -41,6 +43,8 @@ _SURE, _ENOUGH, _ELSEWHERE = 0.4, 20, 0.35
 # the deviations from these. Of right joints the first is below, or others stand before the person
 # and the second is above.
 _ASIDE, _ALIKE = 0.045, 0.06
+_ANKLES = [LANDMARKS.index(f"{side}_ankle") for side in "rl"]
+_TRUNKS = 3.3  # of which a standing person is as tall
 
 Array = NDArray[np.float64]
 
@@ -164,7 +168,7 @@ def _look(
         nothing = found[:1]
         unknown = np.full((1, len(JUDGED), 2), np.nan)
         return _Looked(found[None], nothing, nothing, unknown, np.zeros_like(nothing))
-    size = max(float((np.nanmax(known, 0) - np.nanmin(known, 0)).max()), 1e-6)
+    size = _size(known)
     first, last = max(0, frame - _SHIFTS), min(len(places), frame + _SHIFTS + 1)
     apart = np.linalg.norm(places[first:last] - looked[0], axis=-1)[:, JUDGED]
     found[first - frame + _SHIFTS : last - frame + _SHIFTS] = apart / size
@@ -174,6 +178,15 @@ def _look(
     nearest[np.isinf(nearest)] = np.nan
     aside = (looked[0] - known)[JUDGED] / size
     return _Looked(*(each[None] for each in (found, opposite, nearest, aside, looked[1][JUDGED])))
+
+
+def _size(known: Array) -> float:
+    """Larger extent of joints (16, 2), px; of who is cut off above the feet, what it would be."""
+    extent = float((np.nanmax(known, 0) - np.nanmin(known, 0)).max())
+    if np.isnan(known[_ANKLES]).any(-1).all():
+        trunk = float(np.linalg.norm(known[NECK] - known[list(HIPS)].mean(0)))
+        extent = max(extent, _TRUNKS * trunk) if np.isfinite(trunk) else 2 * extent
+    return max(extent, 1e-6)
 
 
 def _late(off: Array) -> list[Finding]:
