@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from perfcap.detect.detections import Detections
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.known_person import OPPOSITE
 from perfcap.io.actor import models_folder
 from perfcap.io.calibration import PixelMap, read_cameras
@@ -16,7 +18,7 @@ from perfcap.io.clip import Clip
 from perfcap.io.detections import read_detections
 from perfcap.io.doctor import Severity
 from perfcap.io.doctor.inputs import examine_take
-from perfcap.io.doctor.looked import examine_looks
+from perfcap.io.doctor.looked import _size, examine_looks
 
 DEMO = models_folder() / "demo"
 CLIP = Clip.open([DEMO / "video.mp4"])
@@ -105,6 +107,14 @@ def test_whom_a_network_sees_may_be_any_of_several_people() -> None:
     people = torch.stack((hidden, SEEN.joints2d + 300)), torch.stack((sure, sure))
     (found,) = examine_looks(CLIP, sure, hidden, everybody=people)
     assert "of another video or person" in found.what
+
+
+def test_the_size_of_who_is_cut_off() -> None:
+    whole = SEEN.joints2d[0, 0].double().numpy().copy()
+    cut = whole.copy()
+    legs = [LANDMARKS.index(f"{side}_{part}") for side in "rl" for part in ("knee", "ankle", "toe")]
+    cut[legs] = np.nan
+    assert 0.75 < _size(cut) / _size(whole) < 1.3
 
 
 def test_where_the_network_sees_nobody() -> None:
