@@ -11,7 +11,13 @@ from rich.table import Table
 
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
-from perfcap.app.scores import joint_doubts, joint_scores, joint_tables, mask_scores, surface_scores
+from perfcap.app.scores import joint_scores, joint_tables, surface_scores
+from perfcap.app.silhouettes import (
+    drawn_silhouettes,
+    mask_silhouettes,
+    overlap_scores,
+    silhouette_doubts,
+)
 from perfcap.app.truth import (
     Truth,
     find_truth,
@@ -21,10 +27,11 @@ from perfcap.app.truth import (
     read_truth,
     read_truths,
 )
+from perfcap.app.truth_doubts import image_doubts, joint_doubts
 from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.result import require_one_capture
+from perfcap.io.result import require_one_capture, retargeted_from
 from perfcap.io.result_folder import METRICS, is_several
 from perfcap.io.surface_file import open_surface
 
@@ -121,11 +128,30 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     found = read_found(folder / "motion.npz")
     scores = joint_scores(found, truth)
     notes = [*truth.sequence.warnings, *rate_doubts(found, truth), *joint_doubts(found, truth)]
+    notes += image_doubts(found, truth)
+    source = retargeted_from(folder)
+    if source is not None:
+        notes.append(
+            f"{folder}: is the motion of {source} on another actor, whose bones add to all errors; "
+            f"evaluate {source} for those of the capture"
+        )
+    drawn = None
     if (folder / "surface.npz").is_file():
-        found_scores, remarks = surface_scores(open_surface(folder / "surface.npz"), truth, every)
+        surface = open_surface(folder / "surface.npz")
+        found_scores, remarks = surface_scores(surface, truth, every)
         scores |= found_scores
         notes += remarks
-    scores |= mask_scores(folder / "masks", truth, every)
+        drawn = drawn_silhouettes(surface, truth)
+    if drawn is not None:
+        overlap, remarks = overlap_scores(drawn, every)
+        scores["silhouette_iou"] = overlap["iou"]
+        notes += remarks
+    masks = mask_silhouettes(folder / "masks", truth)
+    if masks is not None:
+        overlap, remarks = overlap_scores(masks, every)
+        scores |= {f"segmentation_{name}": value for name, value in overlap.items()}
+        notes += [line for line in remarks if line not in notes]
+    notes += silhouette_doubts(masks, drawn, scores)
     if not scores:
         raise InputError(
             f"{truth.sequence.folder}: has no truth that {folder} could be compared with; "

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from perfcap.app.capture_folder import for_everybody
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
-from perfcap.app.scores import joint_doubts
 from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
+from perfcap.app.truth_doubts import joint_doubts
 from perfcap.commands.results import Report
 from perfcap.errors import InputError
 from perfcap.io.result_folder import MOTION, PAGE, REPORT, is_several

@@ -69,6 +69,11 @@ class Truth:
     strict: bool
     fps: float | None = None
 
+    def scored(self, joints: Tensor) -> Tensor:
+        """Landmarks (..., 16, 3), NaN where the protocol does not score them."""
+        counted = torch.tensor([name in self.protocol.joints for name in LANDMARKS])
+        return torch.where(counted[:, None], joints, torch.nan)
+
 
 def read_truth(path: Path, dataset: str | None = None, sequence: str | None = None) -> Truth:
     """The truth of a file or folder, or of a sequence of a data set in a folder.

@@ -159,6 +159,14 @@ def read_result(folder: str | Path) -> Result:
     )
 
 
+def retargeted_from(folder: Path) -> str | None:
+    """The result whose motion was put on another actor here; None of a capture, or of no report."""
+    if own_file(folder, REPORT) is None:
+        return None
+    source = _read_report(folder).get("retargeted_from")
+    return None if source is None else str(source)
+
+
 def require_one_capture(folder: Path) -> None:
     """Refuse a folder whose motion, surface and report are of different captures.
 

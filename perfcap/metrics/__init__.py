@@ -31,6 +31,8 @@ from perfcap.metrics.masks import (
     silhouette_scores,
 )
 from perfcap.metrics.mismatch import mismatches
+from perfcap.metrics.mismatch_image import pixel_mismatches, silhouette_mismatches
+from perfcap.metrics.mismatch_surface import surface_mismatches
 from perfcap.metrics.missing import counted_joints
 from perfcap.metrics.motion import (
     LimitViolations,
@@ -80,12 +82,15 @@ __all__ = [
     "mask_overlap",
     "mismatches",
     "penetration",
+    "pixel_mismatches",
     "reprojection_error",
     "root_aligned",
+    "silhouette_mismatches",
     "silhouette_scores",
     "skin_gap",
     "surface_distance",
     "surface_error",
+    "surface_mismatches",
     "torso_size",
     "vertex_error",
 ]

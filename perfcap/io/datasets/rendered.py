@@ -148,12 +148,10 @@ def _on_template(path: Path, vertices: NDArray[np.float64]) -> SurfaceTruth:
     for what, indices in (("faces", faces), ("glb_vertex_map", places)):
         if not ((indices >= 0) & (indices < count)).all():
             raise InputError(f"{path}: {what} name vertices that are not among the {count}")
-    order = np.zeros(count, np.int64)
-    order[places.astype(np.int64)] = np.arange(len(places))
     if template["part_names"].ndim != 1:
         raise InputError(f"{path}: part_names has no axis, expected one name a part")
     loose = [i for i, title in enumerate(template["part_names"]) if str(title) in _LOOSE]
-    return SurfaceTruth(vertices, faces, order, len(places), np.isin(part, loose))
+    return SurfaceTruth(vertices, faces, places.astype(np.int64), np.isin(part, loose))
 
 
 RENDERED = Dataset(

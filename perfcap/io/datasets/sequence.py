@@ -15,6 +15,8 @@ from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
 from perfcap.metrics import Alignment
 
+_SAME = 0.9  # share of the triangles of a mesh that tell it from another
+
 
 @dataclass(frozen=True)
 class Protocol:
@@ -42,16 +44,28 @@ class SurfaceTruth:
     Attributes:
         vertices: (F, V, 3), metres, world.
         faces: (T, 3).
-        order: vertex of the actor's file that shows each of them, (V,).
-        shown: vertices of the actor's file, which splits them where textures have seams.
+        places: which of them each vertex of the actor's file shows, which splits them where
+            textures have seams, (S,).
         loose: which of them are loose cloth, (V,).
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    order: NDArray[np.int64]
-    shown: int
+    places: NDArray[np.int64]
     loose: NDArray[np.bool_]
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """A vertex of the actor's file that shows each of them, (V,)."""
+        order = np.zeros(self.vertices.shape[1], np.int64)
+        order[self.places] = np.arange(len(self.places))
+        return order
+
+    def has_faces(self, faces: NDArray[np.int64]) -> bool:
+        """Whether triangles (T', 3) of the actor's file are those of the template, most of them."""
+        own = {tuple(sorted(face)) for face in self.faces.tolist()}
+        shown = np.sort(self.places[faces], axis=1).tolist()
+        return sum(tuple(face) in own for face in shown) >= _SAME * len(shown)
 
 
 @dataclass(frozen=True, eq=False)
