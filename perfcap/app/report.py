@@ -109,20 +109,32 @@ def write_report(request: Report) -> Path:
         InputError: as ``make_report``; or frames or a truth that cannot be read.
     """
     part = parse_frames(request.frames)
+    truth, notes = _read_truth(request.truth, request.folder)
     wanted = Wanted(
         start=part.start if request.frames is not None else None,
         stop=part.stop,
         places=Places(request.videos, request.cameras),
-        truth=None if request.truth is None else _read_truth(request.truth, request.folder),
+        truth=truth,
+        notes=notes,
     )
     with progress_bars() as tell:
         return make_report(request.folder, wanted, tell)
 
 
-def _read_truth(path: Path, folder: Path) -> dict[int, NDArray[np.float64]]:
-    """True joints (16, 3) m by number of the frame, as ``perfcap evaluate`` takes them."""
+def _read_truth(
+    path: Path | None, folder: Path
+) -> tuple[dict[int, NDArray[np.float64]] | None, tuple[str, ...]]:
+    """True joints (16, 3) m by number of the frame, as ``perfcap evaluate`` takes them.
+
+    Returns:
+        The joints, None without a path, and what looks wrong in them.
+    """
+    if path is None:
+        return None, ()
     true, found = read_found(find_truth(path)), read_found(folder / MOTION)
     require_rate(found, true.fps, true.path)
-    for line in joint_doubts(found, replace(read_truth(path), strict=False)):
-        _LOG.warning("--truth: %s", line)
-    return dict(zip(true.frames.tolist(), true.joints.numpy(), strict=True))
+    doubts = joint_doubts(found, replace(read_truth(path), strict=False))
+    notes = tuple(f"--truth: {line}" for line in doubts)
+    for line in notes:
+        _LOG.warning("%s", line)
+    return dict(zip(true.frames.tolist(), true.joints.numpy(), strict=True)), notes

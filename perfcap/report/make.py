@@ -49,12 +49,14 @@ class Wanted:
         stop: number after the last frame; the capture's last where None.
         places: where inputs lie now.
         truth: true joints by number of the frame, (16, 3) m each, or None.
+        notes: what to say beside the result's own warnings, as of the truth.
     """
 
     start: int | None = None
     stop: int | None = None
     places: Places = field(default_factory=Places)
     truth: dict[int, NDArray[np.float64]] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("start", "stop"):
@@ -108,7 +110,7 @@ def build_page(
         model,
         views,
         Measured(sources, truth, read_angles(result, rows)),
-        [*notes, *model.notes, *sources.notes, *views.notes],
+        [*notes, *wanted.notes, *model.notes, *sources.notes, *views.notes],
     )
 
 

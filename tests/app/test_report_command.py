@@ -72,6 +72,7 @@ def test_a_truth_of_another_world_is_told(
     np.savez(tmp_path / "turned.npz", joints3d=np.stack((x, -z, y), -1))
     done = perfcap(["report", folder, "--truth", tmp_path / "turned.npz"])
     assert done.code == 0 and any("one rotation of all frames" in line for line in done.notes)
+    assert "--truth: after one rotation of all frames" in (folder / PAGE).read_text()
 
 
 def test_frames_that_the_result_lacks_are_told(folder: Path, perfcap: Command) -> None:
