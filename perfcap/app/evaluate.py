@@ -56,6 +56,7 @@ _ROWS = (
     ("surface_transl_garment_mm", "surface, loose cloth alone", "mm"),
     ("vertex_transl_garment_mm", "vertices, loose cloth alone", "mm"),
     ("vertex_abs_mm", "vertices, absolute", "mm"),
+    ("surface_abs_mm", "surface, absolute", "mm"),
     ("silhouette_iou", "outline of the surface, overlap", "%"),
     ("segmentation_iou", "masks, overlap", "%"),
     ("segmentation_precision", "masks, precision", "%"),

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from perfcap.app.truth import FoundJoints, Truth, match_frames, require_rate
-from perfcap.app.truth_doubts import surface_doubts
+from perfcap.app.truth_doubts import mesh_doubts, surface_doubts
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 from perfcap.geometry.camera import Camera
@@ -23,6 +23,7 @@ from perfcap.metrics import (
     joint_table,
     penetration,
     reprojection_error,
+    surface_distance,
     surface_error,
     vertex_error,
 )
@@ -88,14 +89,17 @@ def joint_tables(found: FoundJoints, truth: Truth) -> dict[str, Scores]:
 
 
 def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[Scores, list[str]]:
-    """Errors of the surface where the truth is on the same template.
+    """Errors of the surface where the truth is on the same template, or has any surfaces.
 
     Returns:
-        The errors, and what could not be compared or contradicts the true joints.
+        The errors, and what could not be compared or looks wrong in the true surfaces.
     """
+    rows, others = match_frames(surface.frames, truth, str(surface.path))
+    if truth.sequence.meshes:
+        pairs = list(zip(rows, others, strict=True))[::every]
+        return _mesh_scores(surface, truth, pairs), list(mesh_doubts(surface, truth, pairs))
     if truth.sequence.surface is None:
         return {}, []
-    rows, others = match_frames(surface.frames, truth, str(surface.path))
     true = truth.sequence.surface()
     count = surface.vertices.shape[1]
     if count != len(true.places):
@@ -110,6 +114,27 @@ def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[
         ]
     pairs = list(zip(rows, others, strict=True))[::every]
     return _vertex_scores(surface, true, pairs), surface_doubts(true, truth, others)
+
+
+def _mesh_scores(surface: SurfaceFile, truth: Truth, pairs: Pairs) -> Scores:
+    """Distances to true surfaces whose vertices are not the actor's."""
+    rng = np.random.default_rng(0)
+    errors = []
+    for row, other in pairs:
+        vertices = surface.read(slice(row, row + 1))[0].astype(float)
+        expected, faces = truth.sequence.mesh(other)
+        errors.append(
+            [
+                surface_distance(vertices, surface.faces, expected, faces, rng, translated=aligned)
+                for aligned in (True, False)
+            ]
+        )
+    transl, absolute = np.mean(errors, 0).tolist()
+    return {
+        "surface_transl_mm": transl,
+        "surface_abs_mm": absolute,
+        "mesh_frames": float(len(pairs)),
+    }
 
 
 def _vertex_scores(surface: SurfaceFile, true: SurfaceTruth, pairs: Pairs) -> Scores:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,15 +15,20 @@ from perfcap.io.doctor.body_size import body_size
 from perfcap.io.doctor.doubled import examine_doubled
 from perfcap.io.doctor.sparse import detected_period
 from perfcap.io.doctor.straight import examine_straight
+from perfcap.io.surface_file import SurfaceFile
 from perfcap.metrics import (
     counted_joints,
     mismatches,
     pixel_mismatches,
+    surface_distance,
     surface_mismatches,
 )
 
 _FAR, _NEARER = 0.1, 0.5  # m off, and share of it that another person leaves
 _TALL = 500.0  # px, of a person in the images for which interpolation is looked for
+_LOOKED, _LATE = 4, 3  # frames whose true surfaces are looked at, and frames around each
+_LARGER = 1.4  # than the surface of the result
+_LEFT, _NEAREST = 0.7, 3.0  # share of the distance that other frames leave; mm that they gain
 _AROUND, _MOST = 10, 200  # frames before and after those that are compared; and of a surface
 
 
@@ -111,6 +117,59 @@ def surface_doubts(true: SurfaceTruth, truth: Truth, rows: list[int]) -> list[st
     span = slice(span.start, min(span.stop, span.start + _MOST))
     found = surface_mismatches(torch.from_numpy(true.vertices[span].astype(float)), joints[span])
     return [f"{truth.sequence.folder}: {what}" for what in found]
+
+
+def mesh_doubts(
+    surface: SurfaceFile, truth: Truth, pairs: Sequence[tuple[int, int]]
+) -> Iterator[str]:
+    """That true surfaces with vertices of their own are of another unit, or of other frames.
+
+    Args:
+        surface: of a result.
+        truth: whose surfaces are compared with it.
+        pairs: rows of both.
+    """
+    looked = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, _LOOKED).astype(int))]
+    numbers = truth.sequence.frames.tolist()
+    rows = {number: row for row, number in enumerate(numbers)}
+    apart: dict[int, list[float]] = {lag: [] for lag in range(-_LATE, _LATE + 1)}
+    sizes = []
+    for row, other in looked:
+        vertices = surface.read(slice(row, row + 1))[0].astype(float)
+        for lag, found in apart.items():
+            beside = rows.get(numbers[other] + lag)
+            if beside is None:
+                found.append(np.nan)
+                continue
+            true, faces = truth.sequence.mesh(beside)
+            if lag == 0:
+                sizes.append(np.ptp(true[faces], (0, 1)).max() / np.ptp(vertices, 0).max())
+            rng = np.random.default_rng(0)
+            found.append(
+                surface_distance(
+                    vertices, surface.faces, true, faces, rng, 9000, 900, translated=True
+                )
+            )
+    where, larger = truth.sequence.folder, float(np.median(sizes))
+    if not 1 / _LARGER < larger < _LARGER:
+        yield (
+            f"{where}: true surfaces are {larger:.2g} times as large as that of the result; check "
+            "their unit"
+        )
+        return
+    now = np.array(apart[0])
+    gains = {
+        lag: float(np.nanmean(np.array(found) - now) / np.mean(now))
+        for lag, found in apart.items()
+        if lag != 0 and 2 * np.isfinite(found).sum() >= len(looked)
+    }
+    lag = min(gains, key=lambda each: gains[each], default=0)
+    if lag and 1 + gains[lag] < _LEFT and -gains[lag] * np.mean(now) > _NEAREST:
+        frames = f"{abs(lag)} frame{'s' if abs(lag) > 1 else ''}"
+        yield (
+            f"{where}: with the true surfaces of {frames} {'later' if lag > 0 else 'earlier'} "
+            f"{1 + gains[lag]:.0%} of their distance is left; check the numbers of their files"
+        )
 
 
 def _span(rows: list[int], count: int) -> slice:

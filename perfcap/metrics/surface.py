@@ -92,8 +92,9 @@ def surface_distance(
     rng: np.random.Generator,
     samples: int = 25_000,
     queries: int = 4_000,
+    translated: bool = False,
 ) -> float:
-    """Mean distance of two surfaces of any topology, both ways, without alignment, millimetres.
+    """Mean distance of two surfaces of any topology, both ways, millimetres.
 
     Args:
         vertices: (V, 3) m.
@@ -103,6 +104,7 @@ def surface_distance(
         rng: draws samples and queries.
         samples: points drawn on each surface, by area.
         queries: vertices of each whose distance is measured, at most; those of faces.
+        translated: whether the centroids of both areas are aligned first.
 
     Raises:
         InputError: nothing is drawn, faces index no vertex or span no area, or their vertices are
@@ -114,9 +116,20 @@ def surface_distance(
         used[rng.permutation(len(used))[:queries]]
         for used in (_used(vertices, faces, "faces"), _used(truth, truth_faces, "truth_faces"))
     )
+    if translated:
+        vertices = vertices - _centroid(vertices, faces) + _centroid(truth, truth_faces)
     there = _distance(vertices[asked], truth, truth_faces, rng, samples)
     back = _distance(truth[answered], vertices, faces, rng, samples)
     return 1e3 * float(there.mean() + back.mean()) / 2
+
+
+def _centroid(vertices: Floats, faces: Integers) -> Floats:
+    """Of the area of a surface, (3,), m."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    middle: Floats = (area[:, None] * corners.mean(1)).sum(0) / max(area.sum(), 1e-300)
+    return middle
 
 
 def vertex_error(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from perfcap.errors import InputError
 from perfcap.io.datasets.layout import check_name, matching, present, wrong_layout
-from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
+from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Mesh, Protocol
 from perfcap.io.datasets.skeletool import read_skeletool
 from perfcap.io.files import MEBIBYTE, read_text
 from perfcap.metrics import Alignment
@@ -67,6 +67,7 @@ def read_monoperfcap(folder: Path, name: str) -> DatasetSequence:
         videos=present([place / images for images in _IMAGES]),
         masks=tuple(masks),
         meshes=tuple(meshes),
+        read_mesh=read_surface,
         warnings=(note,),
     )
 
@@ -102,7 +103,7 @@ def _number(path: Path) -> int:
     return int(found[-1]) if found else -1
 
 
-def read_surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_surface(path: Path) -> Mesh:
     """A true surface: vertices (V, 3), metres, and triangles (T, 3).
 
     Raises:

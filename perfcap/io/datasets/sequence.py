@@ -15,6 +15,8 @@ from perfcap.errors import InputError
 from perfcap.io.calibration import CameraRig
 from perfcap.metrics import Alignment
 
+Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+
 _SAME = 0.9  # share of the triangles of a mesh that tell it from another
 
 
@@ -87,6 +89,7 @@ class DatasetSequence:
         videos: what a capture would be given, one a view, as far as the files are there.
         masks: files of true silhouettes in the first view, one a frame; or none.
         meshes: files of true surfaces, one a frame, each with a topology of its own; or none.
+        read_mesh: reads such a file: vertices (V, 3), metres, world, and triangles (T, 3).
         surface: reads the true surface on the actor's template, where there is one.
         others: landmarks of the other people of the recording, by what each is called, (F, 16, 3).
         warnings: what a user should know.
@@ -105,6 +108,7 @@ class DatasetSequence:
     videos: tuple[Path, ...] = ()
     masks: tuple[Path, ...] = ()
     meshes: tuple[Path, ...] = ()
+    read_mesh: Callable[[Path], Mesh] | None = field(default=None, repr=False)
     surface: Callable[[], SurfaceTruth] | None = field(default=None, repr=False)
     warnings: tuple[str, ...] = ()
     rate_known: bool = True
@@ -117,6 +121,16 @@ class DatasetSequence:
         known = self.joints3d.isfinite().all(-1)
         projected = self.rig.cameras.project(self.joints3d.nan_to_num())
         return torch.where(known[:, None, :, None], projected, torch.nan)
+
+    def mesh(self, row: int) -> Mesh:
+        """The true surface of a row, of a topology of its own.
+
+        Raises:
+            InputError: there is none, or its file is none.
+        """
+        if self.read_mesh is None or not self.meshes:
+            raise InputError(f"{self.folder}: {self.name} has no surfaces of their own topology")
+        return self.read_mesh(self.meshes[row])
 
     def counted(self, protocol: Protocol) -> Tensor:
         """Which frames a protocol scores, (F,)."""
