@@ -12,12 +12,7 @@ from rich.table import Table
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
 from perfcap.app.scores import joint_scores, joint_tables, surface_scores
-from perfcap.app.silhouettes import (
-    drawn_silhouettes,
-    mask_silhouettes,
-    overlap_scores,
-    silhouette_doubts,
-)
+from perfcap.app.silhouettes import compare_silhouettes
 from perfcap.app.truth import (
     Truth,
     find_truth,
@@ -136,23 +131,15 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
             f"{folder}: is the motion of {source} on another actor, whose bones add to all errors; "
             f"evaluate {source} for those of the capture"
         )
-    drawn = None
+    surface = None
     if (folder / "surface.npz").is_file():
         surface = open_surface(folder / "surface.npz")
-        found_scores, remarks = surface_scores(surface, truth, every)
-        scores |= found_scores
+        errors, remarks = surface_scores(surface, truth, every)
+        scores |= errors
         notes += remarks
-        drawn = drawn_silhouettes(surface, truth)
-    if drawn is not None:
-        overlap, remarks = overlap_scores(drawn, every)
-        scores["silhouette_iou"] = overlap["iou"]
-        notes += remarks
-    masks = mask_silhouettes(folder / "masks", truth)
-    if masks is not None:
-        overlap, remarks = overlap_scores(masks, every)
-        scores |= {f"segmentation_{name}": value for name, value in overlap.items()}
-        notes += [line for line in remarks if line not in notes]
-    notes += silhouette_doubts(masks, drawn, scores)
+    overlaps, remarks = compare_silhouettes(folder / "masks", surface, truth, every)
+    scores |= overlaps
+    notes += remarks
     if not scores:
         raise InputError(
             f"{truth.sequence.folder}: has no truth that {folder} could be compared with; "

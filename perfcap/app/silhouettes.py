@@ -106,13 +106,54 @@ def _gray(path: Path) -> NDArray[np.uint8]:
     return image
 
 
-def overlap_scores(silhouettes: Silhouettes, every: int) -> tuple[dict[str, float], list[str]]:
-    """Mean of each score, percent, and that true silhouettes are empty where the result's are not.
+def compare_silhouettes(
+    folder: Path, surface: SurfaceFile | None, truth: Truth, every: int
+) -> tuple[dict[str, float], list[str]]:
+    """How well masks of a result, and its surface as drawn, cover the true silhouettes.
 
     Args:
-        silhouettes: both.
+        folder: of the masks.
+        surface: of the result, where it has one.
+        truth: what has the true ones.
         every: compare every so many frames.
+
+    Returns:
+        Scores by name, percent, and mistakes in the true silhouettes, or in the camera of the
+        truth, that those of the result show.
+
+    Raises:
+        InputError: frames do not belong together, or an image cannot be used.
     """
+    scores: dict[str, float] = {}
+    masks = mask_silhouettes(folder, truth)
+    drawn = None if surface is None else drawn_silhouettes(surface, truth)
+    notes: list[str] = []
+    covered = overlap = None
+    if drawn is not None:
+        overlap, notes = _scores(drawn, every)
+        scores["silhouette_iou"] = overlap["iou"]
+    if masks is not None:
+        covered, notes = _scores(masks, every)
+        scores |= {f"segmentation_{name}": value for name, value in covered.items()}
+        notes += _told(masks)
+    if drawn is None or overlap is None or (masks is not None and notes):
+        return scores, notes  # outlines would say what masks say
+    if covered is None or covered["iou"] < 100 * _WELL:
+        return scores, notes + _told(drawn)
+    # A surface that is a little aside is the result's own fault; one with more or fewer clothes
+    # than the person holds all of the silhouette, or lies within it
+    holds = max(overlap["precision"], overlap["recall"])
+    if overlap["iou"] < covered["iou"] - 100 * _WORSE and holds < 100 * _WELL:
+        notes.append(
+            f"masks of the result overlap with the true ones at {covered['iou']:.0f} %, its "
+            f"surface, drawn in the camera of the truth, at {overlap['iou']:.0f} %; check that "
+            "this is the camera of the capture, and its world"
+        )
+    return scores, notes
+
+
+def _scores(silhouettes: Silhouettes, every: int) -> tuple[dict[str, float], list[str]]:
+    """Mean of each score, percent, and that true silhouettes alone are empty."""
     found, empty = [], 0
     for mask, true in silhouettes.every(every):
         found.append(silhouette_scores(torch.tensor(mask), torch.tensor(true)))
@@ -126,34 +167,7 @@ def overlap_scores(silhouettes: Silhouettes, every: int) -> tuple[dict[str, floa
     return scores, notes if empty else []
 
 
-def silhouette_doubts(
-    masks: Silhouettes | None, drawn: Silhouettes | None, scores: dict[str, float]
-) -> list[str]:
-    """Mistakes in true silhouettes, or in the camera of the truth, that a result's show.
-
-    Args:
-        masks: of the result.
-        drawn: of its surface.
-        scores: ``silhouette_iou`` and ``segmentation_iou``, percent.
-    """
-    told = _told(masks)
-    well, surface = (scores.get(f"{what}_iou", 0.0) for what in ("segmentation", "silhouette"))
-    if drawn is None or told:  # outlines would say the same
-        return told
-    if well < 100 * _WELL:
-        return _told(drawn)
-    if surface < well - 100 * _WORSE:  # a surface that is a little aside is the result's own fault
-        return [
-            f"masks of the result overlap with the true ones at {well:.0f} %, its surface, drawn "
-            f"in the camera of the truth, at {surface:.0f} %; check that this is the camera of the "
-            "capture, and its world"
-        ]
-    return []
-
-
-def _told(silhouettes: Silhouettes | None) -> list[str]:
-    if silhouettes is None:
-        return []
+def _told(silhouettes: Silhouettes) -> list[str]:
     pairs = silhouettes.pairs
     looked = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, _LOOKED).astype(int))]
     numbers = {row: number for number, row in silhouettes.rows.items()}

@@ -121,3 +121,18 @@ def test_motion_on_another_actor_is_named(truth: Path, result: Path, perfcap: Co
     assert perfcap(["evaluate", result, "--truth", truth]).code == 0
     (note,) = metrics_of(result)["notes"]
     assert "is the motion of takes/walk on another actor" in note
+
+
+def test_a_surface_without_the_person_s_clothes_is_not_the_camera_s_fault(
+    truth: Path, result: Path, perfcap: Command
+) -> None:
+    with np.load(truth / "gt.npz") as file:
+        vertices = file["vertices"]
+    with np.load(truth / "template.npz") as file:
+        shown = vertices[:, file["glb_vertex_map"]]
+    middle = shown.mean(1, keepdims=True)
+    thin = middle + (shown - middle) * [0.5, 0.7, 0.7]
+    save_surface(result / "surface.npz", [thin], TRIANGLES, np.arange(2), 30.0)
+    assert perfcap(["evaluate", result, "--truth", truth]).code == 0
+    found = metrics_of(result)
+    assert found["silhouette_iou"] < 60 < 100 == found["segmentation_iou"] and not found["notes"]
