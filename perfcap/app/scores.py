@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from perfcap.app.truth import FoundJoints, Truth, match_frames, require_rate
@@ -53,6 +54,9 @@ def joint_scores(found: FoundJoints, truth: Truth) -> Scores:
     rows, others = match_frames(found.frames, truth, str(found.path))
     estimate, true = found.joints[rows], truth.scored(sequence.joints3d[others])
     errors = joint_errors(estimate, true, found.rate, partial=True)
+    # frames beside a gap are no neighbours
+    moving, expected = (_with_gaps(points, found.frames[rows]) for points in (estimate, true))
+    motion = joint_errors(moving, expected, found.rate, partial=True)
     named = {
         "frames_scored": errors.frames,
         "frames_missing": errors.missing,
@@ -64,14 +68,22 @@ def joint_scores(found: FoundJoints, truth: Truth) -> Scores:
         "mpjpe_first_frame_mm": errors.mpjpe_first_frame,
         "pck3d_150": errors.pck,
         "auc3d": errors.auc,
-        "accel_err_mm_per_frame2": errors.acceleration_error,
-        "jitter_jerk_m_s3": errors.jerk,
-        "jitter_jerk_gt_m_s3": errors.jerk_truth,
+        "accel_err_mm_per_frame2": motion.acceleration_error,
+        "jitter_jerk_m_s3": motion.jerk,
+        "jitter_jerk_gt_m_s3": motion.jerk_truth,
         "bone_length_std_mm": bone_length_variation(estimate, _LIMBS),
-        **_contact(estimate, true, found.rate),
+        **_contact(moving, expected, found.rate),
         **_reprojection(estimate, truth, others),
     }
     return {name: float(value) for name, value in named.items() if value.isfinite()}
+
+
+def _with_gaps(points: Tensor, frames: NDArray[np.int64]) -> Tensor:
+    """Joints (F, 16, 3) with an unknown frame wherever the numbers of their frames jump."""
+    jumps = (np.diff(frames) != 1).nonzero()[0] + 1
+    unknown = torch.full_like(points[:1], torch.nan)
+    pieces = torch.tensor_split(points, jumps.tolist())
+    return torch.cat([part for piece in pieces for part in (piece, unknown)][:-1])
 
 
 def joint_tables(found: FoundJoints, truth: Truth) -> dict[str, Scores]:

@@ -26,6 +26,9 @@ from perfcap.metrics import (
 
 _FAR, _NEARER = 0.1, 0.5  # m off, and share of it that another person leaves
 _TALL = 500.0  # px, of a person in the images for which interpolation is looked for
+_SPREAD = 5  # joints of a frame, or frames, that show it
+_FLAT = 0.005  # m; people are 0.05 and more thick
+_MIDDLE = 0.001  # m; right knees and elbows bend, and are not half-way
 _LOOKED, _LATE = 4, 3  # frames whose true surfaces are looked at, and frames around each
 _LARGER = 1.4  # than the surface of the result
 _LEFT, _NEAREST = 0.7, 3.0  # share of the distance that other frames leave; mm that they gain
@@ -72,6 +75,8 @@ def _others(
 
 def _made_up(true: Tensor, valid: Tensor) -> Iterator[str]:
     """That joints of a truth are copies of others, or were put in between for some frames."""
+    yield from _flat(true, valid)
+    yield from _halfway(true, valid)
     for copied in examine_doubled("", true, valid, true=True):
         yield (
             f"the truth: {copied.what}, and its error says nothing; give the places that were "
@@ -86,6 +91,38 @@ def _made_up(true: Tensor, valid: Tensor) -> Iterator[str]:
             f"the truth: {what}; errors there are those of what was put in between, give what was "
             "measured in every frame"
         )
+
+
+def _flat(true: Tensor, valid: Tensor) -> Iterator[str]:
+    """Joints in one plane, as of a program that finds them in images alone."""
+    known = torch.where(valid[..., None], true, torch.nan)
+    apart = (known - known.nanmean(1, keepdim=True)).nan_to_num()
+    enough = valid.sum(-1) >= _SPREAD
+    if not bool(enough.any()):
+        return
+    thin = torch.linalg.svdvals(apart[enough])[:, -1] / valid[enough].sum(-1).sqrt()
+    if float(thin.median()) < _FLAT:
+        yield (
+            "the joints of each frame of the truth lie in one plane, as those of a program that "
+            "finds them in images; give places in space"
+        )
+
+
+def _halfway(true: Tensor, valid: Tensor) -> Iterator[str]:
+    """Knees and elbows that were put in the middle of their neighbours."""
+    for first, middle, last in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
+        for side in "rl":
+            rows = [LANDMARKS.index(f"{side}_{name}") for name in (first, middle, last)]
+            seen = valid[:, rows].all(-1)
+            if int(seen.sum()) < _SPREAD:
+                continue
+            start, joint, end = true[seen][:, rows].unbind(1)
+            off = (joint - 0.5 * (start + end)).norm(dim=-1)
+            if float(off.quantile(0.9)) < _MIDDLE:
+                yield (
+                    f"{side}_{middle} of the truth lies in the middle between {first} and {last}, "
+                    "as if it was not measured; give the places that were, or leave it out"
+                )
 
 
 def image_doubts(found: FoundJoints, truth: Truth) -> list[str]:

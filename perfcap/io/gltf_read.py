@@ -117,7 +117,11 @@ def _assemble(
     index[bones] = np.arange(len(bones))
     vertices, faces = joined(parts)
     texture, coordinates = one_texture(
-        document, [part.material for part in parts], [part.uv for part in parts], notes
+        document,
+        [part.material for part in parts],
+        [part.uv for part in parts],
+        notes,
+        [part.faces for part in parts],
     )
     weight_bones, weights = _stack_weights(parts)
     parents = np.array([_parent_bone(tree, node, index, rest) for node in bones])

@@ -20,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.image_file import image_size
+from perfcap.io.texture_tiles import in_one_tile
 from perfcap.io.vertex_colors import colors_to_texture, read_colors, to_linear, to_srgb
 
 Floats = NDArray[np.float64]
@@ -32,6 +33,7 @@ _PATCH = 16  # px, side of a material of one colour
 _BORDER = 4  # px around each image, so that filters see nothing of its neighbours
 _JPEG_QUALITY = 95
 _WHITE = (1.0, 1.0, 1.0)
+_FEW = 0.01  # of the triangles of a part
 _SEEN = 0.5  # of alpha, where the file says no other
 _OF_VERTICES = -1  # number of the image that is made of their colours
 
@@ -162,6 +164,7 @@ def one_texture(
     materials: Sequence[Material],
     coordinates: Sequence[Floats | None],
     notes: list[Finding],
+    faces: Sequence[NDArray[np.int64]] | None = None,
 ) -> tuple[bytes | None, list[Floats | None]]:
     """An encoded image for all parts, and the parts' coordinates in it.
 
@@ -170,6 +173,7 @@ def one_texture(
         materials: of the parts.
         coordinates: of the parts, (v, 2) with the origin at the top left, or None.
         notes: where to say what had to be done.
+        faces: of the parts, (t, 3); all vertices count where they are not given.
 
     Raises:
         InputError: an image is too large to be decoded.
@@ -197,7 +201,7 @@ def one_texture(
             f"the images and colours of {len(kinds)} materials are put into one texture",
         )
     )
-    return _sheet(source, kinds, encoded, painted, coordinates)
+    return _sheet(source, kinds, encoded, painted, coordinates, faces, notes)
 
 
 def _with_colors(
@@ -245,6 +249,8 @@ def _sheet(
     encoded: dict[int, bytes],
     painted: Sequence[Material],
     coordinates: Sequence[Floats | None],
+    faces: Sequence[NDArray[np.int64]] | None,
+    notes: list[Finding],
 ) -> tuple[bytes, list[Floats | None]]:
     """All materials in one image, and coordinates in it."""
     tiles = [_tile(source, kind, encoded) for kind in kinds]
@@ -254,13 +260,27 @@ def _sheet(
         framed = np.pad(tile, ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), mode="edge")
         sheet[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
     moved: list[Floats | None] = []
-    for material, uv in zip(painted, coordinates, strict=True):
+    beyond = []
+    for part, (material, uv) in enumerate(zip(painted, coordinates, strict=True)):
         number = kinds.index(material)
         rows, columns = tiles[number].shape[:2]
         top, left = places[number]
-        inside = np.full((1, 2), 0.5) if uv is None or material.image is None else _inside(uv)
+        inside = np.full((1, 2), 0.5)
+        if uv is not None and material.image is not None:
+            inside, share = in_one_tile(uv, None if faces is None else faces[part])
+            beyond.append(share)
         local = inside * (columns, rows) + (left + _BORDER, top + _BORDER)
         moved.append(np.broadcast_to(local / (width, height), (1 if uv is None else len(uv), 2)))
+    if max(beyond, default=0.0) > _FEW:
+        notes.append(
+            Finding(
+                Severity.WARNING,
+                "materials",
+                f"{max(beyond):.0%} of the triangles of a part reach beyond one copy of its image, "
+                "which repeats there, and show the image's edge",
+                "bake the images into one that does not repeat",
+            )
+        )
     jpeg = all(_is_jpeg(data) for data in encoded.values())
     return _written(sheet, jpeg), moved
 
@@ -281,11 +301,6 @@ def _is_jpeg(data: bytes) -> bool:
 def _written(image: Image, jpeg: bool) -> bytes:
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if jpeg else []
     return cv2.imencode(".jpg" if jpeg else ".png", image, options)[1].tobytes()
-
-
-def _inside(uv: Floats) -> Floats:
-    """Coordinates of one tile of a repeated image; what reaches beyond it is clamped."""
-    return np.asarray(np.clip(uv - np.floor(0.5 * (uv.min(0) + uv.max(0))), 0.0, 1.0))
 
 
 def _tile(source: ImageSource, kind: Material, encoded: dict[int, bytes]) -> Image:

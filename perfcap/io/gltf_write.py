@@ -22,7 +22,7 @@ from perfcap.io.gltf_scene import UPRIGHT
 Floats = NDArray[np.float64]
 _Track = tuple[int, str, Floats]  # node, what moves of it, and its values at the keys
 
-_TRIANGLES, _LINEAR, _LINEAR_MIPMAP, _CLAMP = 4, 9729, 9987, 33071
+_TRIANGLES, _LINEAR, _LINEAR_MIPMAP, _REPEAT = 4, 9729, 9987, 10497
 _STILL = 1e-6  # metres, or quaternion entries: less movement than this gets no channel
 _RIGID_TOLERANCE = 1e-3
 
@@ -251,7 +251,12 @@ def _material(buffer: Buffer, template: Template) -> Object:
         return {"materials": [material]}
     surface["baseColorTexture"] = {"index": 0}
     view = buffer.add_bytes(template.texture)
-    sampler = {"magFilter": _LINEAR, "minFilter": _LINEAR_MIPMAP, "wrapS": _CLAMP, "wrapT": _CLAMP}
+    sampler = {
+        "magFilter": _LINEAR,
+        "minFilter": _LINEAR_MIPMAP,
+        "wrapS": _REPEAT,
+        "wrapT": _REPEAT,
+    }
     return {
         "materials": [material],
         "textures": [{"sampler": 0, "source": 0}],

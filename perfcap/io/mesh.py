@@ -246,7 +246,11 @@ def _read_gltf(path: Path) -> BareMesh:
     if not parts:
         raise document.error("has no mesh")
     texture, coordinates = one_texture(
-        document, [part.material for part in parts], [part.uv for part in parts], notes
+        document,
+        [part.material for part in parts],
+        [part.uv for part in parts],
+        notes,
+        [part.faces for part in parts],
     )
     vertices, faces = joined(parts)
     return BareMesh(vertices, faces, joined_uv(parts, coordinates), texture, path.stem)

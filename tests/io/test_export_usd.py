@@ -107,6 +107,8 @@ def test_names_textures_and_turns(recording: Recording, tmp_path: Path) -> None:
     assert skeleton.GetJointNamesAttr().Get()[0] == "mixamorig:Hips"
     asset = UsdShade.Shader(prims["texture"]).GetInput("file").Get()
     assert isinstance(asset, Sdf.AssetPath) and Path(asset.resolvedPath).read_bytes() == PNG
+    wraps = [UsdShade.Shader(prims["texture"]).GetInput(f"wrap{axis}").Get() for axis in "ST"]
+    assert wraps == ["repeat", "repeat"]
     clip = UsdSkel.Animation(prims["clip"]).GetRotationsAttr()
     turns = np.array([[(q.GetReal(), *q.GetImaginary()) for q in clip.Get(t)]
                       for t in range(FRAMES)])  # fmt: skip

@@ -224,6 +224,8 @@ def test_what_is_saved_is_what_was_given(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.faces, template.faces)
     assert back.bone_names == template.bone_names
     assert back.texture == template.texture
+    (sampler,) = open_document(path).tree["samplers"]
+    assert sampler["wrapS"] == sampler["wrapT"] == 10497  # repeated, as perfcap draws them
 
 
 def test_the_file_plays_the_motion(tmp_path: Path) -> None:

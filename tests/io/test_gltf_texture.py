@@ -125,6 +125,41 @@ def test_tiles_further_along_are_the_same_tile() -> None:
     np.testing.assert_array_equal(seen(texture, moved[1]), pictures[1].reshape(-1, 3))
 
 
+def grid(count: int) -> np.ndarray:
+    """Triangles of a strip of so many vertices."""
+    first = np.arange(count - 2)
+    return np.stack((first, first + 1, first + 2), 1)
+
+
+def test_pieces_find_their_own_tiles_by_the_vertices_of_their_triangles() -> None:
+    pictures = [gradient(8, 8, 10), gradient(8, 8, 200)]
+    source = Source(tuple(encoded(picture) for picture in pictures))
+    uv = middles(8, 8)
+    further = [uv + np.array(tiles) for tiles in ((0, 0), (1, 0), (0, -3))]
+    shared = np.concatenate((*further, [[5.0, 9.0]]))  # one is used by none
+    faces = [grid(64), np.concatenate((grid(64) + 64, grid(64) + 128))]
+    notes: list[Finding] = []
+    texture, moved = one_texture(
+        source, [Material(0, WHITE), Material(1, WHITE)], [shared, shared], notes, faces
+    )
+    assert texture is not None and moved[0] is not None and moved[1] is not None
+    np.testing.assert_array_equal(seen(texture, moved[0][:64]), pictures[0].reshape(-1, 3))
+    for piece in (slice(64, 128), slice(128, 192)):
+        np.testing.assert_array_equal(seen(texture, moved[1][piece]), pictures[1].reshape(-1, 3))
+    assert not any("beyond one copy" in note.what for note in notes)
+
+
+@pytest.mark.parametrize(("repeats", "said"), [(1, False), (3, True)])
+def test_images_that_repeat_within_a_piece_are_told(repeats: int, said: bool) -> None:
+    pictures = [gradient(8, 8, 10), gradient(8, 8, 200)]
+    source = Source(tuple(encoded(picture) for picture in pictures))
+    uv = middles(8, 8)
+    notes: list[Finding] = []
+    kinds = [Material(0, WHITE), Material(1, WHITE)]
+    one_texture(source, kinds, [uv, repeats * uv], notes, [grid(64), grid(64)])
+    assert any("beyond one copy of its image" in note.what for note in notes) is said
+
+
 def test_no_image_is_no_texture() -> None:
     assert one_texture(Source(()), [Material(None, WHITE)], [None], [])[0] is None
     notes: list[Finding] = []

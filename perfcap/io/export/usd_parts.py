@@ -189,7 +189,7 @@ def _paint(scene: Scene, mesh: Prim, template: Template, texture: str | None) ->
     image.CreateInput("file", types.Asset).Set(f"./{texture}")
     image.CreateInput("sourceColorSpace", types.Token).Set("sRGB")
     for wrap in ("wrapS", "wrapT"):
-        image.CreateInput(wrap, types.Token).Set("clamp")
+        image.CreateInput(wrap, types.Token).Set("repeat")
     found = reader.CreateOutput("result", types.Float2)
     image.CreateInput("st", types.Float2).ConnectToSource(found)
     color.ConnectToSource(image.CreateOutput("rgb", types.Float3))
