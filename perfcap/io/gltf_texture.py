@@ -20,7 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.image_file import image_size
-from perfcap.io.texture_tiles import in_one_tile
+from perfcap.io.texture_tiles import Mirrored, in_one_tile, mirrored
 from perfcap.io.vertex_colors import colors_to_texture, read_colors, to_linear, to_srgb
 
 Floats = NDArray[np.float64]
@@ -89,25 +89,25 @@ def read_blend(document: Document, primitive: Object) -> Blend | None:
     return Blend(float(_painted_by(document, material)[0][3]), float(cutoff))
 
 
-def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats]:
-    """Material of a primitive, its set of texture coordinates, and their transform (2, 3)."""
-    identity = np.eye(2, 3)
+def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats, Mirrored]:
+    """Material of a primitive, its texture coordinates: which, their transform (2, 3), folds."""
+    identity, plain = np.eye(2, 3), (False, False)
     if "material" not in primitive:
-        return _without_image(document, primitive, np.ones(3)), 0, identity
+        return _without_image(document, primitive, np.ones(3)), 0, identity, plain
     material = document.item("materials", primitive["material"])
     factor, reference = _painted_by(document, material)
     light = np.clip(factor[:3], 0, 1)
     if reference is None:
-        return _without_image(document, primitive, light), 0, identity
+        return _without_image(document, primitive, light), 0, identity, plain
     texture = document.item("textures", reference.get("index"))
     coordinate, transform = _coordinates(document, reference)
     source = texture.get("source")
     for other in _extensions(texture).values() if source is None else ():
         source = other.get("source")  # WebP and the like, which are named when they are decoded
     if source is None:
-        return _without_image(document, primitive, light), coordinate, identity
+        return _without_image(document, primitive, light), coordinate, identity, plain
     number = document.integer(source, "texture.source", 0, len(document.items("images")) - 1)
-    return Material(number, _triple(light)), coordinate, transform
+    return Material(number, _triple(light)), coordinate, transform, mirrored(document, texture)
 
 
 def _painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:

@@ -7,10 +7,31 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from perfcap.io.gltf_document import Document, Object
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+Mirrored = tuple[bool, bool]  # along u and v
+
 _SLACK = 1e-3
+_MIRRORED_REPEAT = 33648
+
+
+def mirrored(document: Document, texture: Object) -> Mirrored:
+    """Along which axes every second copy of a texture is its mirror image."""
+    if "sampler" not in texture:
+        return False, False
+    sampler = document.item("samplers", texture["sampler"])
+    return sampler.get("wrapS") == _MIRRORED_REPEAT, sampler.get("wrapT") == _MIRRORED_REPEAT
+
+
+def folded(uv: Floats, axes: Mirrored) -> Floats:
+    """Coordinates (v, 2) in the first copy of an image whose further ones are mirrored."""
+    moved = uv.copy()
+    for axis in np.flatnonzero(axes):
+        moved[:, axis] = np.abs(uv[:, axis] - 2 * np.round(uv[:, axis] / 2))
+    return moved
 
 
 def in_one_tile(uv: Floats, faces: Integers | None) -> tuple[Floats, float]:

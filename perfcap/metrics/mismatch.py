@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -72,10 +73,13 @@ def _mistakes(
 ) -> tuple[str, ...]:
     """Those that take most of the error away, or leave poses that have nothing in common."""
     far = _error(estimate, truth, valid) >= _FAR
+    step = _step(named.frames)
     told = tuple(sizes_in_parts(estimate, truth, valid, named))
     if not told:  # a frame or two are most of the error of a good capture, and less than far
         explain = (
-            _explained(estimate, truth, valid, mirrored) if far else _late(estimate, truth, valid)
+            _explained(estimate, truth, valid, mirrored, step)
+            if far
+            else _late(estimate, truth, valid, step)
         )
         told = tuple(explain)
     told = told or tuple(explained_in_parts(estimate, truth, valid, mirrored, named))
@@ -93,6 +97,12 @@ def _mistakes(
             "that the truth is of this clip and person",
         )
     return ()
+
+
+def _step(frames: Sequence[int]) -> int:
+    """By how much the numbers of frames grow from row to row, mostly."""
+    steps = sorted(after - before for before, after in pairwise(frames))
+    return max(steps[len(steps) // 2], 1) if steps else 1
 
 
 def _in_common(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
@@ -117,7 +127,7 @@ def _in_common(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
 
 
 def _explained(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int]
+    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], step: int
 ) -> Iterator[str]:
     now = _error(estimate, truth, valid)
     larger = _size(truth, valid) / max(_size(estimate, valid), _STILL)
@@ -129,7 +139,7 @@ def _explained(
     yield from _relative(estimate, truth, valid)
     rate, left = _best_rate(estimate, truth, valid)
     if left >= min(_LEFT, _best_lag(estimate, truth, valid, _error)[1]):
-        yield from _late(estimate, truth, valid)
+        yield from _late(estimate, truth, valid, step)
     else:
         yield (
             f"with a truth of {rate:.3g} times the frame rate {left:.0%} of the error is left; "
@@ -213,7 +223,7 @@ def _relative(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
             return
 
 
-def _late(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
+def _late(estimate: Tensor, truth: Tensor, valid: Tensor, step: int) -> Iterator[str]:
     """A truth of frames a little later or earlier, by places or, in any world, by poses."""
     lag, left = _best_lag(estimate, truth, valid, _error)
     aligned = ""
@@ -221,7 +231,8 @@ def _late(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
         lag, left = _best_lag(estimate, truth, valid, _aligned)
         aligned = ", aligned frame by frame"
     if left < (_LATE if aligned else _LEFT):
-        frames = f"{abs(lag)} frame{'s' if abs(lag) > 1 else ''}"
+        count = step * abs(lag)
+        frames = f"{count} frame{'s' if count > 1 else ''}"
         yield (
             f"with the truth of {frames} {'later' if lag > 0 else 'earlier'} {left:.0%} of the "
             f"error is left{aligned}; check the numbers of its frames"

@@ -151,6 +151,31 @@ def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.uv, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("wraps", "expected"),
+    [
+        ({}, [[1.25, -0.25], [2.25, -0.25], [1.25, 0.75], [2.25, 0.75]]),
+        (
+            {"wrapS": 10497, "wrapT": 33071},
+            [[1.25, -0.25], [2.25, -0.25], [1.25, 0.75], [2.25, 0.75]],
+        ),
+        ({"wrapS": 33648}, [[0.75, -0.25], [0.25, -0.25], [0.75, 0.75], [0.25, 0.75]]),
+        (
+            {"wrapS": 33648, "wrapT": 33648},
+            [[0.75, 0.25], [0.25, 0.25], [0.75, 0.75], [0.25, 0.75]],
+        ),
+    ],
+)
+def test_images_that_repeat_in_a_mirror_are_folded(
+    tmp_path: Path, wraps: dict[str, int], expected: list[list[float]]
+) -> None:
+    builder = based(extensions={"KHR_texture_transform": {"offset": [1.25, -0.25]}})
+    builder.tree["samplers"] = [wraps]
+    builder.tree["textures"][0]["sampler"] = 0
+    found = character(builder, tmp_path).template
+    np.testing.assert_allclose(found.uv, expected, atol=1e-6)
+
+
 def test_a_transform_names_coordinates_of_its_own(tmp_path: Path) -> None:
     builder = based(extensions={"KHR_texture_transform": {"texCoord": 1}})
     found = character(builder, tmp_path).template

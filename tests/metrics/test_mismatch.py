@@ -62,6 +62,14 @@ def test_frames_that_are_late(joints: Tensor) -> None:
     assert "5 frames later" in line
 
 
+def test_frames_that_are_late_are_counted_by_their_numbers(joints: Tensor) -> None:
+    """Where every third frame has truth, a row later is three frames."""
+    found, true = joints[::3][1:], joints[::3][:-1]
+    valid = torch.ones(true.shape[:-1], dtype=torch.bool)
+    (line,) = mismatches(found, true, valid, ORDER, frames=range(3, 60, 3))
+    assert "with the truth of 3 frames later" in line
+
+
 @pytest.mark.parametrize("elsewhere", [False, True])
 @pytest.mark.parametrize("late", [-1, 1])
 def test_one_frame_is_most_of_the_error_of_a_good_capture(
