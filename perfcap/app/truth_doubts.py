@@ -23,11 +23,12 @@ from perfcap.metrics import (
     surface_distance,
     surface_mismatches,
 )
+from perfcap.metrics.lags import in_words
 
 _FAR, _NEARER = 0.1, 0.5  # m off, and share of it that another person leaves
 _TALL = 500.0  # px, of a person in the images for which interpolation is looked for
 _SPREAD = 5  # joints of a frame, or frames, that show it
-_FLAT = 0.005  # m; people are 0.05 and more thick
+_FLAT = 0.005  # m; no person is as thin
 _MIDDLE = 0.001  # m; right knees and elbows bend, and are not half-way
 _LOOKED, _LATE = 4, 3  # frames whose true surfaces are looked at, and frames around each
 _LARGER = 1.4  # than the surface of the result
@@ -196,16 +197,15 @@ def mesh_doubts(
         return
     now = np.array(apart[0])
     gains = {
-        lag: float(np.nanmean(np.array(found) - now) / np.mean(now))
+        lag: float(np.nanmean(np.array(found) - now) / max(np.mean(now), 1e-9))
         for lag, found in apart.items()
         if lag != 0 and 2 * np.isfinite(found).sum() >= len(looked)
     }
     lag = min(gains, key=lambda each: gains[each], default=0)
     if lag and 1 + gains[lag] < _LEFT and -gains[lag] * np.mean(now) > _NEAREST:
-        frames = f"{abs(lag)} frame{'s' if abs(lag) > 1 else ''}"
         yield (
-            f"{where}: with the true surfaces of {frames} {'later' if lag > 0 else 'earlier'} "
-            f"{1 + gains[lag]:.0%} of their distance is left; check the numbers of their files"
+            f"{where}: with the true surfaces of {in_words(lag)} {1 + gains[lag]:.0%} of their "
+            "distance is left; check the numbers of their files"
         )
 
 

@@ -27,7 +27,10 @@ def mirrored(document: Document, texture: Object) -> Mirrored:
 
 
 def folded(uv: Floats, axes: Mirrored) -> Floats:
-    """Coordinates (v, 2) in the first copy of an image whose further ones are mirrored."""
+    """Coordinates (v, 2) in the first copy of an image whose further ones are mirrored.
+
+    Exact where no triangle crosses the edge of a copy, as of a character with one half painted.
+    """
     moved = uv.copy()
     for axis in np.flatnonzero(axes):
         moved[:, axis] = np.abs(uv[:, axis] - 2 * np.round(uv[:, axis] / 2))

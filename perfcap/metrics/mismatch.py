@@ -10,6 +10,7 @@ from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes, similarity_align
 from perfcap.metrics.alignment import HIPS, NECK, root_of
+from perfcap.metrics.lags import in_words, overlap
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 from perfcap.metrics.mismatch_repeats import repeats
 
@@ -231,11 +232,9 @@ def _late(estimate: Tensor, truth: Tensor, valid: Tensor, step: int) -> Iterator
         lag, left = _best_lag(estimate, truth, valid, _aligned)
         aligned = ", aligned frame by frame"
     if left < (_LATE if aligned else _LEFT):
-        count = step * abs(lag)
-        frames = f"{count} frame{'s' if count > 1 else ''}"
         yield (
-            f"with the truth of {frames} {'later' if lag > 0 else 'earlier'} {left:.0%} of the "
-            f"error is left{aligned}; check the numbers of its frames"
+            f"with the truth of {in_words(step * lag)} {left:.0%} of the error is left{aligned}; "
+            "check the numbers of its frames"
         )
 
 
@@ -247,8 +246,7 @@ def _best_lag(
     for lag in range(-_LAGS, _LAGS + 1):
         if lag == 0 or abs(lag) >= len(truth) // 2:
             continue
-        here = slice(max(-lag, 0), len(truth) - max(lag, 0))
-        there = slice(max(lag, 0), len(truth) - max(-lag, 0))
+        here, there = overlap(len(truth), lag)
         both = valid[here] & valid[there]
         if not bool(both.any()):
             continue

@@ -9,10 +9,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from perfcap.metrics.lags import in_words, overlap
+
 # --- Annotated joints, against true ones in space that the cameras see ----------------------------
 
 # Shares of the person's size in the image: how far apart both may be before it needs an
-# explanation, and without one. Hips of body models and of people who annotate lie 0.03 apart.
+# explanation, and without one, since people who annotate place joints elsewhere than body models.
 _APART, _FAR = 0.015, 0.06
 _LEFT = 0.4  # share of the distance that an explanation may leave
 _LAGS = 10  # frames
@@ -76,9 +78,8 @@ def _of_view(
     for lag in range(-_LAGS, _LAGS + 1):
         if lag == 0 or abs(lag) >= len(seen) // 2:
             continue
-        here, there = _overlap(len(seen), lag)
-        frames = f"{abs(lag)} frame{'s' if abs(lag) > 1 else ''}"
-        what = f"with those of {frames} {'later' if lag > 0 else 'earlier'}"
+        here, there = overlap(len(seen), lag)
+        what = f"with those of {in_words(lag)}"
         tries.append((_apart(seen[here], known[there], size), what))
     tries.append((_apart(seen[:, order], known, size), "with left and right exchanged"))
     both = (seen.isfinite() & known.isfinite()).all(-1)
@@ -114,11 +115,6 @@ def _person(points: Tensor) -> float:
     diagonal = (most - least).norm(dim=-1)
     diagonal = diagonal[diagonal.isfinite()]
     return max(float(diagonal.median()), 1.0) if len(diagonal) else torch.nan
-
-
-def _overlap(count: int, lag: int) -> tuple[slice, slice]:
-    """Rows, and those that are ``lag`` later."""
-    return slice(max(-lag, 0), count - max(lag, 0)), slice(max(lag, 0), count - max(-lag, 0))
 
 
 # --- True silhouettes, against those of a result --------------------------------------------------
@@ -178,9 +174,7 @@ def _explanations(
             continue
         # the same frames without the lag, which may be better or worse than all
         gain = _iou(found[there], true[there, row]) - _iou(found[there], same[there])
-        frames = f"{abs(lag)} frame{'s' if abs(lag) > 1 else ''}"
-        when = "later" if lag > 0 else "earlier"
-        yield _iou(found, same) + gain, f"if true ones of {frames} {when} are taken"
+        yield _iou(found, same) + gain, f"if true ones of {in_words(lag)} are taken"
 
 
 def _placed(found: Tensor, true: Tensor, scale: float) -> tuple[str, Tensor]:

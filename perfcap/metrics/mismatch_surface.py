@@ -7,8 +7,11 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from perfcap.metrics.lags import in_words, overlap
+
 _INSIDE, _SLACK = 0.8, 0.1  # share of the joints in the surface's box, which is so much larger
 _LARGER = 1.4  # than the joints from head to toe
+_ENOUGH = 6  # joints of a frame, which span the person
 _NEAREST = 20  # vertices that move with a joint
 _LAGS = 10  # frames
 _STEADIER, _LEAST = 0.5, 3e-3  # share of the movement against them that another frame leaves; m
@@ -32,7 +35,9 @@ def _outside(vertices: Tensor, joints: Tensor) -> Iterator[str]:
     span = torch.where(known[..., None], joints, torch.nan)
     least = span.nan_to_num(nan=torch.inf).amin(1)
     most = span.nan_to_num(nan=-torch.inf).amax(1)
-    seen = known.any(1)
+    seen = known.sum(1) >= _ENOUGH
+    if not bool(seen.any()):
+        return
     larger = float(((high - low)[seen].amax(-1) / (most - least)[seen].amax(-1)).median())
     slack = _SLACK * (most - least).amax(-1)[:, None]
     within = (joints > (low - slack)[:, None]) & (joints < (high + slack)[:, None])
@@ -56,23 +61,22 @@ def _late(vertices: Tensor, joints: Tensor) -> Iterator[str]:
     if not len(known) or len(vertices) < 4:
         return
     followed = joints[:, known]
-    near = torch.cdist(followed[middle], vertices[middle]).topk(_NEAREST, largest=False).indices
+    count = min(_NEAREST, vertices.shape[1])
+    near = torch.cdist(followed[middle], vertices[middle]).topk(count, largest=False).indices
     around = vertices[:, near].mean(2)
     now = _movement(around, followed)
     best, found = now, 0
     for lag in range(-_LAGS, _LAGS + 1):
         if lag == 0 or abs(lag) >= len(vertices) // 2:
             continue
-        here = slice(max(-lag, 0), len(vertices) - max(lag, 0))
-        there = slice(max(lag, 0), len(vertices) - max(-lag, 0))
+        here, there = overlap(len(vertices), lag)
         moved = _movement(around[there], followed[here])
         if moved < best:
             best, found = moved, lag
     if best < _STEADIER * now and now - best > _LEAST:
-        frames = f"{abs(found)} frame{'s' if abs(found) > 1 else ''}"
         yield (
-            f"the true surface of {frames} {'later' if found > 0 else 'earlier'} fits the true "
-            "joints better; check the numbers of its frames"
+            f"the true surface of {in_words(found)} fits the true joints better; check the numbers "
+            "of its frames"
         )
 
 

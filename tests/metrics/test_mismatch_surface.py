@@ -47,3 +47,10 @@ def test_right_surfaces_and_unknown_joints_are_not_named() -> None:
     assert surface_mismatches(vertices, joints) == ()
     assert surface_mismatches(1000 * vertices, torch.full_like(joints, torch.nan)) == ()
     assert surface_mismatches(vertices[:2], joints[:2]) == ()
+
+
+def test_surfaces_of_few_vertices_and_truths_of_few_joints() -> None:
+    vertices, joints = body()
+    assert surface_mismatches(vertices[:, ::60], joints) == ()
+    joints[:, 1:] = torch.nan
+    assert surface_mismatches(vertices, joints) == ()
