@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perfcap.errors import InputError
 from perfcap.io.gltf_document import Document, Object
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 _SIDE = 256  # px of the texture
+_SIXTEEN_BITS = 65535
+_ROUNDING = 0.01  # of white, below black
+_BRIGHTEST = 2.0  # of fractions, which may lie a little above white
 _MARGIN = 0.02  # of it, left around the colours
 
 
@@ -34,6 +40,29 @@ def colors_to_texture(colors: NDArray[np.uint8]) -> tuple[Floats, bytes]:
     plane = middle + u[None, :, None] * axes[0] + v[:, None, None] * axes[1]
     image = plane.round().clip(0, 255).astype(np.uint8)
     return uv, cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes()
+
+
+def as_bytes(colors: NDArray[Any], what: str) -> Bytes:
+    """RGB bytes (V, 3) of colours (V, 3 or 4) in the range that they are in.
+
+    Files do not say it: small floating-point numbers are fractions; others are bytes where they
+    reach no more than 255, whatever their type, and else have 16 bits.
+
+    Raises:
+        InputError: NaN or infinity, or numbers beyond 16 bits; it begins with ``what``.
+    """
+    values = np.asarray(colors)[:, :3].astype(np.float64)
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} hold NaN or infinity; export it again")
+    least, largest = float(values.min(initial=0.0)), float(values.max(initial=0.0))
+    fractions = np.asarray(colors).dtype.kind == "f" and largest <= _BRIGHTEST
+    white = 1.0 if fractions else 255.0 if largest <= 255 else float(_SIXTEEN_BITS)
+    if least < -_ROUNDING * white or largest > max(white, _BRIGHTEST):
+        raise InputError(
+            f"{what} are {least:g} to {largest:g}; expected 0 to 1, to 255 or to "
+            f"{_SIXTEEN_BITS}, export it again"
+        )
+    return np.asarray(np.round(255 * (values / white).clip(0, 1)), np.uint8)
 
 
 def to_srgb(light: Floats) -> Bytes:

@@ -193,9 +193,8 @@ def test_meshes_keep_order_seams_and_texture(
     template = recording.template
     np.testing.assert_array_equal(mesh.faces, template.faces)
     assert (folder / "texture.png").read_bytes() == template.texture
-    if kind == "obj":
-        assert mesh.uv is not None and template.uv is not None and mesh.texture == template.texture
-        np.testing.assert_allclose(mesh.uv, template.uv, atol=1e-6)
+    assert mesh.uv is not None and template.uv is not None and mesh.texture == template.texture
+    np.testing.assert_allclose(mesh.uv, template.uv, atol=1e-6)
 
 
 def test_ply_has_normals_and_coordinates_from_below(recording: Recording, tmp_path: Path) -> None:
