@@ -84,20 +84,35 @@ def run_evaluate(request: Evaluate) -> int:
 def _evaluate_people(request: Evaluate) -> int:
     """Everybody against the truth whose joints are nearest; all together in the folder's file."""
     folders = [place for place, _ in named_people(request.folder)]
-    truths = match_truths(folders, read_truths(request.truth, request.dataset, request.sequence))
+    known = read_truths(request.truth, request.dataset, request.sequence)
+    truths = match_truths(folders, known)
     together: dict[str, Any] = {}
     for folder, truth in zip(folders, truths, strict=True):
-        metrics = compare(folder, truth, request.every) | {"truth": truth.sequence.name}
+        metrics = compare(folder, truth, request.every) | {"truth": _name(truth)}
         _write(folder / METRICS, metrics)
-        PlainConsole().print(f"\n{folder.name}: {truth.sequence.name}")
+        PlainConsole().print(f"\n{folder.name}: {_name(truth)}")
         _show(metrics)
         together[folder.name] = metrics
     errors = [each["mpjpe_mm"] for each in together.values() if "mpjpe_mm" in each]
     if errors:
         together["mpjpe_mm"] = sum(errors) / len(errors)
         PlainConsole().print(f"everybody: joints, absolute, {together['mpjpe_mm']:.1f} mm")
+    missed = [_name(true) for true in known if not any(true is each for each in truths)]
+    if missed:
+        note = (
+            f"{request.truth}: {', '.join(missed)} of the truth belong to none of the "
+            f"{len(folders)} people of {request.folder}, and count nowhere"
+        )
+        together["notes"] = [note]
+        PlainConsole().print(note, style="yellow", soft_wrap=True)
     _write(request.out or request.folder / METRICS, together)
     return 0
+
+
+def _name(truth: Truth) -> str:
+    """Of a person of a data set, or of the folder that holds a file of their own."""
+    sequence = truth.sequence
+    return sequence.folder.parent.name if sequence.dataset == "file" else sequence.name
 
 
 def _write(path: Path, metrics: Mapping[str, Any]) -> None:

@@ -143,8 +143,28 @@ def test_evaluate_finds_whose_truth_it_is(
     for folder in people_of(captured):
         alone = json.loads((folder / "metrics.json").read_text())
         assert alone["mpjpe_mm"] == numbers[folder.name]["mpjpe_mm"] < 25
+    assert "count nowhere" not in done.out and "notes" not in numbers
     one = pair.truth / "person1"
     assert "the truth of everybody" in perfcap(["evaluate", captured, "--truth", one]).refused()
+
+
+def test_evaluate_says_who_was_not_captured(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
+    truth, out = tmp_path / "truth", tmp_path / "numbers.json"
+    for name in ("person1", "person2"):
+        shutil.copytree(pair.truth / name, truth / name)
+    (truth / "person3").mkdir()
+    with np.load(truth / "person1" / "truth.npz") as file:
+        values = dict(file)
+    np.savez(
+        truth / "person3" / "truth.npz",
+        **values | {"joints3d": values["joints3d"] + np.array([5.0, 0.0, 5.0])},
+    )
+    done = perfcap(["evaluate", captured, "--truth", truth, "--out", out])
+    assert done.code == 0 and "count nowhere" in done.out
+    (note,) = json.loads(out.read_text())["notes"]
+    assert "person3 of the truth belong to none of the 2 people" in note
 
 
 @pytest.mark.long
