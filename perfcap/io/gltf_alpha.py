@@ -25,12 +25,15 @@ _PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / ([[3], [6], [
 _OPAQUE = np.full((1, 1), 255, np.uint8)
 
 
-def see_through(document: Document, parts: Sequence[Part]) -> Iterator[Finding]:
+def see_through(
+    document: Document, parts: Sequence[Part], *, metres: bool = True
+) -> Iterator[Finding]:
     """Parts of which much is not drawn, as hair of cards with strands painted on them.
 
     Args:
         document: the file.
         parts: of it.
+        metres: whether it is in metres; if not, areas are given as shares.
     """
     kinds: dict[int | None, list[Part]] = {}
     for part in parts:
@@ -38,23 +41,26 @@ def see_through(document: Document, parts: Sequence[Part]) -> Iterator[Finding]:
             kinds.setdefault(None if part.uv is None else part.material.image, []).append(part)
     if not kinds:
         return
-    most = _MOST * sum(float(face_areas(part.vertices, part.faces).sum()) for part in parts)
+    whole = sum(float(face_areas(part.vertices, part.faces).sum()) for part in parts)
     for number, some in kinds.items():  # each image is decoded once
         alpha = _OPAQUE if number is None else _alpha(document.image(number))
         for part in some:
             hidden = _hidden_area(part, alpha)
-            if hidden > most:
+            if hidden > _MOST * whole:
+                size = (
+                    f"{hidden:.2g} m² of its faces" if metres else f"{hidden / whole:.0%} of faces"
+                )
                 yield Finding(
                     Severity.WARNING,
                     part.name,
-                    f"{hidden:.2g} m² of its faces are transparent, and count as solid: in "
-                    "silhouettes the person is larger there, and results show it",
+                    f"{size} are transparent, and count as solid: in silhouettes the person is "
+                    "larger there, and results show it",
                     "model what is seen, or leave the part out",
                 )
 
 
 def _hidden_area(part: Part, alpha: Alpha) -> float:
-    """Area of a part that is hardly drawn, by the alpha (H, W) of its image, m²."""
+    """Area of a part that is hardly drawn, by the alpha (H, W) of its image."""
     assert part.blend is not None
     hidden = np.zeros(len(part.faces))
     height, width = alpha.shape

@@ -79,12 +79,12 @@ def read_parts(
     return parts, used
 
 
-def read_unskinned(document: Document, tree: NodeTree) -> list[Part]:
-    """All meshes that a file shows, where its nodes put them, without weights."""
+def read_unskinned(document: Document, tree: NodeTree, notes: list[Finding]) -> list[Part]:
+    """All meshes that a file shows, where its nodes put them, without weights; see `read_parts`."""
     keys = ShapeKeys(document)
     return [
         _read_primitive(keys, triangles, tree.world[place])
-        for place, node in _with_meshes(document, tree, [])
+        for place, node in _with_meshes(document, tree, notes)
         for triangles in _primitives(document, node)
     ]
 

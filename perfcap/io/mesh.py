@@ -12,6 +12,7 @@ from perfcap.errors import InputError
 from perfcap.geometry.surface_topology import surface_topology
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.files import MEBIBYTE, require_file
+from perfcap.io.gltf_alpha import see_through
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_part import joined, joined_uv, read_unskinned
 from perfcap.io.gltf_scene import read_tree
@@ -64,9 +65,10 @@ def read_mesh(path: str | Path) -> BareMesh:
 
 def _read_gltf(path: Path, notes: list[Finding]) -> BareMesh:
     document = open_document(path)
-    parts = read_unskinned(document, read_tree(document))
+    parts = read_unskinned(document, read_tree(document), notes)
     if not parts:
         raise document.error("has no mesh")
+    notes += see_through(document, parts, metres=False)
     texture, coordinates = one_texture(
         document,
         [part.material for part in parts],

@@ -15,6 +15,7 @@ from perfcap.io import gltf_alpha
 from perfcap.io.doctor.finding import Severity
 from perfcap.io.gltf_document import open_document
 from perfcap.io.gltf_read import Character, read_character
+from perfcap.io.mesh import read_mesh
 
 
 def character(builder: Builder, folder: Path) -> Character:
@@ -112,6 +113,17 @@ def test_faces_that_are_see_through_are_named(
     # of a rectangle of 10 by 50 cm, a half, or all
     area = 0.025 if factor == 1.0 else 0.05
     assert not named or f"{area:.2g} m²" in said[0].what
+
+
+def test_meshes_without_bones_say_the_same(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level("WARNING"):
+        read_mesh(painted(0, "MASK").write_gltf(tmp_path / "a.gltf"))
+        assert "transparent, and count as solid" in caplog.text and "m²" not in caplog.text
+        mesh = read_mesh(dressed([[4], [5]]).write_gltf(tmp_path / "b.gltf"))
+        assert len(mesh.vertices) == 7
+        assert "costume: is hidden, or in another scene" in caplog.text
 
 
 def test_a_cutoff_of_their_own_counts(tmp_path: Path) -> None:
