@@ -143,7 +143,7 @@ def test_openpose_frames_without_people_or_file(tmp_path: Path) -> None:
     detections, warnings = read_detections(folder)
     seen = (detections.confidence2d > 0).any(-1)[:, 0]
     assert seen.tolist() == [True, False, False, False, False, True]
-    assert "1 frames between 0 and 5 have no file" in warnings[0]
+    assert "no file of 1 frame between 0 and 5" in warnings[0]
 
 
 def test_the_prominent_person_is_followed(tmp_path: Path) -> None:

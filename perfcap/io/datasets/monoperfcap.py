@@ -19,6 +19,7 @@ from perfcap.errors import InputError
 from perfcap.io.datasets.layout import check_name, matching, present, wrong_layout
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Mesh, Protocol
 from perfcap.io.datasets.skeletool import read_skeletool
+from perfcap.io.doctor.finding import counted
 from perfcap.io.files import MEBIBYTE, read_text
 from perfcap.metrics import Alignment
 
@@ -93,7 +94,7 @@ def _numbers(place: Path, truth: Sequence[Path]) -> tuple[list[int], str]:
     gaps = numbers[-1] - first + 1 - len(numbers)
     return [number - first for number in numbers], (
         "the truth is taken to start with the first image and to be in millimetres"
-        + (f"; by its numbers {gaps} frames between have none" if gaps else "")
+        + (f"; by its numbers there is none of {counted(gaps)} between" if gaps else "")
     )
 
 

@@ -25,6 +25,7 @@ from perfcap.detect.joint_set import (
 from perfcap.errors import InputError
 from perfcap.io.detections.listing import Listing
 from perfcap.io.detections.track import MAX_FRAMES, Array, parse_instance
+from perfcap.io.doctor.finding import counted
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.view_names import rows_of
 
@@ -65,7 +66,7 @@ def read_openpose(
     warnings = []
     missing = last - first + 1 - len(files)
     if missing:
-        warnings.append(f"{folder}: {missing} frames between {first} and {last} have no file")
+        warnings.append(f"{folder}: no file of {counted(missing)} between {first} and {last}")
     if first < min(files):
         warnings.append(f"{folder}: files start at frame {min(files)}; counted from {first}")
     joint_set = choose_joint_set(str(folder), frames)

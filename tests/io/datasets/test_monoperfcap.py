@@ -53,7 +53,7 @@ def test_files_are_of_the_frames_of_their_numbers(tmp_path: Path) -> None:
     truth = place / "ground_truth"
     (truth / "mesh_0001.off").unlink()
     (sequence, note) = _read(tmp_path)
-    assert sequence == [0, 2] and "1 frames between have none" in note
+    assert sequence == [0, 2] and "there is none of 1 frame between" in note
     for number in range(99, 104):  # images from 99 on
         (place / "images" / f"image_{number:06d}.jpg").touch()
     assert _read(tmp_path)[0] == [0, 2]  # of no images: counted from the first
