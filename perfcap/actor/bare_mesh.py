@@ -20,6 +20,8 @@ class BareMesh:
         uv: texture coordinates with the origin at the top left, (V, 2), or None.
         texture: an encoded JPEG or PNG, or None.
         name: what to call it.
+        parts: name and number of vertices of each mesh that a file has, in the order of the
+            vertices; empty where a file has no such names.
     """
 
     vertices: NDArray[np.float64]
@@ -27,6 +29,7 @@ class BareMesh:
     uv: NDArray[np.float64] | None = None
     texture: bytes | None = None
     name: str = "mesh"
+    parts: tuple[tuple[str, int], ...] = ()
 
     def __post_init__(self) -> None:
         vertices, faces = np.array(self.vertices, np.float64), np.array(self.faces, np.int64)

@@ -29,6 +29,7 @@ from perfcap.io.actor_folder import (
     spare_files,
 )
 from perfcap.io.actor_import import import_actor, read_mapping, require_sound
+from perfcap.io.actor_layers import layer_findings
 from perfcap.io.body_model import load_body_model
 from perfcap.io.doctor import Severity
 from perfcap.io.gltf_document import open_document, require_readable_kind
@@ -86,7 +87,10 @@ def rigged_mesh(source: Path, how: Rigging) -> tuple[Actor, Measurements | None]
     )
     _print_rig(report)
     joints = {name: template.bone(name) for name in JOINTS}
-    require_sound(source, examine_actor(replace(template, joint_bones=joints)))
+    known = replace(template, joint_bones=joints)
+    require_sound(source, examine_actor(known))
+    for finding in layer_findings(known, mesh.parts):
+        _LOG.warning("%s: %s", source, finding)
     return Actor(template.rounded()), report.measurements
 
 

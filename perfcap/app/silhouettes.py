@@ -205,10 +205,12 @@ def _small(mask: Mask, scale: float) -> Tensor:
 def _draw(surface: SurfaceFile, row: int, cameras: Camera, other: int) -> Mask:
     """Silhouette of a frame's surface in the first view."""
     camera = cameras.frames(slice(other, other + 1)) if cameras.moving else cameras
+    lens = camera.distortion
     first = Camera(
         camera.intrinsics.reshape(-1, *camera.intrinsics.shape[-3:])[0, :1],
         camera.rotation.reshape(-1, *camera.rotation.shape[-3:])[0, :1],
         camera.translation.reshape(-1, *camera.translation.shape[-2:])[0, :1],
+        None if lens is None else lens.reshape(-1, *lens.shape[-2:])[0, :1],
         size=camera.size[:1],
     )
     vertices = torch.from_numpy(surface.read(slice(row, row + 1))[0].astype(float))

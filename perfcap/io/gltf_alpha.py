@@ -13,8 +13,8 @@ from perfcap.geometry.surface_topology import face_areas
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document
 from perfcap.io.gltf_part import Part
-from perfcap.io.gltf_texture import LARGEST_AREA, LARGEST_SIDE
 from perfcap.io.image_file import image_size
+from perfcap.io.texture_file import LARGEST_AREA, LARGEST_SIDE
 
 Floats = NDArray[np.float64]
 Alpha = NDArray[np.uint8] | NDArray[np.uint16]

@@ -9,25 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.actor.template import image_mime
-from perfcap.errors import InputError
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
-from perfcap.io.image_file import image_size
+from perfcap.io.texture_file import ImageSource, encoded_image
 from perfcap.io.texture_tiles import Mirrored, in_one_tile, mirrored
 from perfcap.io.vertex_colors import colors_to_texture, read_colors, to_linear, to_srgb
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-LARGEST_SIDE = 16_384  # px
-LARGEST_AREA = 1 << 27  # px; a decoded image of this size takes 400 MB
 _SHEET = 4096  # px, side that the images of several materials are fitted into
 _PATCH = 16  # px, side of a material of one colour
 _BORDER = 4  # px around each image, so that filters see nothing of its neighbours
@@ -36,16 +32,6 @@ _WHITE = (1.0, 1.0, 1.0)
 _FEW = 0.01  # of the triangles of a part
 _SEEN = 0.5  # of alpha, where the file says no other
 _OF_VERTICES = -1  # number of the image that is made of their colours
-
-
-class ImageSource(Protocol):
-    """Where encoded images come from."""
-
-    def image(self, index: object) -> bytes:
-        """Encoded bytes of an image."""
-
-    def error(self, message: str) -> InputError:
-        """An error that names the file."""
 
 
 @dataclass(frozen=True)
@@ -182,25 +168,21 @@ def one_texture(
         m if uv is not None else replace(m, image=None)
         for m, uv in zip(materials, coordinates, strict=True)
     ]
-    found = {number: _encoded(source, number, notes) for number in _numbers(painted)}
+    found = {number: encoded_image(source, number, notes) for number in _numbers(painted)}
     encoded = {number: data for number, data in found.items() if data is not None}
     painted = [m if m.image in encoded else replace(m, image=None) for m in painted]
     painted, coordinates = _with_colors(painted, coordinates, encoded)
     kinds = list(dict.fromkeys(painted))
-    if all(kind.image is None for kind in kinds):
-        return None, list(coordinates)
+    if len(kinds) == 1 and kinds[0].image is None and len(set(kinds[0].color)) == 1:
+        return None, list(coordinates)  # a grey, as of what was never painted
     if any(kind.image is not None and kind.color != _WHITE for kind in kinds):
         what = "images are multiplied by the base colours of their materials"
         notes.append(Finding(Severity.INFO, "materials", what))
-    if len(kinds) == 1:
+    if len(kinds) == 1 and kinds[0].image is not None:
         return _alone(source, kinds[0], encoded), list(coordinates)
-    notes.append(
-        Finding(
-            Severity.INFO,
-            "materials",
-            f"the images and colours of {len(kinds)} materials are put into one texture",
-        )
-    )
+    if len(kinds) > 1:
+        what = f"the images and colours of {len(kinds)} materials are put into one texture"
+        notes.append(Finding(Severity.INFO, "materials", what))
     return _sheet(source, kinds, encoded, painted, coordinates, faces, notes)
 
 
@@ -223,24 +205,6 @@ def _with_colors(
 
 def _numbers(materials: Sequence[Material]) -> list[int]:
     return list(dict.fromkeys(m.image for m in materials if m.image is not None))
-
-
-def _encoded(source: ImageSource, number: int, notes: list[Finding]) -> bytes | None:
-    """An image of the file, None (with a note) if it is neither JPEG nor PNG."""
-    data = source.image(number)
-    if image_mime(data) is None:
-        what = "its texture is neither JPEG nor PNG and is left out"
-        notes.append(Finding(Severity.WARNING, f"image {number}", what, "export it as PNG"))
-        return None
-    size = image_size(data)
-    if size is None:
-        raise source.error(f"image {number} is damaged; export it again as JPEG or PNG")
-    if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_AREA:
-        raise source.error(
-            f"image {number} is {size[0]} x {size[1]} pixels; at most {LARGEST_SIDE} a side and "
-            f"{LARGEST_AREA >> 20} million are read, make it smaller"
-        )
-    return data
 
 
 def _sheet(
@@ -281,7 +245,7 @@ def _sheet(
                 "bake the images into one that does not repeat",
             )
         )
-    jpeg = all(_is_jpeg(data) for data in encoded.values())
+    jpeg = bool(encoded) and all(_is_jpeg(data) for data in encoded.values())
     return _written(sheet, jpeg), moved
 
 

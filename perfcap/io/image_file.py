@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.exif import jpeg_segments
 from perfcap.io.files import MEBIBYTE, VIDEO_SUFFIXES, natural_key, require_file
 
 IMAGE_LIMIT = 256 * MEBIBYTE
 _PNG = b"\x89PNG\r\n\x1a\n"
-_EXIF, _ORIENTATION = 0xE1, 0x0112  # a segment of a JPEG, and a tag in it
 _HALF = 127  # of a silhouette
 MOST_PIXELS = 1 << 27  # more than any camera has; a few bytes can declare many times that
 
@@ -73,39 +73,11 @@ def image_size(data: bytes) -> tuple[int, int] | None:
     if data[:4] == b"\x89PNG" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
-    for marker, position in _segments(data):
+    for marker, position in jpeg_segments(data):
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # start of a frame
             height, width = struct.unpack_from(">HH", data, position + 5)
             return int(width), int(height)
     return None
-
-
-def is_turned(data: bytes) -> bool:
-    """Whether a JPEG is shown turned by a quarter, as its EXIF orientation says of 5 to 8."""
-    for marker, position in _segments(data):
-        start = position + 10  # of a TIFF, behind "Exif"
-        if marker == _EXIF and data[position + 4 : start] == b"Exif\0\0":
-            order = ">" if data[start : start + 2] == b"MM" else "<"
-            with suppress(struct.error):  # cut short
-                entries = start + struct.unpack_from(order + "I", data, start + 4)[0]
-                for number in range(struct.unpack_from(order + "H", data, entries)[0]):
-                    tag, _, _, value = struct.unpack_from(
-                        order + "HHIH", data, entries + 2 + 12 * number
-                    )
-                    if tag == _ORIENTATION:
-                        return bool(5 <= value <= 8)
-    return False
-
-
-def _segments(data: bytes) -> Iterator[tuple[int, int]]:
-    """Markers of a JPEG before its pixels, and where they begin."""
-    position = 2
-    while data[:2] == b"\xff\xd8" and position + 9 <= len(data):
-        marker, length = data[position + 1], int.from_bytes(data[position + 2 : position + 4])
-        if data[position] != 0xFF or length < 2:
-            return
-        yield marker, position
-        position += 2 + length
 
 
 # --- A folder of images as a clip's frames --------------------------------------------------------

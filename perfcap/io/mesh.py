@@ -77,7 +77,8 @@ def _read_gltf(path: Path, notes: list[Finding]) -> BareMesh:
         [part.faces for part in parts],
     )
     vertices, faces = joined(parts)
-    return BareMesh(vertices, faces, joined_uv(parts, coordinates), texture, path.stem)
+    names = tuple((part.name, len(part.vertices)) for part in parts)
+    return BareMesh(vertices, faces, joined_uv(parts, coordinates), texture, path.stem, names)
 
 
 def _read_stl(path: Path) -> BareMesh:

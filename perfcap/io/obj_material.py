@@ -95,16 +95,17 @@ def read_materials(
 
 def _library(path: Path) -> Iterator[tuple[str, ObjMaterial]]:
     name, material = "", ObjMaterial()
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines():
         kind, *words = line.split() or [""]
+        kind = kind.lower()
         rest = line.split(maxsplit=1)[1].strip() if words else ""
         if kind == "newmtl":
             if name:
                 yield name, material
             name, material = " ".join(words), ObjMaterial()
-        elif kind == "Kd":
+        elif kind == "kd":
             material = replace(material, color=_color(words))
-        elif kind == "map_Kd" and words:
+        elif kind == "map_kd" and words:
             material = _mapped(material, rest)
     if name:
         yield name, material

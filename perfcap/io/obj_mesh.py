@@ -81,7 +81,7 @@ def _place(corner: Corner) -> int:
 
 def _parse(path: Path) -> _Obj:
     data, material = _Obj(), ""
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, 1):
             kind, *words = line.split("#")[0].split() or [""]
             try:

@@ -15,7 +15,8 @@ import numpy as np
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.image_file import image_size, is_turned
+from perfcap.io.exif import is_turned
+from perfcap.io.image_file import image_size
 from perfcap.train.photograph_checks import PEOPLE, Flags, Floats, require_places
 from perfcap.train.photograph_copies import require_whole
 

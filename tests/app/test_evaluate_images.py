@@ -56,6 +56,28 @@ def test_true_masks_of_any_brightness_are_read(
     assert found["silhouette_iou"] == 100 and not found["notes"]
 
 
+def test_outlines_of_the_surface_are_drawn_through_the_lens(
+    truth: Path, result: Path, perfcap: Command
+) -> None:
+    lens = [-1.0, 0.1, 0.02, -0.01, 0.0]
+    camera = json.loads((truth / "camera.json").read_text())
+    camera["t"] = (np.array(camera["t"]) + [1.4, 0, 0]).tolist()  # to one side, where lenses bend
+    (truth / "camera.json").write_text(json.dumps(camera | {"distortion": lens}))
+    with np.load(truth / "gt.npz") as file:
+        vertices = file["vertices"]
+    faces = np.load(truth / "template.npz")["faces"]
+    for frame, places in enumerate(vertices):
+        turn, move, matrix = (np.array(camera[name][frame]) for name in ("R", "t", "K"))
+        pixels = cv2.projectPoints(places, cv2.Rodrigues(turn)[0], move, matrix, np.array(lens))[0]
+        mask = np.zeros((200, 200), np.uint8)
+        for corners in np.round(pixels[:, 0])[faces].astype(int):
+            cv2.fillConvexPoly(mask, corners, 255)
+        cv2.imwrite(str(truth / "masks" / f"{frame:04d}.png"), mask)
+    assert perfcap(["evaluate", result, "--truth", truth]).code == 0
+    # polygons of OpenCV hold the pixels of their edges, too
+    assert metrics_of(result)["silhouette_iou"] > 90
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

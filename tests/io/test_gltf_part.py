@@ -5,6 +5,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from gltf_files import Builder, armature_file, one_pixel_png
@@ -196,6 +197,39 @@ def test_a_transform_names_coordinates_of_its_own(tmp_path: Path) -> None:
 )
 def test_images_of_other_materials_are_taken(tmp_path: Path, material: dict[str, Any]) -> None:
     assert character(painted(**material), tmp_path).template.texture == one_pixel_png()
+
+
+@pytest.mark.parametrize(
+    ("colors", "expected"),
+    [
+        ([[0.5, 0.5, 0.5], [0.5, 0.5, 0.5]], None),  # as of what was never painted
+        ([[1, 0, 0], [1, 0, 0]], [[255, 0, 0], [255, 0, 0]]),
+        ([[1, 1, 1], [0, 0, 0]], [[255, 255, 255], [0, 0, 0]]),
+        ([[0, 1, 0], [0, 0, 1]], [[0, 255, 0], [0, 0, 255]]),
+    ],
+)
+def test_colours_alone_are_a_texture(
+    tmp_path: Path, colors: list[list[float]], expected: list[list[int]] | None
+) -> None:
+    builder = armature_file()
+    builder.tree["materials"] = [
+        {"pbrMetallicRoughness": {"baseColorFactor": [*color, 1]}} for color in colors
+    ]
+    primitives = builder.tree["meshes"][0]["primitives"]
+    for number, primitive in enumerate(primitives):
+        primitive["material"] = number
+    found = character(builder, tmp_path).template
+    if expected is None:
+        assert found.texture is None
+        return
+    assert found.texture is not None and found.uv is not None
+    image = cv2.imdecode(np.frombuffer(found.texture, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    height, width = image.shape[:2]
+    column, row = np.floor(found.uv * (width, height)).astype(int).T
+    seen = image[row, column, ::-1]
+    np.testing.assert_array_equal(seen[0], expected[0])
+    np.testing.assert_array_equal(seen[-1], expected[1])
 
 
 def test_an_image_in_an_extension_s_format_is_named(tmp_path: Path) -> None:

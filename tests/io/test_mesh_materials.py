@@ -1,6 +1,7 @@
 """Images and colours of meshes without bones."""
 
 import logging
+import struct
 from pathlib import Path
 
 import cv2
@@ -65,6 +66,31 @@ def test_options_place_an_image(
     assert mesh.uv is not None
     np.testing.assert_allclose(mesh.uv, np.array(uv))
     assert mesh.texture == picture()
+
+
+def test_photographs_are_read_as_their_pixels_are_stored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    code = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (8, 24, 3), np.uint8))
+    data = code[1].tobytes()
+    for turn in (1, 6):
+        tags = struct.pack(">2sHIHHHIHHI", b"MM", 42, 8, 1, 0x0112, 3, 1, turn, 0, 0)
+        exif = b"Exif\0\0" + tags
+        photograph = data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
+        (tmp_path / "p.jpg").write_bytes(photograph)
+        lines = [*SQUARE, *CORNERS, "usemtl skin", "f 1/1 2/2 3/3 4/4"]
+        with caplog.at_level(logging.WARNING):
+            mesh = obj(tmp_path, lines, "newmtl skin\nmap_Kd p.jpg\n")
+        assert mesh.texture == (photograph if turn == 1 else data)
+        assert ("its EXIF orientation is left out" in caplog.text) == (turn == 6)
+
+
+def test_marks_of_the_byte_order_and_other_cases_of_letters(tmp_path: Path) -> None:
+    lines = [*SQUARE, *CORNERS, "usemtl skin", "f 1/1 2/2 3/3 4/4"]
+    mesh = obj(tmp_path, lines, "\ufeffnewmtl skin\nmap_kd a.png\n")
+    assert mesh.texture == picture()
+    (tmp_path / "a.obj").write_text("\ufeff" + "\n".join(["mtllib a.mtl", *lines]))
+    assert read_mesh(tmp_path / "a.obj").texture == picture()
 
 
 def test_an_unknown_option_leaves_the_name(tmp_path: Path) -> None:

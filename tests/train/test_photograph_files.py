@@ -11,7 +11,7 @@ import pytest
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.image_file import is_turned
+from perfcap.io.exif import is_turned
 from perfcap.train.photographs import Photographs
 
 WIDTH, HEIGHT = 60, 80
