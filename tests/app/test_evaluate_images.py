@@ -61,7 +61,8 @@ def test_outlines_of_the_surface_are_drawn_through_the_lens(
 ) -> None:
     lens = [-1.0, 0.1, 0.02, -0.01, 0.0]
     camera = json.loads((truth / "camera.json").read_text())
-    camera["t"] = (np.array(camera["t"]) + [1.4, 0, 0]).tolist()  # to one side, where lenses bend
+    # to one side, where lenses bend
+    camera["t"] = (np.array(camera["t"]) + np.array([1.4, 0, 0])).tolist()
     (truth / "camera.json").write_text(json.dumps(camera | {"distortion": lens}))
     with np.load(truth / "gt.npz") as file:
         vertices = file["vertices"]
@@ -101,6 +102,7 @@ def test_wrong_true_masks_are_named(
 
 def test_another_camera_in_the_truth_is_named(truth: Path, result: Path, perfcap: Command) -> None:
     camera = json.loads((truth / "camera.json").read_text())
+    # to one side, where lenses bend
     camera["t"] = (np.array(camera["t"]) + np.array([0.4, 0, 0])).tolist()
     (truth / "camera.json").write_text(json.dumps(camera))
     assert perfcap(["evaluate", result, "--truth", truth]).code == 0
