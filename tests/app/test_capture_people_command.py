@@ -171,7 +171,8 @@ def test_evaluate_says_who_was_not_captured(
 def test_commands_go_from_one_to_the_next(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path]).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
-    video = ["--out", tmp_path / "turn.mp4", *"--freeze 3 --seconds 0.1 --size 64 64".split()]
+    brief = ["--freeze", "3", "--seconds", "0.1", "--size", "64", "64"]
+    video = ["--out", tmp_path / "turn.mp4", *brief]
     assert perfcap(["render", captured, *video]).code == 0
     assert (tmp_path / "turn_person1.mp4").is_file() and (tmp_path / "turn_person2.mp4").is_file()
     again = tmp_path / "again"
