@@ -48,7 +48,9 @@ def see_through(
             hidden = _hidden_area(part, alpha)
             if hidden > _MOST * whole:
                 size = (
-                    f"{hidden:.2g} m² of its faces" if metres else f"{hidden / whole:.0%} of faces"
+                    f"{hidden:.2g} m² of its faces"
+                    if metres
+                    else f"faces that make up {hidden / whole:.0%} of all"
                 )
                 yield Finding(
                     Severity.WARNING,
