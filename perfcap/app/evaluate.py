@@ -11,6 +11,7 @@ from rich.table import Table
 
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
+from perfcap.app.lying import OF_THE_FLOOR, lying_doubt
 from perfcap.app.scores import joint_scores, joint_tables, surface_scores
 from perfcap.app.silhouettes import compare_silhouettes
 from perfcap.app.truth import (
@@ -140,6 +141,10 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     scores = joint_scores(found, truth)
     notes = [*truth.sequence.warnings, *rate_doubts(found, truth), *joint_doubts(found, truth)]
     notes += image_doubts(found, truth)
+    lies = lying_doubt(found, truth)
+    if lies is not None:
+        scores = {name: value for name, value in scores.items() if name not in OF_THE_FLOOR}
+        notes.append(lies)
     source = retargeted_from(folder)
     if source is not None:
         notes.append(
