@@ -11,6 +11,7 @@ from rich.table import Table
 
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
+from perfcap.app.left_out import left_out
 from perfcap.app.lying import OF_THE_FLOOR, lying_doubt
 from perfcap.app.scores import joint_scores, joint_tables, surface_scores
 from perfcap.app.silhouettes import compare_silhouettes
@@ -131,7 +132,8 @@ def _show(metrics: Mapping[str, Any]) -> None:
 def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     """All that the result and the truth have in common, by the names of the scorer.
 
-    Beside the numbers: which truth it was, remarks, and errors of each landmark.
+    Beside the numbers: which truth it was, remarks, errors of each landmark, and of how many frames
+    a mean is where these are fewer than were scored.
 
     Raises:
         InputError: a file is missing or holds something else, or nothing can be compared.
@@ -160,6 +162,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     overlaps, remarks = compare_silhouettes(folder / "masks", surface, truth, every)
     scores |= overlaps
     notes += remarks
+    notes += left_out(scores, found, truth, every)
     if not scores:
         raise InputError(
             f"{truth.sequence.folder}: has no truth that {folder} could be compared with; "
@@ -167,7 +170,14 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
         )
     sequence = truth.sequence
     about = {"dataset": sequence.dataset, "sequence": sequence.name, "action": sequence.action}
-    return {**scores, **about, "notes": notes, "per_joint_mm": joint_tables(found, truth)}
+    tables, fewer = joint_tables(found, truth)
+    return {
+        **scores,
+        **about,
+        "notes": notes,
+        "per_joint_mm": tables,
+        **({"per_joint_frames": fewer} if fewer else {}),
+    }
 
 
 def evaluate(result: Path, truth: Path) -> dict[str, float]:

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from perfcap.app.left_out import frame_counts
 from perfcap.app.truth import FoundJoints, Truth, match_frames, require_rate
 from perfcap.app.truth_doubts import mesh_doubts, surface_doubts
 from perfcap.detect.joint_set import LANDMARKS
@@ -44,6 +45,10 @@ _LIMBS = [
 def joint_scores(found: FoundJoints, truth: Truth) -> Scores:
     """Errors of joints and of their motion; nothing where the truth has no joints.
 
+    A mean that is of fewer frames than ``frames_scored`` comes with how many: see ``frame_counts``,
+    and ``frames_foot_skate`` (a foot of the truth is known) and ``frames_reproj`` (any joint is
+    annotated, in any view).
+
     Raises:
         InputError: the frames do not belong together.
     """
@@ -72,10 +77,11 @@ def joint_scores(found: FoundJoints, truth: Truth) -> Scores:
         "jitter_jerk_m_s3": motion.jerk,
         "jitter_jerk_gt_m_s3": motion.jerk_truth,
         "bone_length_std_mm": bone_length_variation(estimate, _LIMBS),
-        **_contact(moving, expected, found.rate),
+        **_contact(moving, expected, found.rate, errors.frames),
         **_reprojection(estimate, truth, others),
     }
-    return {name: float(value) for name, value in named.items() if value.isfinite()}
+    scores = {name: float(value) for name, value in named.items() if value.isfinite()}
+    return scores | frame_counts(errors, moving, expected, truth.protocol.joints)
 
 
 def _with_gaps(points: Tensor, frames: NDArray[np.int64]) -> Tensor:
@@ -86,18 +92,30 @@ def _with_gaps(points: Tensor, frames: NDArray[np.int64]) -> Tensor:
     return torch.cat([part for piece in pieces for part in (piece, unknown)][:-1])
 
 
-def joint_tables(found: FoundJoints, truth: Truth) -> dict[str, Scores]:
-    """Error of each landmark after each alignment of the protocol, mm."""
+def joint_tables(
+    found: FoundJoints, truth: Truth
+) -> tuple[dict[str, Scores], dict[str, dict[str, int]]]:
+    """Error of each landmark after each alignment of the protocol, mm, and of how many frames.
+
+    Returns:
+        The errors, and the frames of landmarks that count in fewer than are scored.
+    """
     if truth.sequence.joints3d is None:
-        return {}
+        return {}, {}
     rows, others = match_frames(found.frames, truth, str(found.path))
     estimate, true = found.joints[rows], truth.scored(truth.sequence.joints3d[others])
     valid = counted_joints(estimate, true, partial=True)
-    tables = {}
+    known, scored = estimate.isfinite().all(-1), int(valid.any(-1).sum())
+    tables, fewer = {}, {}
     for alignment in truth.protocol.alignments:
-        means = joint_table(aligned_distances(estimate, true, valid, alignment), LANDMARKS)
+        apart = aligned_distances(estimate, true, valid, alignment, known=known)
+        means = joint_table(apart, LANDMARKS)
         tables[str(alignment)] = {n: float(v) for n, v in means.items() if v.isfinite()}
-    return tables
+        frames = zip(LANDMARKS, apart.isfinite().sum(0).tolist(), strict=True)
+        some = {name: count for name, count in frames if 0 < count < scored}
+        if some:
+            fewer[str(alignment)] = some
+    return tables, fewer
 
 
 def surface_scores(surface: SurfaceFile, truth: Truth, every: int = 1) -> tuple[Scores, list[str]]:
@@ -165,8 +183,11 @@ def _vertex_scores(surface: SurfaceFile, true: SurfaceTruth, pairs: Pairs) -> Sc
     return {**dict(zip(names, means, strict=False)), "mesh_frames": float(len(pairs))}
 
 
-def _contact(estimate: Tensor, true: Tensor, rate: float) -> dict[str, Tensor]:
-    """Feet that slide while the true ones stand, and how deep they sink below all true ones."""
+def _contact(estimate: Tensor, true: Tensor, rate: float, scored: Tensor) -> dict[str, Tensor]:
+    """Feet that slide while the true ones stand, and how deep they sink below all true ones.
+
+    And in how many frames feet were known, where that is in fewer than are scored.
+    """
     up = _up(true)
     if up is None or not true[:, _FEET].isfinite().any():
         return {}
@@ -176,9 +197,12 @@ def _contact(estimate: Tensor, true: Tensor, rate: float) -> dict[str, Tensor]:
     feet, standing, heights = feet[:, known], standing[:, known], heights[:, known]
     contact = floor_contact(standing, heights, rate)
     floor = torch.where(heights.isfinite(), heights, torch.inf).amin(0)
+    skate, frames = foot_skate(feet, contact, up), heights.isfinite().any(-1).sum()
+    fewer = {"frames_foot_skate": frames} if skate.isfinite() and frames < scored else {}
     return {
-        "foot_skate_mm": foot_skate(feet, contact, up),
+        "foot_skate_mm": skate,
         "penetration_mm": penetration(feet @ up - floor).depth,
+        **fewer,
     }
 
 
@@ -194,7 +218,10 @@ def _up(joints: Tensor) -> Tensor | None:
 
 
 def _reprojection(estimate: Tensor, truth: Truth, others: list[int]) -> dict[str, Tensor]:
-    """Distance in the images from the annotated joints, where there are any."""
+    """Distance in the images from the annotated joints, where there are any.
+
+    Each joint, view and frame that is annotated counts alike.
+    """
     sequence = truth.sequence
     if sequence.rig is None or sequence.pixels is None:
         return {}
@@ -208,8 +235,10 @@ def _reprojection(estimate: Tensor, truth: Truth, others: list[int]) -> dict[str
             cameras.size,
         )
     projected, true = cameras.project(estimate), sequence.pixels[others]
-    known = true.isfinite().all(-1).any((0, 1))
-    if not known.any():
+    known = true.isfinite().all(-1) & projected.isfinite().all(-1)
+    frames = known.any(-1).any(-1).sum()
+    if not frames:
         return {}
-    flat = (points[..., known, :].flatten(0, 1) for points in (projected, true))
-    return {"reproj_px": reprojection_error(*flat)}
+    error = reprojection_error(projected.flatten(0, 1), true.flatten(0, 1), partial=True)
+    fewer = {"frames_reproj": frames} if frames < len(known) else {}
+    return {"reproj_px": error, **fewer}

@@ -118,8 +118,8 @@ def compare_silhouettes(
         every: compare every so many frames.
 
     Returns:
-        Scores by name, percent, and mistakes in the true silhouettes, or in the camera of the
-        truth, that those of the result show.
+        Scores by name, percent, and of how many frames they are; and mistakes in the true
+        silhouettes, or in the camera of the truth, that those of the result show.
 
     Raises:
         InputError: frames do not belong together, or an image cannot be used.
@@ -132,9 +132,11 @@ def compare_silhouettes(
     if drawn is not None:
         overlap, notes = _scores(drawn, every)
         scores["silhouette_iou"] = overlap["iou"]
+        scores["silhouette_frames"] = float(len(drawn.pairs[::every]))
     if masks is not None:
         covered, notes = _scores(masks, every)
         scores |= {f"segmentation_{name}": value for name, value in covered.items()}
+        scores["segmentation_frames"] = float(len(masks.pairs[::every]))
         notes += _told(masks)
     if drawn is None or overlap is None or (masks is not None and notes):
         return scores, notes  # outlines would say what masks say

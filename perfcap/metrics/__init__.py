@@ -7,14 +7,9 @@ from perfcap.metrics.joints import (
     JointErrors,
     action_table,
     aligned_distances,
-    area_under_curve,
-    correct_share,
-    head_size,
-    image_correct_share,
     joint_errors,
     joint_table,
     reprojection_error,
-    torso_size,
 )
 from perfcap.metrics.markers import (
     MarkerError,
@@ -42,6 +37,13 @@ from perfcap.metrics.motion import (
     bone_length_variation,
     jerk,
     limit_violations,
+)
+from perfcap.metrics.shares import (
+    area_under_curve,
+    correct_share,
+    head_size,
+    image_correct_share,
+    torso_size,
 )
 from perfcap.metrics.surface import SurfaceError, surface_distance, surface_error, vertex_error
 

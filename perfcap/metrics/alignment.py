@@ -92,7 +92,18 @@ def without_first_offset(
     Two skeletons place "the same" joint differently in a body: markers on the skin, joints within
     (Rhodin et al. 2016, Sec. 6, score HumanEva so). The offset is taken along the axes of the
     estimated body, so it turns with the person: a rigid estimate that is off by a constant in the
-    body has no error left.
+    body has no error left. The truth needs no trunk: frames and joints whose truth is missing say
+    nothing about those that are there.
+
+    Args:
+        estimate: (*b, F, J, 3), metres; NaN where it is not known.
+        truth: (*b, F, J, 3), metres.
+        valid: joints that count, (*b, F, J).
+        trunk: right hip, left hip and neck.
+
+    Returns:
+        (*b, F, J, 3), metres; NaN in frames in which the estimate lacks a joint of the trunk, and
+        for joints that never count.
     """
     axes = body_axes(estimate, trunk)  # *b F 3 3
     offset = (truth - estimate) @ axes  # rows times axes: into the body

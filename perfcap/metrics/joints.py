@@ -20,142 +20,13 @@ from perfcap.metrics.missing import (
     check_metres,
     check_places,
     check_same_joints,
-    complete,
     counted_joints,
     frame_mean,
     joint_mean,
     masked,
 )
 from perfcap.metrics.motion import acceleration_error, jerk
-from perfcap.setting_checks import require_size
-
-# --- Shares of joints that are near enough, in space and in images --------------------------------
-
-PCK_THRESHOLD = 150.0  # mm, Mehta et al. 2017
-AUC_THRESHOLDS = tuple(range(0, 151, 5))  # mm
-TORSO_SHARE = 0.2  # of the torso's diagonal, Yang and Ramanan 2013
-HEAD_SHARE = 0.5  # of the head's length, Andriluka et al. 2014
-_LARGEST_SHARE = 2.0
-# Of what joints span, of a torso, a head or a box; and joints of a frame that show it
-_LARGEST_SIZE, _WHOLE = 2.0, 8
-_TORSO = (5, 8)  # left shoulder, right hip
-_HEAD = (0, 1)  # crown, neck
-
-
-def correct_share(errors: Tensor, valid: Tensor, threshold: float = PCK_THRESHOLD) -> Tensor:
-    """Share (*b) of joints with an error (*b, F, J) below a threshold, percent; both mm.
-
-    Args:
-        errors: may hold anything where they are not valid.
-        valid: frames (*b, F) or joints (*b, F, J) that count.
-        threshold: an error of exactly this is too large.
-
-    Raises:
-        InputError: a threshold that is no number above zero.
-    """
-    require_size(threshold, "threshold")
-    return 100 * frame_mean((errors < threshold).to(errors.dtype), valid)
-
-
-def area_under_curve(
-    errors: Tensor, valid: Tensor, thresholds: tuple[float, ...] = AUC_THRESHOLDS
-) -> Tensor:
-    """Share (*b) of joints within a threshold, mean over thresholds up to 150 mm, percent.
-
-    Raises:
-        InputError: no threshold, or one that is below zero.
-    """
-    if not thresholds or not all(at >= 0 for at in thresholds):
-        raise InputError(f"thresholds are {thresholds!r:.80}, expected one or more from 0 mm on")
-    within = [frame_mean((errors <= at).to(errors.dtype), valid) for at in thresholds]
-    return 100 * torch.stack(within).mean(0)
-
-
-def image_correct_share(
-    pixels: Tensor,
-    truth: Tensor,
-    size: Tensor,
-    share: float,
-    confidence: Tensor | None = None,
-) -> Tensor:
-    """2D PCK: joints nearer to the truth than a share of the person's size, (*b), percent.
-
-    Joints that are missing on either side do not count, nor do frames whose size is not a positive
-    number.
-
-    Args:
-        pixels: (*b, F, J, 2).
-        truth: (*b, F, J, 2).
-        size: of the person in each frame, (*b, F), px: ``torso_size`` or ``head_size``.
-        share: of the size, ``TORSO_SHARE`` or ``HEAD_SHARE``.
-        confidence: (*b, F, J); joints of confidence 0 or NaN are missing.
-
-    Raises:
-        InputError: shapes that do not belong together, a share that is none, or sizes larger than
-            people.
-    """
-    if not 0 < share <= _LARGEST_SHARE:
-        raise InputError(
-            f"share is {share}, expected one such as {TORSO_SHARE} of the torso; divide percents "
-            "by 100"
-        )
-    if pixels.shape[-1:] != (2,):
-        raise InputError(f"pixels have shape {tuple(pixels.shape)}, expected (*b, F, J, 2)")
-    valid = counted_joints(pixels, truth, confidence, partial=True)
-    if size.shape != valid.shape[:-1]:
-        raise InputError(
-            f"size has shape {tuple(size.shape)} for joints {tuple(pixels.shape)}; give one number "
-            "a frame, (*b, F)"
-        )
-    known = size.isfinite() & (size > 0)
-    _require_size_of(truth, valid, size.where(known, torch.nan))
-    relative = (pixels - truth).norm(dim=-1) / torch.where(known, size, 1).unsqueeze(-1)
-    return correct_share(relative, valid & known.unsqueeze(-1), share)
-
-
-def _require_size_of(truth: Tensor, valid: Tensor, size: Tensor) -> None:
-    """Refuse sizes (*b, F) in other pixels than joints (*b, F, J, 2): all would be near enough.
-
-    Raises:
-        InputError: torsos or heads are most often larger than what all joints span.
-    """
-    seen = valid.unsqueeze(-1)
-    high, low = (
-        part(truth.where(seen, sign * torch.inf), -2)
-        for part, sign in ((torch.amax, -1), (torch.amin, 1))
-    )
-    span = (high - low).norm(dim=-1)
-    whole = (valid.sum(-1) >= _WHOLE) & (span > 0)
-    times = (size / span).where(whole, torch.nan).nanmedian()
-    if float(times) > _LARGEST_SIZE:
-        raise InputError(
-            f"size is {float(times):.3g} times what the true joints span from end to end, so that "
-            "any joint would be near enough; expected a torso or a head in pixels of the joints"
-        )
-
-
-def torso_size(truth: Tensor, ends: tuple[int, int] = _TORSO) -> Tensor:
-    """Left shoulder to right hip (*b, F) of joints (*b, F, J, 2), px; NaN where one is missing."""
-    return _length(truth, ends)
-
-
-def head_size(truth: Tensor, ends: tuple[int, int] = _HEAD) -> Tensor:
-    """Crown to neck (*b, F) of joints (*b, F, J, 2), px; NaN where one is missing.
-
-    PCKh of MPII divides by 0.6 of the diagonal of an annotated head box instead, which joints do
-    not have; its numbers are near these, not equal.
-    """
-    return _length(truth, ends)
-
-
-def _length(points: Tensor, ends: tuple[int, int]) -> Tensor:
-    length: Tensor = torch.linalg.vector_norm(
-        points[..., ends[0], :] - points[..., ends[1], :], dim=-1
-    )
-    return length
-
-
-# --- Joint errors as the field reports them -------------------------------------------------------
+from perfcap.metrics.shares import area_under_curve, correct_share
 
 MILLIMETRES = 1000.0  # in a metre
 _LANDMARKS = 16
@@ -181,6 +52,12 @@ class JointErrors:
         acceleration_error: mm per squared frame.
         jerk: of the estimate, m/s^3.
         jerk_truth: of the truth over the same frames, m/s^3.
+        frames_root: frames of mpjpe_root, pck and auc; with ``partial`` fewer than ``frames`` where
+            some lack a hip.
+        frames_translation: frames of mpjpe_translation; fewer where some have one joint only.
+        frames_similarity: frames of mpjpe_similarity; fewer where some have two joints or one.
+        frames_first_frame: frames of mpjpe_first_frame; fewer where some lack a joint of the
+            estimated trunk.
     """
 
     frames: Tensor
@@ -196,6 +73,10 @@ class JointErrors:
     acceleration_error: Tensor
     jerk: Tensor
     jerk_truth: Tensor
+    frames_root: Tensor
+    frames_translation: Tensor
+    frames_similarity: Tensor
+    frames_first_frame: Tensor
 
 
 def joint_errors(
@@ -233,10 +114,15 @@ def joint_errors(
     check_places(truth, valid)
     check_places(estimate, valid, "estimate")
     counts = valid.any(-1)
+    known = estimate.isfinite().all(-1)
+    if confidence is not None:
+        known = known & (confidence > 0)
     apart = {
-        kind: aligned_distances(estimate, truth, valid, kind, hips, trunk) for kind in Alignment
+        kind: aligned_distances(estimate, truth, valid, kind, hips, trunk, known)
+        for kind in Alignment
     }
     means = {kind: frame_mean(each, each.isfinite()) for kind, each in apart.items()}
+    used = {kind: each.isfinite().any(-1).sum(-1) for kind, each in apart.items()}
     root = apart[Alignment.ROOT]
     seen = [masked(points, valid) for points in (estimate, truth)]
     return JointErrors(
@@ -253,6 +139,10 @@ def joint_errors(
         acceleration_error=acceleration_error(*seen, partial=partial),
         jerk=jerk(seen[0], fps, partial=partial),
         jerk_truth=jerk(seen[1], fps, partial=partial),
+        frames_root=used[Alignment.ROOT],
+        frames_translation=used[Alignment.TRANSLATION],
+        frames_similarity=used[Alignment.SIMILARITY],
+        frames_first_frame=used[Alignment.FIRST_FRAME],
     )
 
 
@@ -287,11 +177,12 @@ def aligned_distances(
     alignment: Alignment | str,
     hips: tuple[int, int] = HIPS,
     trunk: tuple[int, int, int] = TRUNK,
+    known: Tensor | None = None,
 ) -> Tensor:
     """Distance of each joint after an alignment, (*b, F, J), mm; NaN where joints do not count.
 
     Nor do frames of so few joints that any estimate would fit: one after a translation, two after
-    a similarity.
+    a similarity; nor, with the roots aligned, frames in which a hip does not count.
 
     Args:
         estimate: (*b, F, J, 3), metres.
@@ -300,12 +191,21 @@ def aligned_distances(
         alignment: what is removed first, or its name.
         hips: the two joints whose middle is the root.
         trunk: right hip, left hip and neck.
+        known: joints of the estimate that may tell how its trunk is turned, (*b, F, J), for
+            ``FIRST_FRAME``: also those whose truth is missing. Those that count if not given.
+
+    Raises:
+        InputError: ``valid`` or ``known`` is no mask, or an alignment of no known name.
     """
     check_mask(valid)
     # an alignment is not asked about joints that do not count: no NaN enters the arithmetic
     kept = [torch.where(valid.unsqueeze(-1), points, 0) for points in (estimate, truth)]
     if alignment in (Alignment.ROOT, Alignment.FIRST_FRAME):
         kept = [masked(points, valid) for points in (estimate, truth)]
+    if alignment == Alignment.FIRST_FRAME and known is not None:
+        check_mask(known)
+        # of the axes nothing is asked of the truth: a hip that it lacks leaves them as they are
+        kept[0] = masked(estimate, known)
     apart = distances(align(kept[0], kept[1], valid, alignment, hips, trunk), kept[1])
     told = valid & (valid.sum(-1, keepdim=True) > _FITTED.get(alignment, 0))
     return torch.where(told, apart, torch.nan)
@@ -344,7 +244,19 @@ def action_table(errors: Mapping[str, Sequence[Tensor]]) -> dict[str, Tensor]:
     return means | {"mean": torch.stack(list(means.values())).nanmean()} if means else {}
 
 
-def reprojection_error(pixels: Tensor, truth: Tensor) -> Tensor:
-    """Mean distance (*b) of projected joints (*b, F, J, 2) in the frames that are complete, px."""
-    check_same_joints(pixels, truth)
-    return frame_mean((pixels - truth).norm(dim=-1), complete(pixels) & complete(truth))
+def reprojection_error(pixels: Tensor, truth: Tensor, *, partial: bool = False) -> Tensor:
+    """Mean distance (*b) of projected joints (*b, F, J, 2) in the frames that are complete, px.
+
+    Args:
+        pixels: (*b, F, J, 2), px; NaN where nothing was projected.
+        truth: (*b, F, J, 2), px; NaN where nothing was annotated.
+        partial: whether frames with missing joints count with those they have.
+
+    Returns:
+        Mean over all joints that count, each as much as any other; NaN where none does.
+
+    Raises:
+        InputError: shapes that do not belong together.
+    """
+    valid = counted_joints(pixels, truth, partial=partial)
+    return frame_mean((pixels - truth).norm(dim=-1), valid)

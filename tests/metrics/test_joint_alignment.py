@@ -119,6 +119,32 @@ def test_without_hips_there_is_no_root() -> None:
     errors = joint_errors(truth, truth, 30.0, partial=True)
     assert errors.frames == 12
     assert errors.mpjpe_root == 0 and errors.pck == 100
+    assert (errors.frames_root, errors.frames_first_frame) == (11, 11)  # the estimate's, too
+    truth[5, 2:] = truth[6, 1:] = torch.nan
+    errors = joint_errors(truth.nan_to_num(0.5), truth, 30.0, partial=True)
+    assert (errors.frames, errors.frames_translation, errors.frames_similarity) == (12, 11, 10)
+
+
+def test_axes_of_a_body_are_those_of_its_estimate() -> None:
+    """A hip that the truth lacks leaves the offsets of all others where they were."""
+    truth, estimate = joints(), joints(seed=1)
+    whole = joint_errors(estimate, truth, 30.0, partial=True)
+    all_joints = torch.ones(12, 16, dtype=torch.bool)
+    apart = aligned_distances(estimate, truth, all_joints, Alignment.FIRST_FRAME)
+    torch.testing.assert_close(whole.mpjpe_first_frame, apart.mean())
+    truth[4:, 8] = torch.nan
+    apart[4:, 8] = torch.nan
+    part = joint_errors(estimate, truth, 30.0, partial=True)
+    torch.testing.assert_close(part.mpjpe_first_frame, apart.nanmean())
+    confidence = torch.ones(12, 16, dtype=F64)
+    confidence[4:, 8] = 0  # nor is the estimate known there
+    unsure = joint_errors(estimate, truth, 30.0, confidence=confidence, partial=True)
+    torch.testing.assert_close(unsure.mpjpe_first_frame, apart[:4].mean())
+    assert (part.frames_first_frame, unsure.frames_first_frame) == (12, 4)
+    with pytest.raises(InputError, match="expected bool"):
+        aligned_distances(
+            estimate, truth, all_joints, Alignment.FIRST_FRAME, known=all_joints.double()
+        )
 
 
 def test_partial_batch_equals_loop() -> None:

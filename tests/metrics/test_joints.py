@@ -112,6 +112,18 @@ def test_reprojection_leaves_missing_frames_out():
     torch.testing.assert_close(reprojection_error(moved, pixels), moved.new_tensor(5.0))
 
 
+def test_reprojection_of_all_joints_that_are_known():
+    pixels, truth = 100 * joints(2)[..., :2], 100 * joints(2)[..., :2]
+    whole = reprojection_error(pixels, truth)
+    assert torch.equal(reprojection_error(pixels, truth, partial=True), whole)
+    truth[:, 4:, 3] = truth[1, 0] = torch.nan
+    apart = (pixels - truth).norm(dim=-1)
+    mean = torch.stack([each.nanmean() for each in apart])
+    torch.testing.assert_close(reprojection_error(pixels, truth, partial=True), mean)
+    first = torch.stack([apart[0, :4].mean(), apart[1, 1:4].mean()])
+    torch.testing.assert_close(reprojection_error(pixels, truth), first)
+
+
 def test_bone_length_variation():
     points = torch.zeros(3, 4, 3, 3, dtype=torch.float64)
     points[:, :, 1, 0] = 0.5
