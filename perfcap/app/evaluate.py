@@ -18,13 +18,12 @@ from perfcap.app.silhouettes import compare_silhouettes
 from perfcap.app.truth import (
     Truth,
     find_truth,
-    match_truths,
     rate_doubts,
     read_found,
     read_truth,
-    read_truths,
 )
 from perfcap.app.truth_doubts import image_doubts, joint_doubts
+from perfcap.app.truth_people import match_truths, read_truths
 from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing

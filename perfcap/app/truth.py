@@ -1,9 +1,8 @@
-"""The two sides of an evaluation: the joints of a result, and the truth."""
+"""The two sides of an evaluation: the joints of a result, and the truth of a person."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from perfcap.detect.detections import unit_of
@@ -20,12 +18,14 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
 from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
-from perfcap.io.result_folder import MOTION
+from perfcap.io.datasets.layout import at_frames, matching
+from perfcap.io.result_folder import MOTION, PERSON
 from perfcap.metrics import Alignment
 from perfcap.rates import FASTEST, SLOWEST
 
 _UNKNOWN_FPS = 30.0
 _TRUTH_NAMES = ("truth.npz", "gt.npz")
+_MAX_OTHERS = 16
 _OWN_LAYOUT = ("gt.npz", "camera.json")  # what tells a folder of the rendered sequences
 FILE_PROTOCOL = Protocol(LANDMARKS, tuple(Alignment), {}, "all frames and landmarks")
 
@@ -214,7 +214,29 @@ def _of_file(true: FoundJoints) -> DatasetSequence:
         frames=torch.from_numpy(true.frames),
         rate=true.rate,
         joints3d=true.joints,
+        others=_beside(true),
     )
+
+
+def _beside(true: FoundJoints) -> dict[str, torch.Tensor]:
+    """Joints (F, 16, 3) of other people in folders beside that of a file, by what to give."""
+    place = true.path.parent
+    place = place if PERSON.fullmatch(place.name) else place.resolve()  # the name of "." is needed
+    found: dict[str, torch.Tensor] = {}
+    if not PERSON.fullmatch(place.name):
+        return found
+    for folder in matching(place.parent, "person*"):
+        if folder.name == place.name or not PERSON.fullmatch(folder.name):
+            continue
+        for name in dict.fromkeys((true.path.name, *_TRUTH_NAMES)):
+            if len(found) == _MAX_OTHERS or not (folder / name).is_file():
+                continue
+            with suppress(InputError):  # a damaged file of another person is no fault of this one
+                other = read_found(folder / name)
+                key = str(folder if name in _TRUTH_NAMES else folder / name)
+                found[key] = at_frames(other.joints, other.frames.tolist(), true.frames.tolist())
+            break
+    return found
 
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
@@ -274,61 +296,3 @@ def _order(path: Path, named: NDArray[Any]) -> list[int]:
             f"; expected the {len(LANDMARKS)} landmarks, in any order: {', '.join(LANDMARKS)}"
         )
     return [names.index(name) for name in LANDMARKS]
-
-
-# --- The truth of several people, and which of them a result shows --------------------------------
-
-_PERSON = re.compile(r"person[1-9]\d?")
-_RIG, _UNKNOWN = "cameras.json", 1e6
-
-
-def read_truths(path: Path, dataset: str | None, sequence: str | None) -> list[Truth]:
-    """The truths of everybody of a take.
-
-    Args:
-        path: a folder with ``person1/gt.npz``, ...; or that of a data set.
-        dataset: which data set it is.
-        sequence: of the data set, ``NAME`` for everybody in it.
-
-    Raises:
-        InputError: there is none, or it cannot be used.
-    """
-    if dataset is not None:
-        names = find_dataset(dataset).sequences(path)
-        own = [each for each in names if each.rpartition("/")[0] == sequence]
-        return [read_truth(path, dataset, each) for each in own or (sequence,)]
-    if sequence is not None or not path.is_dir():
-        return [read_truth(path, dataset, sequence)]
-    people = sorted(each for each in path.iterdir() if _PERSON.fullmatch(each.name))
-    if not people:
-        return [read_truth(path)]
-    if (path / _RIG).is_file():
-        whole = path.resolve()
-        return read_truths(whole.parent, "rendered", whole.name)
-    return [read_truth(person) for person in people]
-
-
-def match_truths(folders: Sequence[Path], truths: Sequence[Truth]) -> list[Truth]:
-    """The truth of each person: those whose joints are nearest, everybody another one.
-
-    Raises:
-        InputError: there are fewer truths than people, or frames do not belong together.
-    """
-    if len(truths) < len(folders):
-        raise InputError(
-            f"--truth: has {len(truths)} people, the result {len(folders)}; expected the truth of "
-            "everybody, or evaluate one folder of a person"
-        )
-    cost = np.array([[_distance(folder, truth) for truth in truths] for folder in folders])
-    _, columns = linear_sum_assignment(np.nan_to_num(cost, nan=_UNKNOWN))
-    return [truths[column] for column in columns]
-
-
-def _distance(folder: Path, truth: Truth) -> float:
-    """Mean distance of the joints, m; NaN where the truth has none."""
-    found, sequence = read_found(folder / MOTION), truth.sequence
-    if sequence.joints3d is None:
-        return float("nan")
-    rows, others = match_frames(found.frames, truth, str(found.path))
-    apart = (found.joints[rows] - sequence.joints3d[others]).norm(dim=-1)
-    return float(apart.nanmean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,6 +18,8 @@ from perfcap.io.doctor.sparse import detected_period
 from perfcap.io.doctor.straight import examine_straight
 from perfcap.io.surface_file import SurfaceFile
 from perfcap.metrics import (
+    Alignment,
+    aligned_distances,
     counted_joints,
     mismatches,
     pixel_mismatches,
@@ -26,6 +29,7 @@ from perfcap.metrics import (
 from perfcap.metrics.lags import in_words
 
 _FAR, _NEARER = 0.1, 0.5  # m off, and share of it that another person leaves
+_NOISE = 0.01  # m by which poses of both may fit equally well
 _TALL = 500.0  # px, of a person in the images for which interpolation is looked for
 _SPREAD = 5  # joints of a frame, or frames, that show it
 _FLAT = 0.005  # m; no person is as thin
@@ -60,18 +64,32 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
 def _others(
     estimate: Tensor, true: Tensor, valid: Tensor, truth: Truth, rows: list[int]
 ) -> Iterator[str]:
-    """That another person of the recording is the one whom a result shows."""
+    """That another person of the recording is the one whom a result shows, the nearest first."""
+    option = "--truth" if truth.sequence.dataset == "file" else "--sequence"
+    found = []
     for name, joints in truth.sequence.others.items():
         other = truth.scored(joints[rows])
         both = valid & other.isfinite().all(-1)
         if 2 * int(both.sum()) < int(valid.sum()):
             continue
         own, left = (float((estimate - each)[both].norm(dim=-1).mean()) for each in (true, other))
-        if own > _FAR and left < _NEARER * own:
-            yield (
-                f"{name} of the same recording is nearer to the result: {left / own:.0%} of the "
-                f"error is left; --sequence {name} compares with that person"
-            )
+        if own <= _FAR or left >= _NEARER * own:
+            continue
+        # in a world that is turned about the people, another one is where this one should be
+        pose, theirs = (_posed(estimate, each, both) for each in (true, other))
+        if theirs < pose + max(_NOISE, 0.2 * pose) or math.isnan(pose):
+            found.append((left / own, name))
+    for share, name in sorted(found):
+        yield (
+            f"{name} of the same recording is nearer to the result: {share:.0%} of the "
+            f"error is left; {option} {name} compares with that person"
+        )
+
+
+def _posed(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
+    """Mean distance of joints after a similarity of each frame, m; NaN where too few count."""
+    apart = aligned_distances(estimate, truth, valid, Alignment.SIMILARITY)
+    return 0.001 * float(apart.nanmean())
 
 
 def _made_up(true: Tensor, valid: Tensor) -> Iterator[str]:

@@ -82,6 +82,24 @@ def landmarks_of(points: NDArray[np.float64], joint_set: JointSet, scale: float 
     return torch.where(found.unsqueeze(-1) > 0, mapped, torch.nan)
 
 
+def at_frames(joints: Tensor, numbers: Sequence[int], wanted: Sequence[int]) -> Tensor:
+    """Joints (W, 16, 3) of the wanted frames, NaN where they have no such frame.
+
+    Args:
+        joints: (F, 16, 3), metres.
+        numbers: of their frames, F.
+        wanted: numbers of W frames.
+    """
+    rows = {number: row for row, number in enumerate(numbers)}
+    nothing = torch.full_like(joints[0], torch.nan)
+    return torch.stack([joints[rows[n]] if n in rows else nothing for n in wanted])
+
+
+def named_below(name: str, names: Iterable[str]) -> tuple[str, ...]:
+    """The people ``NAME/...`` among names of sequences; the name itself where there are none."""
+    return tuple(each for each in names if each.startswith(f"{name}/")) or (name,)
+
+
 def measured(points: NDArray[np.float64]) -> Tensor:
     """Points (..., d), NaN where a coordinate is unknown or too far away for any recording."""
     values = torch.from_numpy(points)

@@ -39,6 +39,7 @@ _RATE = 29.97
 _CENTIMETRE = 1e-2
 _LIMIT = 16 * MEBIBYTE
 _MAX_OTHERS = 16
+_MAX_PEOPLE = 99  # each is read on its own
 _NAME = re.compile(r"[\w-]{1,40}")
 _FRAME = re.compile(r"body3DScene_(\d{1,9})\.json")
 
@@ -54,16 +55,7 @@ def list_panoptic(folder: Path) -> tuple[str, ...]:
 def read_panoptic(folder: Path, name: str) -> DatasetSequence:
     """The only person of a sequence, or one of several by id."""
     base, _, person = name.partition("/")
-    check_name(folder, _TITLE, base, list_panoptic(folder))
-    place = folder / base
-    files = {
-        int(match[1]): path
-        for path in matching(place / _POSES, "body3DScene_*.json")
-        if (match := _FRAME.fullmatch(path.name))
-    }
-    if not 0 < len(files) <= MAX_FRAMES:
-        raise wrong_layout(place, _TITLE, f"{_POSES}/body3DScene_*.json", _LAYOUT)
-    bodies = {frame: _bodies(path) for frame, path in sorted(files.items())}
+    place, bodies = _take(folder, base)
     people = {identity for frame in bodies.values() for identity in frame}
     chosen = _choose(place, person, people)
     nothing = np.full((len(COCO19), 3), np.nan)
@@ -84,6 +76,35 @@ def read_panoptic(folder: Path, name: str) -> DatasetSequence:
         videos=present([place / "hdVideos" / f"hd_{view}.mp4" for view in rig.names]),
         others={f"{base}/{i}": landmarks(i) for i in sorted(people - {chosen})[:_MAX_OTHERS]},
     )
+
+
+def _people(folder: Path, name: str) -> tuple[str, ...]:
+    """Everybody whom a frame of a sequence shows, by id."""
+    base, _, person = name.partition("/")
+    if person:
+        return (name,)
+    place, bodies = _take(folder, base)
+    people = sorted({identity for frame in bodies.values() for identity in frame})
+    if len(people) > _MAX_PEOPLE:
+        raise InputError(
+            f"{place / _POSES}: shows {len(people)} people, expected {_MAX_PEOPLE} at most; name "
+            f"one, such as {base}/{people[0]}"
+        )
+    return tuple(f"{base}/{i}" for i in people) or (name,)
+
+
+def _take(folder: Path, base: str) -> tuple[Path, dict[int, dict[int, NDArray[np.float64]]]]:
+    """The folder of a sequence; of each frame, joints (19, 3) of everybody, cm."""
+    check_name(folder, _TITLE, base, list_panoptic(folder))
+    place = folder / base
+    files = {
+        int(match[1]): path
+        for path in matching(place / _POSES, "body3DScene_*.json")
+        if (match := _FRAME.fullmatch(path.name))
+    }
+    if not 0 < len(files) <= MAX_FRAMES:
+        raise wrong_layout(place, _TITLE, f"{_POSES}/body3DScene_*.json", _LAYOUT)
+    return place, {frame: _bodies(path) for frame, path in sorted(files.items())}
 
 
 def _bodies(path: Path) -> dict[int, NDArray[np.float64]]:
@@ -161,4 +182,5 @@ PANOPTIC = Dataset(
     ),
     list_names=list_panoptic,
     read_sequence=read_panoptic,
+    list_people=_people,
 )

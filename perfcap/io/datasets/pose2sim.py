@@ -3,24 +3,34 @@
 A recording's folder holds ``calibration/*.toml``, and ``pose3d/`` or ``pose-3d/`` with ``*.trc``,
 as Pose2Sim writes them, or with ``reference3d*.npz`` (``joints3d_m``, ``names``), a triangulation
 in the axes of the calibration, which is preferred. A folder with several of these, one a person,
-is read as ``NAME/REFERENCE``.
+is read as ``NAME/REFERENCE``. What Pose2Sim filters or augments is the same person once more.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS, JointSet, canonical_name
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.calibration import read_cameras
-from perfcap.io.datasets.layout import array_of, check_name, landmarks_of, matching, wrong_layout
+from perfcap.io.datasets.layout import (
+    array_of,
+    at_frames,
+    check_name,
+    landmarks_of,
+    matching,
+    named_below,
+    wrong_layout,
+)
 from perfcap.io.datasets.sequence import Dataset, DatasetSequence, Protocol
 from perfcap.io.datasets.trc import read_trc
 from perfcap.metrics import Alignment
@@ -33,6 +43,8 @@ _WHAT = "a triangulation: joints3d_m (F, J, 3) in metres and names (J)"
 # a triangulation is better where views were registered to the scene
 _PREFERRED_CALIBRATION = "Calib_scene.toml"
 _DEFAULT_RATE = 60.0
+_MAX_OTHERS = 16
+_PROCESSED = re.compile(r"(_filt_\w+|_LSTM)+$")  # what Pose2Sim adds to the names of its files
 
 
 def list_pose2sim(folder: Path) -> tuple[str, ...]:
@@ -54,11 +66,7 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
     recording = folder / base
     references = {path.stem: path for path in _references(recording)}
     reference = references[person] if person else next(iter(references.values()))
-    names, points, rate, frames = _joints(reference)
-    known = {canonical_name(joint) for joint in names}
-    if not known & set(LANDMARKS):
-        raise InputError(f"{reference}: names {', '.join(names[:5])}, none of the landmarks")
-    joints3d = landmarks_of(points, JointSet(base, tuple(canonical_name(n) for n in names)))
+    joints3d, rate, frames = _landmarks(reference)
     return DatasetSequence(
         dataset="pose2sim",
         name=name,
@@ -73,7 +81,43 @@ def read_pose2sim(folder: Path, name: str) -> DatasetSequence:
             "the truth is a triangulation of detected joints, good to some centimetres",
             *_doubts(reference, frames),
         ),
+        others=_others(base, reference, references.values(), frames.tolist()),
     )
+
+
+def _people(folder: Path, name: str) -> tuple[str, ...]:
+    """Everybody in a recording, of each the first file."""
+    people: dict[str, str] = {}
+    for each in named_below(name, list_pose2sim(folder)):
+        people.setdefault(_PROCESSED.sub("", each), each)
+    return tuple(people.values())
+
+
+def _others(
+    base: str, own: Path, references: Iterable[Path], frames: Sequence[int]
+) -> dict[str, Tensor]:
+    """Landmarks (F, 16, 3) of the other people of a recording, by name."""
+    found: dict[str, Tensor] = {}
+    seen = {_PROCESSED.sub("", own.stem)}
+    for path in references:
+        person = _PROCESSED.sub("", path.stem)
+        if person in seen or len(found) == _MAX_OTHERS:
+            continue
+        seen.add(person)
+        with suppress(InputError):  # a damaged file of another person is no fault of this one
+            joints, _, numbers = _landmarks(path)
+            if len(joints):
+                found[f"{base}/{path.stem}"] = at_frames(joints, numbers.tolist(), frames)
+    return found
+
+
+def _landmarks(path: Path) -> tuple[Tensor, float | None, NDArray[np.int64]]:
+    """Landmarks (F, 16, 3), frames a second if known, and numbers of the frames, (F,)."""
+    names, points, rate, frames = _joints(path)
+    joint_set = JointSet(path.stem, tuple(canonical_name(name) for name in names))
+    if not set(joint_set.joints) & set(LANDMARKS):
+        raise InputError(f"{path}: names {', '.join(names[:5])}, none of the landmarks")
+    return landmarks_of(points, joint_set), rate, frames
 
 
 def _joints(path: Path) -> tuple[Sequence[str], Floats, float | None, NDArray[np.int64]]:
@@ -136,4 +180,5 @@ POSE2SIM = Dataset(
     ),
     list_names=list_pose2sim,
     read_sequence=read_pose2sim,
+    list_people=_people,
 )

@@ -6,12 +6,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
@@ -19,9 +21,11 @@ from perfcap.io.archive import read_archive
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.datasets.layout import (
     array_of,
+    at_frames,
     check_name,
     matching,
     measured,
+    named_below,
     present,
     wrong_layout,
 )
@@ -35,6 +39,7 @@ _LAYOUT = "NAME/camera.json with NAME/gt.npz, or NAME/cameras.json with NAME/per
 _TRUTH = "the truth of a rendered sequence"
 _TEMPLATE = "the template of a rendered sequence"
 _FARTHEST = 1e6  # m
+_MAX_OTHERS = 16
 _LOOSE = ("skirt", "coat")
 
 
@@ -57,6 +62,11 @@ def read_rendered(folder: Path, name: str) -> DatasetSequence:
     if person:
         return _several_views(folder / base, folder / base / f"person{person}", name)
     return _one_view(folder / base, name)
+
+
+def _people(folder: Path, name: str) -> tuple[str, ...]:
+    """Everybody in a sequence, by number."""
+    return named_below(name, list_rendered(folder))
 
 
 def _one_view(folder: Path, name: str) -> DatasetSequence:
@@ -102,7 +112,23 @@ def _several_views(folder: Path, person: Path, name: str) -> DatasetSequence:
         pixels=measured(pixels),
         videos=present([folder / "views" / f"{view}.mp4" for view in rig.names]),
         surface=partial(_read_surface, person, packed=True),
+        others=_others(folder, person, len(joints3d)),
     )
+
+
+def _others(folder: Path, person: Path, frames: int) -> dict[str, Tensor]:
+    """Landmarks (F, 16, 3) of the other people of a sequence, by name."""
+    found: dict[str, Tensor] = {}
+    for path in matching(folder, "person*/gt.npz"):
+        if path.parent == person or len(found) == _MAX_OTHERS:
+            continue
+        with suppress(InputError):  # a damaged file of another person is no fault of this one
+            joints = _truth(path, ("joints3d",)).get("joints3d")
+            points = measured(array_of(str(path), joints, (None, 16, 3)))
+            name = f"{folder.name}/{path.parent.name.removeprefix('person')}"
+            if len(points):
+                found[name] = at_frames(points, range(len(points)), range(frames))
+    return found
 
 
 def _cameras(path: Path) -> tuple[CameraRig, float]:
@@ -166,4 +192,5 @@ RENDERED = Dataset(
     ),
     list_names=list_rendered,
     read_sequence=read_rendered,
+    list_people=_people,
 )

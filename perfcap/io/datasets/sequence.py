@@ -150,6 +150,7 @@ class Dataset:
         protocol: how results are scored.
         list_names: names of the sequences in a folder.
         read_sequence: one of them, by name.
+        list_people: names of everybody in one of them, where several people may be in it; or none.
     """
 
     name: str
@@ -158,6 +159,7 @@ class Dataset:
     protocol: Protocol
     list_names: Callable[[Path], tuple[str, ...]] = field(repr=False)
     read_sequence: Callable[[Path, str], DatasetSequence] = field(repr=False)
+    list_people: Callable[[Path, str], tuple[str, ...]] | None = field(default=None, repr=False)
 
     def sequences(self, folder: str | Path) -> tuple[str, ...]:
         """Names of the sequences in a folder.
@@ -167,12 +169,25 @@ class Dataset:
         """
         return self.list_names(Path(folder))
 
+    def people(self, folder: str | Path, name: str) -> tuple[str, ...]:
+        """Names of everybody in a sequence, each for ``read``; its own where it is of one person.
+
+        Raises:
+            InputError: there is none of that name, or its files cannot be used.
+        """
+        self._check(folder, name)
+        return (name,) if self.list_people is None else self.list_people(Path(folder), name)
+
     def read(self, folder: str | Path, name: str) -> DatasetSequence:
         """One sequence.
 
         Raises:
             InputError: there is none of that name, or its files cannot be used.
         """
+        self._check(folder, name)
+        return self.read_sequence(Path(folder), name)
+
+    def _check(self, folder: str | Path, name: str) -> None:
+        """Refuse what leads out of the folder."""
         if not name or any(part in ("", ".", "..") for part in name.split("/")):
             raise InputError(f"{folder}: {name!r:.60} is no name of a sequence of {self.title}")
-        return self.read_sequence(Path(folder), name)

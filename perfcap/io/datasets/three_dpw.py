@@ -41,13 +41,7 @@ def list_three_dpw(folder: Path) -> tuple[str, ...]:
 def read_three_dpw(folder: Path, name: str) -> DatasetSequence:
     """One person of a sequence, ``NAME/0``; ``NAME`` alone where there is one."""
     base, _, number = name.partition("/")
-    paths = [path for path in matching(folder, "sequenceFiles/*/*.pkl") if path.stem == base]
-    if not paths:
-        raise wrong_layout(folder, _TITLE, f"sequenceFiles/*/{base}.pkl", _LAYOUT)
-    path = paths[0]
-    values = read_pickle(path, _WHAT)
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: is {type(values).__name__}, expected the dictionary of 3DPW")
+    path, values = _take(folder, base)
     people, person = _person(path, values, number)
     joints = _of(path, values, "jointPositions", person, (None, 3 * len(SMPL24)))
     frames = len(joints)
@@ -73,22 +67,46 @@ def read_three_dpw(folder: Path, name: str) -> DatasetSequence:
     )
 
 
+def _people(folder: Path, name: str) -> tuple[str, ...]:
+    """Everybody in a sequence, by number."""
+    base, _, number = name.partition("/")
+    if number:
+        return (name,)
+    return tuple(f"{base}/{i}" for i in range(_count(*_take(folder, base))))
+
+
+def _take(folder: Path, base: str) -> tuple[Path, dict[Any, Any]]:
+    """The file of a sequence, and what it holds."""
+    paths = [path for path in matching(folder, "sequenceFiles/*/*.pkl") if path.stem == base]
+    if not paths:
+        raise wrong_layout(folder, _TITLE, f"sequenceFiles/*/{base}.pkl", _LAYOUT)
+    values = read_pickle(paths[0], _WHAT)
+    if not isinstance(values, dict):
+        raise InputError(f"{paths[0]}: is {type(values).__name__}, expected the dictionary of 3DPW")
+    return paths[0], values
+
+
 def _landmarks(joints: NDArray[np.float64]) -> torch.Tensor:
     return landmarks_of(joints.reshape(-1, len(SMPL24), 3), SMPL24)
 
 
 def _person(path: Path, values: dict[Any, Any], number: str) -> tuple[int, int]:
     """How many people there are, and which one is meant."""
+    people = _count(path, values)
+    if not number and people > 1:
+        names = ", ".join(f"{path.stem}/{i}" for i in range(people))
+        raise InputError(f"{path}: shows {people} people; name one: {names}")
+    number = number or "0"
+    if not number.isdecimal() or int(number) >= people:
+        raise InputError(f"{path}: has people 0 to {people - 1}, not {number!r:.20}")
+    return people, int(number)
+
+
+def _count(path: Path, values: dict[Any, Any]) -> int:
     people = values.get("jointPositions")
     if not isinstance(people, list) or not 0 < len(people) <= _MAX_PEOPLE:
         raise InputError(f"{path}: has no list jointPositions of people; expected {_WHAT}")
-    if not number and len(people) > 1:
-        names = ", ".join(f"{path.stem}/{i}" for i in range(len(people)))
-        raise InputError(f"{path}: shows {len(people)} people; name one: {names}")
-    number = number or "0"
-    if not number.isdecimal() or int(number) >= len(people):
-        raise InputError(f"{path}: has people 0 to {len(people) - 1}, not {number!r:.20}")
-    return len(people), int(number)
+    return len(people)
 
 
 def _of(
@@ -136,4 +154,5 @@ THREE_DPW = Dataset(
     ),
     list_names=list_three_dpw,
     read_sequence=read_three_dpw,
+    list_people=_people,
 )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from synthetic import cameras as circle
 
+from perfcap.app.truth_people import match_truths, read_truths
 from perfcap.detect.joint_set import LANDMARKS, JointSet
 from perfcap.geometry.camera import Camera
 
@@ -38,3 +41,18 @@ def assert_landmarks(found: torch.Tensor, points: Floats, joint_set: JointSet) -
             np.testing.assert_allclose(found[..., index, :], points[..., list(sources), :].mean(-2))
         else:
             assert found[..., index, :].isnan().all(), name
+
+
+def assert_everybody(folder: Path, dataset: str, name: str, people: tuple[str, ...]) -> None:
+    """``NAME`` stands for these people, whose results, in the opposite order, find them again."""
+    truths = read_truths(folder, dataset, name)
+    assert tuple(truth.sequence.name for truth in truths) == people
+    results = []
+    for number, truth in enumerate(reversed(truths), 1):
+        assert truth.sequence.joints3d is not None
+        results.append(folder / f"result/person{number}")
+        results[-1].mkdir(parents=True)
+        joints = truth.sequence.joints3d.nan_to_num(0.3).numpy() + 0.01
+        np.savez(results[-1] / "motion.npz", joints3d=joints, frames=truth.sequence.frames.numpy())
+    found = match_truths(results, truths)
+    assert tuple(truth.sequence.name for truth in found) == people[::-1]

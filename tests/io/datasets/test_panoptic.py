@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from scenes import Floats, assert_landmarks, cameras, person
+from scenes import Floats, assert_everybody, assert_landmarks, cameras, person
 
+from perfcap.app.truth_people import match_truths, read_truths
 from perfcap.errors import InputError
 from perfcap.io.datasets import find_dataset
 from perfcap.io.datasets.joint_sets import COCO19
@@ -78,6 +79,30 @@ def test_one_of_several_people(tmp_path: Path) -> None:
     points = person(COCO19, seed=5)
     points[3], points[:, 4] = np.nan, np.nan
     assert_landmarks(sequence.joints3d, points, COCO19)
+
+
+def test_a_name_without_an_id_is_everybody(tmp_path: Path) -> None:
+    write(tmp_path, (2, 5, 11))
+    assert_everybody(tmp_path, "panoptic", NAME, (f"{NAME}/2", f"{NAME}/5", f"{NAME}/11"))
+    assert DATASET.people(tmp_path, f"{NAME}/5") == (f"{NAME}/5",)
+    one = read_truths(tmp_path, "panoptic", f"{NAME}/5")
+    with pytest.raises(InputError, match=rf"has 1 people, the result 2; .*--sequence {NAME}\)"):
+        match_truths([tmp_path / "person1", tmp_path / "person2"], one)
+
+
+def test_everybody_of_a_sequence_of_one_person(tmp_path: Path) -> None:
+    write(tmp_path)
+    assert DATASET.people(tmp_path, NAME) == (f"{NAME}/0",)
+    with pytest.raises(InputError, match="has no sequence 'other'"):
+        DATASET.people(tmp_path, "other")
+    with pytest.raises(InputError, match="is no name of a sequence"):
+        DATASET.people(tmp_path, "../0")
+
+
+def test_a_sequence_of_too_many_people_names_one(tmp_path: Path) -> None:
+    write(tmp_path, tuple(range(100)))
+    with pytest.raises(InputError, match=f"shows 100 people, expected 99 at most; .*{NAME}/0"):
+        DATASET.people(tmp_path, NAME)
 
 
 @pytest.mark.parametrize(

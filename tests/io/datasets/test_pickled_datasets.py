@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from scenes import FRAMES, Floats, assert_landmarks, cameras, person
+from scenes import FRAMES, Floats, assert_everybody, assert_landmarks, cameras, person
 
 from perfcap.detect.joint_set import COCO18
 from perfcap.errors import InputError
@@ -82,6 +82,15 @@ def test_3dpw(tmp_path: Path, protocol: int) -> None:
     assert "head_top" not in THREE_DPW.protocol.joints and len(THREE_DPW.protocol.joints) == 15
 
 
+def test_everybody_of_3dpw(tmp_path: Path) -> None:
+    name = "downtown_walking_00"
+    write_3dpw(tmp_path, sequence_of_3dpw())
+    assert_everybody(tmp_path, "3dpw", name, (f"{name}/0", f"{name}/1"))
+    assert THREE_DPW.people(tmp_path, f"{name}/1") == (f"{name}/1",)
+    with pytest.raises(InputError, match="has no sequenceFiles"):
+        THREE_DPW.people(tmp_path, "other")
+
+
 def test_one_person_of_3dpw_needs_no_number(tmp_path: Path) -> None:
     values = sequence_of_3dpw()
     for key in ("jointPositions", "poses2d", "campose_valid"):
@@ -89,6 +98,7 @@ def test_one_person_of_3dpw_needs_no_number(tmp_path: Path) -> None:
     write_3dpw(tmp_path, values)
     alone = THREE_DPW.read(tmp_path, "downtown_walking_00")
     assert alone.name == "downtown_walking_00/0" and not alone.others
+    assert THREE_DPW.people(tmp_path, "downtown_walking_00") == ("downtown_walking_00/0",)
 
 
 @pytest.mark.parametrize(
@@ -179,6 +189,7 @@ def body() -> dict[str, Floats]:
 def test_emdb(tmp_path: Path) -> None:
     values = write_emdb(tmp_path)
     assert EMDB.sequences(tmp_path) == ("P1/14_outdoor_climb",)
+    assert EMDB.people(tmp_path, "P1") == ("P1",)  # all recordings of a subject are no take
     sequence = EMDB.read(tmp_path, "P1/14_outdoor_climb")
     assert sequence.joints3d is not None and sequence.rig is not None
     model = body()
