@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import torch
+from torch import Tensor
 from torch.nn.functional import normalize
 
 from perfcap.app.truth import FoundJoints, Truth, match_frames
@@ -9,6 +11,7 @@ from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 
 OF_THE_FLOOR = ("foot_skate_mm", "penetration_mm")
+_LONGER = 1.5  # people who lie are so much longer than high
 _AGREE, _ALONG, _ACROSS = 0.9, 0.4, 0.7  # of cameras' up, of the trunk along it, along rows
 
 
@@ -31,8 +34,19 @@ def lying_doubt(found: FoundJoints, truth: Truth) -> str | None:
         return None
     if float((axis @ up).abs()) > _ALONG or float((right @ axis).abs().max()) < _ACROSS:
         return None
+    along, above = (_extent(joints @ way) for way in (axis, normalize(up, dim=0)))
+    if not along > _LONGER * above:
+        return None
     return (
         f"{sequence.folder}: the trunk of the person lies across the images of the truth's "
         "cameras; as the floor is taken to be square to it, how far feet slide and how deep they "
         "go is left out"
     )
+
+
+def _extent(places: Tensor) -> float:
+    """Median over frames of how far joints (F, 16) along an axis are apart, m."""
+    known = places.isfinite()
+    high = places.where(known, -torch.inf).amax(-1)
+    low = places.where(known, torch.inf).amin(-1)
+    return float((high - low)[known.any(-1)].median())

@@ -43,6 +43,12 @@ def test_nothing_is_said_without_cameras_or_along_their_way() -> None:
     assert doubt(person(2), cameras(1)) is None  # as of a ceiling camera above who stands
 
 
+def test_who_is_as_high_as_long_does_not_lie() -> None:
+    joints = person(0)
+    joints[:, LANDMARKS.index("l_toe"), 1] = -3.0
+    assert doubt(joints, cameras(1)) is None
+
+
 def test_moving_and_rolled_cameras() -> None:
     still = cameras(1)
     moving = replace(
