@@ -102,6 +102,7 @@ def body_of(person: Person, body: str, name: str | None) -> tuple[Actor, str, Me
     for line in built.doubts(person):
         _LOG.warning("%s", line)
     template = replace(built.template, name=name or model.rig.name).rounded()
+    require_sound(Path(body), examine_actor(template))
     return Actor(template), model.rig.licence, built.measurements
 
 

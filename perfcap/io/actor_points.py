@@ -21,6 +21,8 @@ _FROM_SKIN = 0.1
 _BACKWARDS = -0.2  # cosine between a foot and where hips and shoulders face; of people 0.9
 _BELOW = 0.01  # of the height, that a crown may be below the joint of the head
 _ABOVE, _AROUND = 0.04, 0.1  # the same above the mesh around it; of people it is 0.02 below
+_UNDER = 0.01  # the same of toes below the mesh; of people they are 0.02 above its lowest point
+_TOES = ("l_toe", "r_toe")
 _PLACES = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _USUAL = {**CENTRE_LIMITS, **SIDE_LIMITS}
 _LEFT, _MIRRORED = 0.25, 0.5  # of what people's joints may turn
@@ -29,8 +31,8 @@ _LEFT, _MIRRORED = 0.25, 0.5  # of what people's joints may turn
 def landmark_findings(template: Template) -> Iterator[Finding]:
     """Crowns and toes that are not at their places.
 
-    Crowns lie below heads or above the mesh, toes at the other foot or behind it, or either far
-    from the body.
+    Crowns lie below heads or above the mesh, toes at the other foot, behind it or below the mesh,
+    or either far from the body.
 
     Args:
         template: in metres, with the joints of a person; landmarks that are missing are left out.
@@ -45,9 +47,18 @@ def landmark_findings(template: Template) -> Iterator[Finding]:
     if odd:
         remedy = "correct [landmarks] in manifest.toml, or build the actor again"
         yield Finding(Severity.ERROR, "landmarks", "; ".join(odd), remedy)
-    elif "head_top" in at and (above := _above_mesh(at["head_top"], template)) > _ABOVE * height:
+        return
+    if "head_top" in at and (above := _above_mesh(at["head_top"], template)) > _ABOVE * height:
         what = f"head_top lies {100 * above:.0f} cm above the mesh"
         remedy = "put the bone that ends the head at the crown, or correct [landmarks]"
+        yield Finding(Severity.WARNING, "landmarks", what, remedy)
+    toes = [float(at[name][1]) for name in _TOES if name in at]
+    under = float(template.vertices[:, 1].min()) - max(toes, default=math.inf)
+    if under > _UNDER * height:
+        what = f"toes lie {100 * under:.0f} cm below the mesh, as where its feet were cut off"
+        remedy = (
+            "keep the soles of a scan: without them a height that is given makes the rest too large"
+        )
         yield Finding(Severity.WARNING, "landmarks", what, remedy)
 
 

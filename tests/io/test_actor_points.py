@@ -83,6 +83,16 @@ def test_a_crown_above_the_body_is_told(sam: Template, raised: float, told: int)
     assert all(each.severity is Severity.WARNING for each in found)
 
 
+@pytest.mark.parametrize(("cut", "told"), [(0.0, 0), (0.04, 0), (0.08, 1), (0.12, 1)])
+def test_feet_that_went_with_the_floor_are_named(sam: Template, cut: float, told: int) -> None:
+    low = float(sam.vertices[:, 1].min())
+    kept = sam.vertices.copy()
+    kept[:, 1] = np.maximum(kept[:, 1], low + cut)
+    found = list(landmark_findings(replace(sam, vertices=kept)))
+    assert len(found) == told
+    assert all("below the mesh" in each.what for each in found)
+
+
 def test_sound_bodies_have_sound_joints_and_landmarks(sam: Template) -> None:
     model = load_body_model("ada")
     generator = torch.Generator().manual_seed(3)
