@@ -22,6 +22,7 @@ _FILE, _TEXTURE = "body.npz", "texture.jpg"
 _WHAT = "a body model (.npz or .safetensors)"
 _LIMIT, _HEADER_LIMIT, _TEXTURE_LIMIT = 1024 * MEBIBYTE, 4 * MEBIBYTE, 64 * MEBIBYTE
 _DTYPES = {"F64": "<f8", "F32": "<f4", "F16": "<f2", "I64": "<i8", "I32": "<i4", "U16": "<u2"}
+_SHORTEST, _LONGEST = 0.3, 3.0  # m, of people
 _TEXTS = ("bone_names", "landmark_names")
 
 
@@ -42,7 +43,15 @@ def load_body_model(name: str | Path = DEFAULT_BODY) -> BodyModel:
         require_file(picture, _TEXTURE_LIMIT, "a texture")
         texture = picture.read_bytes()
     label = path.parent.name if path.name == _FILE else path.stem
-    return BodyModel.from_arrays(arrays, label, texture)
+    model = BodyModel.from_arrays(arrays, label, texture)
+    places = model.surface.mean
+    long = float((places.amax(0) - places.amin(0)).max())
+    if not _SHORTEST <= long <= _LONGEST:
+        raise InputError(
+            f"{path}: its mean body is {long:.3g} long; expected a person in metres, scale vertices, "
+            "bones and their bases alike"
+        )
+    return model
 
 
 def body_model_files(name: str | Path) -> tuple[Path, ...]:

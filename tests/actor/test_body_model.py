@@ -143,6 +143,15 @@ def test_damaged_safetensors_are_refused(tmp_path: Path) -> None:
             load_body_model(path)
 
 
+def test_bodies_in_other_units_are_refused(tmp_path: Path) -> None:
+    values = arrays()
+    lengths = ("vertices", "shape_basis", "bone_positions", "bone_basis")
+    scaled = {name: 100 * v if name in lengths else v for name, v in values.items()}
+    np.savez(tmp_path / "a.npz", **scaled)
+    with pytest.raises(InputError, match="long; expected a person in metres"):
+        load_body_model(tmp_path / "a.npz")
+
+
 def test_unknown_names_list_what_is_shipped() -> None:
     with pytest.raises(InputError, match="ada"):
         load_body_model("nobody")
