@@ -94,6 +94,12 @@ def try_network(network: OnnxDetector | OnnxFinder) -> Iterator[str]:
         f"tried on the shipped clip: joints are {_percent(own.off)} of the person off (median), "
         f"{own.found:.0%} of them within a tenth"
     )
+    unseen = [LANDMARKS[n] for n in JUDGED if LANDMARKS[n] in network.joint_set.missing()]
+    if unseen:
+        yield (
+            f"to check: it sees no {', '.join(unseen)}; are these joints of the network spelled as "
+            "docs/detectors.md has them in joints.names?"
+        )
     others = {what: _read(network, other) for what, other in _otherwise(manifest)}
     better = [
         what

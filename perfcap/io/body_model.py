@@ -48,8 +48,8 @@ def load_body_model(name: str | Path = DEFAULT_BODY) -> BodyModel:
     long = float((places.amax(0) - places.amin(0)).max())
     if not _SHORTEST <= long <= _LONGEST:
         raise InputError(
-            f"{path}: its mean body is {long:.3g} long; expected a person in metres, scale vertices, "
-            "bones and their bases alike"
+            f"{path}: its mean body is {long:.3g} long; expected a person in metres, scale "
+            "vertices, bones and their bases alike"
         )
     return model
 

@@ -42,6 +42,7 @@ def test_right_manifests_are_not_doubted(perfcap: Command, name: str) -> None:
 
 
 WRISTS = [{"l_wrist": "r_wrist", "r_wrist": "l_wrist"}.get(n, n) for n in COCO17.joints]
+ANCLES = [n.replace("ankle", "ancle") for n in COCO17.joints]
 LOW = "\n[calibration]\nraw = [0.0, 1.0]\nprobability = [0.0, 0.2]"
 SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.joints]
 
@@ -58,6 +59,7 @@ SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.join
         ),
         ("lightning", 'set = "COCO-17"', f"names = {SIDES}", "have left and right exchanged"),
         ("lightning", 'set = "COCO-17"', f"names = {WRISTS}", "r_wrist is where l_wrist is"),
+        ("lightning", 'set = "COCO-17"', f"names = {ANCLES}", "it sees no r_ankle, l_ankle; are"),
         ("lightning", "padding = 1.1", "padding = 2.0", "with padding = 1.25 they are 1.9 % off"),
         (
             "rendered",
