@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.errors import InputError
@@ -43,12 +45,14 @@ def read_ply(path: Path, notes: list[Finding]) -> BareMesh:
             data = load_ply(file, skip_materials=True, fix_texture=painted and of_corners)
         vertices, faces = np.asarray(data.get("vertices", ())), data.get("faces", ())
         faces = triangulate_quads(faces) if len(faces) else np.zeros((0, 3), int)
+        uv = _numbers(getattr(data.get("visual"), "uv", None), len(vertices), "coordinates")
+        shown = painted and uv is not None  # then colours are of vertices before they were split
+        colors = None if shown else _numbers(data.get("vertex_colors"), len(vertices), "colours")
     except Exception as error:  # the parsers raise anything
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
         raise InputError(f"{path}: cannot be read as PLY ({reason}); export it again") from error
     if not len(faces):
         raise InputError(f"{path}: has no faces; expected a mesh, not a cloud of points")
-    uv, texture = getattr(data.get("visual"), "uv", None), None
     if painted and uv is not None:
         uv = np.column_stack((uv[:, 0], 1 - uv[:, 1])).astype(np.float64)
         texture, (uv,) = one_texture(MeshImages(path, files), [Material(0)], [uv], notes, [faces])
@@ -60,12 +64,22 @@ def read_ply(path: Path, notes: list[Finding]) -> BareMesh:
             if uv is not None
             else "names an image, but has no texture coordinates",
         )
-    if data.get("vertex_colors") is not None:
-        colors = as_bytes(data["vertex_colors"], f"{path}: colours of vertices")
-        return BareMesh(vertices, faces, *colors_to_texture(colors), path.stem)
+    if colors is not None:
+        painting = colors_to_texture(as_bytes(colors, f"{path}: colours of vertices"))
+        return BareMesh(vertices, faces, *painting, path.stem)
     if data.get("face_colors") is not None:
         _warn(notes, "has colours of faces, which are not read")
     return BareMesh(vertices, faces, name=path.stem)
+
+
+def _numbers(values: object, count: int, what: str) -> NDArray[Any] | None:
+    """A row of numbers a vertex; None where there are none."""
+    if values is None:
+        return None
+    rows = np.asarray(values)
+    if rows.dtype.kind not in "fiu" or rows.ndim != 2 or len(rows) != count:
+        raise ValueError(f"{what} are {rows.dtype} {rows.shape}")
+    return rows
 
 
 def _warn(notes: list[Finding], what: str) -> None:

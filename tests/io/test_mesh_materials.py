@@ -200,11 +200,12 @@ def test_a_ply_has_the_image_that_it_names(tmp_path: Path) -> None:
 def test_corners_of_a_ply_with_coordinates_of_their_own(tmp_path: Path) -> None:
     head = ["ply", "format ascii 1.0", "comment TextureFile a.png", "element vertex 4"]
     head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"property uchar {name}" for name in ("red", "green", "blue")]
     head += ["element face 2", "property list uchar int vertex_indices"]
     head += ["property list uchar float texcoord", "end_header"]
     faces = ["3 0 1 2 6 0.1 0.6 0.4 0.6 0.4 0.9", "3 0 2 3 6 0.6 0.1 0.9 0.4 0.6 0.4"]
     (tmp_path / "a.png").write_bytes(one_pixel_png())
-    text = "\n".join([*head, *(line[2:] for line in SQUARE), *faces]) + "\n"
+    text = "\n".join([*head, *(f"{line[2:]} 9 9 9" for line in SQUARE), *faces]) + "\n"
     (tmp_path / "a.ply").write_text(text)
     mesh = read_mesh(tmp_path / "a.ply")
     assert mesh.uv is not None and mesh.texture == one_pixel_png()
@@ -222,6 +223,11 @@ def test_several_images_of_a_ply_are_said_to_be_left_out(
         mesh = ply(tmp_path, "uchar", COLORS, *names)
     assert "names 2 images" in caplog.text
     assert np.abs(seen(mesh) - COLORS).max() <= 2  # those of the vertices
+
+
+def test_lists_are_no_colours(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read as PLY"):
+        ply(tmp_path, "list uchar float", COLORS)
 
 
 def test_images_of_a_ply_stay_in_its_folder(tmp_path: Path) -> None:
