@@ -75,6 +75,13 @@ def test_a_background_that_does_not_stay_is_named(later: Image) -> None:
     assert found.remedy.endswith(f"--frames {100 + CUT}:{100 + FRAMES}")
 
 
+@pytest.mark.parametrize(("kept", "named"), [(0, 1), (20, 1), (45, 0), (120, 0)])
+def test_further_people_before_the_camera_are_no_cut(kept: int, named: int) -> None:
+    """Who comes and stays hides much of what was there."""
+    later = np.hstack((wall(0)[:, :kept], wall(1)[:, kept:]))
+    assert len(looked_at(Filmed(later))) == named
+
+
 def test_shots_that_dissolve_are_named() -> None:
     found = one(looked_at(Filmed(wall(1), fade=12)))
     frame = int(found.what.split("from frame ")[1].split()[0])

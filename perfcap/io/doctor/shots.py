@@ -27,6 +27,8 @@ from perfcap.segment.registration import Landmarks, find_landmarks, register
 _APART, _MOST = 2.0, 16  # s between frames that are compared, and of these at most
 _BETWEEN = 1.0  # s that one shot takes at most to become the next
 _ALIKE = 0.5  # correlation of edges; lamps that go on and off leave more
+_TILES, _STRONG = 8, 0.2  # along each side, and of the deviation of edges, to be looked at
+_SAME, _STAYS = 0.8, 0.2  # correlation of a tile that stays, and share of such
 _SHORTEST = 5  # frames of a shot
 _GOES = (2, 4, 8)  # frames within which a camera that is picked up is seen to move
 # margin about the joints of each of several people, of their box: with that of one person alone two
@@ -232,15 +234,37 @@ class _View:
             return True  # nothing is known
         (image, hidden), (then, covered) = self._read(frame), self._read(other)
         shown = ~(hidden | covered)
-        edges = [_edges(each)[shown] for each in (image, then)]
-        flat = min(float(each.std()) for each in edges) == 0
-        return flat or bool(np.corrcoef(edges[0], edges[1])[0, 1] > _ALIKE)
+        edges = [_edges(each) for each in (image, then)]
+        flat = min(float(each[shown].std()) for each in edges) == 0
+        whole = flat or bool(np.corrcoef(edges[0][shown], edges[1][shown])[0, 1] > _ALIKE)
+        return whole or _kept(edges[0], edges[1], shown) >= _STAYS
 
 
 def _edges(image: NDArray[np.uint8]) -> Array:
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     smooth = cv2.GaussianBlur(gray, (0, 0), 1.5).astype(np.float64)
     return np.asarray(np.hypot(cv2.Sobel(smooth, -1, 1, 0), cv2.Sobel(smooth, -1, 0, 1)))
+
+
+def _kept(edges: Array, others: Array, shown: NDArray[np.bool_]) -> float:
+    """Share of the tiles with edges whose edges stay: who walks past changes some of them alone.
+
+    Args:
+        edges: of a frame, (H, W).
+        others: of another frame, (H, W).
+        shown: where neither shows the person, (H, W).
+    """
+    same = []
+    strong = _STRONG * float(edges[shown].std())
+    height, width = (-(-side // _TILES) for side in shown.shape)
+    for top, left in product(range(0, shown.shape[0], height), range(0, shown.shape[1], width)):
+        tile = slice(top, top + height), slice(left, left + width)
+        here = shown[tile]
+        one, other = edges[tile][here], others[tile][here]
+        if 2 * here.sum() >= here.size and one.std() > strong:
+            alike = other.std() > 0 and np.corrcoef(one, other)[0, 1] > _SAME
+            same.append(bool(alike))
+    return float(np.mean(same)) if len(same) >= _TILES else 0.0
 
 
 def _change(view: _View, anchors: list[int], index: int, stop: int, longest: int) -> Change | None:
