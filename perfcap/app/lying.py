@@ -10,7 +10,7 @@ from perfcap.app.truth import FoundJoints, Truth, match_frames
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.retarget import mid_hip
 
-OF_THE_FLOOR = ("foot_skate_mm", "penetration_mm")
+OF_THE_FLOOR = ("foot_skate_mm", "frames_foot_skate", "penetration_mm")
 _LONGER = 1.5  # people who lie are so much longer than high
 _AGREE, _ALONG, _ACROSS = 0.9, 0.4, 0.7  # of cameras' up, of the trunk along it, along rows
 

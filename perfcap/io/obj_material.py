@@ -114,15 +114,18 @@ def _library(path: Path) -> Iterator[tuple[str, ObjMaterial]]:
 def _color(words: Sequence[str]) -> tuple[float, float, float]:
     values = _leading_numbers(words)
     # one number is a grey; a spectrum is none that is read
-    return (values[0], (values * 2)[1], (values * 3)[2]) if values else ObjMaterial.color
+    red, green, blue = (values * 3)[:3] or ObjMaterial.color
+    return red, green, blue
 
 
 def _mapped(material: ObjMaterial, rest: str) -> ObjMaterial:
     """A material with what a ``map_Kd`` says: options, then a name that may hold spaces."""
     while rest.startswith("-"):
         option, *words = rest.split()
+        if option not in _NUMBERS and option not in _WORDS:  # the name is the last word then
+            return replace(material, image=words[-1] if words else None)
         values = _leading_numbers(words)
-        count = len(values) if option in _NUMBERS else _WORDS.get(option, 0)
+        count = len(values) if option in _NUMBERS else _WORDS[option]
         if option == "-s" and values:
             material = replace(material, scale=_pair(values, 1.0))
         elif option == "-o" and values:
@@ -130,8 +133,6 @@ def _mapped(material: ObjMaterial, rest: str) -> ObjMaterial:
         elif option == "-clamp":
             material = replace(material, clamped=words[:1] == ["on"])
         rest = (*rest.split(maxsplit=count + 1), "")[count + 1] if len(words) > count else ""
-        if option not in _NUMBERS and option not in _WORDS:
-            return replace(material, image=words[-1] if words else None)
     return replace(material, image=rest.strip() or None)
 
 

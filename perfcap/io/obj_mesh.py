@@ -67,12 +67,23 @@ def read_obj(path: Path, notes: list[Finding]) -> BareMesh:
             for second, third in pairwise(face[1:])
         ]
     )
-    uv, texture = _painted(path, data, used, faces, materials, notes)
     places = np.array([place for place, _, _ in used])
-    if texture is None and len(data.colors) == len(data.places):
-        colors = as_bytes(np.array(data.colors)[places], f"{path}: colours of vertices")
+    colors = _colors(path, data, places)
+    images = any(materials[name].image for name in names if name in materials)
+    uv, texture = None, None
+    if images or colors is None:
+        uv, texture = _painted(path, data, used, faces, materials, notes)
+    if texture is None and colors is not None:
         uv, texture = colors_to_texture(colors)
     return BareMesh(np.array(data.places)[places], faces, uv, texture, path.stem)
+
+
+def _colors(path: Path, data: _Obj, places: NDArray[np.int64]) -> NDArray[np.uint8] | None:
+    """Colours (V, 3) of the vertices at these places; None of none, or of white alone."""
+    if len(data.colors) != len(data.places):
+        return None
+    colors = as_bytes(np.array(data.colors)[places], f"{path}: colours of vertices")
+    return None if np.all(colors == 255) else colors
 
 
 def _place(corner: Corner) -> int:
@@ -86,7 +97,7 @@ def _parse(path: Path) -> _Obj:
             kind, *words = line.split("#")[0].split() or [""]
             try:
                 if kind == "v":
-                    data.add_vertex([float(word) for word in words])
+                    data.add_vertex([float(word) for word in words[:6]])
                 elif kind == "vt":
                     data.coordinates.append([float(words[0]), 1 - float((*words, "0")[1])])
                 elif kind == "f":
@@ -134,12 +145,13 @@ def _painted(
     # a part has one material, and coordinates of all its corners, or of none
     kinds = [(material, coordinate >= 0) for _, coordinate, material in corners]
     parts = list(dict.fromkeys(kinds))
-    part_of = np.array([parts.index(kind) for kind in kinds])
+    number_of = {kind: number for number, kind in enumerate(parts)}
+    part_of = np.array([number_of[kind] for kind in kinds])
     known = [materials.get(name, ObjMaterial()) for name, _ in parts]
     files = tuple(dict.fromkeys(each.image for each in known if each.image))
     table = np.array([*data.coordinates, [0.0, 0.0]])
     coordinate = np.array([coordinate for _, coordinate, _ in corners])
-    members = [np.flatnonzero(part_of == number) for number in range(len(parts))]
+    members = _grouped(part_of, len(parts))
     local = np.zeros(len(corners), np.int64)
     for inside in members:
         local[inside] = np.arange(len(inside))
@@ -153,7 +165,8 @@ def _painted(
         for each, inside, (_, has_uv) in zip(known, members, parts, strict=True)
     ]
     of_faces = part_of[faces]
-    triangles = [local[faces[(of_faces == number).all(1)]] for number in range(len(parts))]
+    whole = faces[(of_faces == of_faces[:, :1]).all(1)]
+    triangles = [local[whole[rows]] for rows in _grouped(part_of[whole[:, 0]], len(parts))]
     texture, moved = one_texture(MeshImages(path, files), painted, placed, notes, triangles)
     if all(uv is None for uv in moved):
         return None, None
@@ -161,3 +174,9 @@ def _painted(
     for inside, uv in zip(members, moved, strict=True):
         result[inside] = 0.0 if uv is None else uv
     return result, texture
+
+
+def _grouped(numbers: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    """Rows that have each of so many numbers, in order."""
+    ends = np.cumsum(np.bincount(numbers, minlength=count))
+    return np.split(np.argsort(numbers, kind="stable"), ends[:-1])

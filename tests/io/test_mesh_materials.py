@@ -159,6 +159,15 @@ def test_colours_of_the_vertices_of_an_obj(white: int, tmp_path: Path) -> None:
     assert np.abs(seen(mesh) - COLORS).max() <= 2
 
 
+@pytest.mark.parametrize("white", [False, True])
+def test_colours_of_vertices_count_before_a_plain_colour(white: bool, tmp_path: Path) -> None:
+    values = np.full((4, 3), 255) if white else COLORS
+    lines = [f"{v} {r} {g} {b}" for v, (r, g, b) in zip(SQUARE, values / 255, strict=True)]
+    mesh = obj(tmp_path, [*lines, "usemtl skin", "f 1 2 3 4"], "newmtl skin\nKd 1 0 0\n")
+    expected = np.tile([255, 0, 0], (4, 1)) if white else COLORS
+    assert np.abs(seen(mesh) - expected).max() <= 2
+
+
 def ply(folder: Path, kind: str, values: np.ndarray, *more: str) -> BareMesh:
     head = ["ply", "format ascii 1.0", *more, "element vertex 4"]
     head += [f"property float {axis}" for axis in "xyz"]
