@@ -16,7 +16,7 @@ from perfcap.io.gltf_document import Document, Object
 from perfcap.io.gltf_scene import NodeTree, Skin, drawn_nodes, read_skin, rigid
 from perfcap.io.gltf_shape_keys import ShapeKeys, default_weights
 from perfcap.io.gltf_texture import Blend, Material, read_blend, read_material
-from perfcap.io.texture_tiles import folded
+from perfcap.io.texture_tiles import repeating
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -207,11 +207,11 @@ def _read_primitive(keys: ShapeKeys, triangles: _Triangles, to_world: Floats) ->
         raise document.error(f"{len(local)} vertices; at most {_MAX_VERTICES} are read")
     local = keys.applied(local, primitive, shape)
     linear, offset = to_world[:3, :3], to_world[:3, 3]
-    material, coordinate, transform, mirrored = read_material(document, primitive)
+    material, coordinate, transform, axes = read_material(document, primitive)
     uv = None
     if f"TEXCOORD_{coordinate}" in attributes:
         uv = _floats(document, attributes[f"TEXCOORD_{coordinate}"], "VEC2", len(local))
-        uv = folded(uv @ transform[:, :2].T + transform[:, 2], mirrored)
+        uv = repeating(uv @ transform[:, :2].T + transform[:, 2], axes)
     faces = _read_faces(document, primitive, len(local))
     if np.linalg.det(linear) < 0:
         faces = faces[:, ::-1]  # a mirrored armature turns triangles inside out

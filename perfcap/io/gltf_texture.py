@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.gltf_document import Document, Object
 from perfcap.io.texture_file import ImageSource, encoded_image
-from perfcap.io.texture_tiles import Mirrored, in_one_tile, mirrored
+from perfcap.io.texture_tiles import REPEATED, Wraps, in_one_tile, wraps
 from perfcap.io.vertex_colors import colors_to_texture, read_colors, to_linear, to_srgb
 
 Floats = NDArray[np.float64]
@@ -75,9 +75,9 @@ def read_blend(document: Document, primitive: Object) -> Blend | None:
     return Blend(float(_painted_by(document, material)[0][3]), float(cutoff))
 
 
-def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats, Mirrored]:
-    """Material of a primitive, its texture coordinates: which, their transform (2, 3), folds."""
-    identity, plain = np.eye(2, 3), (False, False)
+def read_material(document: Document, primitive: Object) -> tuple[Material, int, Floats, Wraps]:
+    """Material of a primitive; its texture coordinates: which, their transform (2, 3), wraps."""
+    identity, plain = np.eye(2, 3), REPEATED
     if "material" not in primitive:
         return _without_image(document, primitive, np.ones(3)), 0, identity, plain
     material = document.item("materials", primitive["material"])
@@ -93,7 +93,7 @@ def read_material(document: Document, primitive: Object) -> tuple[Material, int,
     if source is None:
         return _without_image(document, primitive, light), coordinate, identity, plain
     number = document.integer(source, "texture.source", 0, len(document.items("images")) - 1)
-    return Material(number, _triple(light)), coordinate, transform, mirrored(document, texture)
+    return Material(number, _triple(light)), coordinate, transform, wraps(document, texture)
 
 
 def _painted_by(document: Document, material: Object) -> tuple[Floats, Object | None]:

@@ -12,28 +12,36 @@ from perfcap.io.gltf_document import Document, Object
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-Mirrored = tuple[bool, bool]  # along u and v
+Wraps = tuple[int, int]  # how an image goes on along u and v, as glTF numbers it
 
+REPEATED: Wraps = (10497, 10497)
 _SLACK = 1e-3
-_MIRRORED_REPEAT = 33648
+_INSIDE = 1 / 512  # half a pixel of an image of 256, more of finer ones
+_CLAMP_TO_EDGE, _MIRRORED_REPEAT = 33071, 33648
 
 
-def mirrored(document: Document, texture: Object) -> Mirrored:
-    """Along which axes every second copy of a texture is its mirror image."""
+def wraps(document: Document, texture: Object) -> Wraps:
+    """How a texture goes on beyond its image: it repeats where the file does not say."""
     if "sampler" not in texture:
-        return False, False
+        return REPEATED
     sampler = document.item("samplers", texture["sampler"])
-    return sampler.get("wrapS") == _MIRRORED_REPEAT, sampler.get("wrapT") == _MIRRORED_REPEAT
+    return sampler.get("wrapS", REPEATED[0]), sampler.get("wrapT", REPEATED[1])
 
 
-def folded(uv: Floats, axes: Mirrored) -> Floats:
-    """Coordinates (v, 2) in the first copy of an image whose further ones are mirrored.
+def repeating(uv: Floats, axes: Wraps) -> Floats:
+    """Coordinates (v, 2) that show in an image that repeats what these show in one that may not.
 
-    Exact where no triangle crosses the edge of a copy, as of a character with one half painted.
+    Those beyond an image that ends in the colours of its edge are put just inside the edge (on it,
+    a repeating image blends with its other side), and those in the mirrored copies of one are
+    folded back. Exact where no triangle crosses an edge, as of a character with one half painted.
     """
     moved = uv.copy()
-    for axis in np.flatnonzero(axes):
-        moved[:, axis] = np.abs(uv[:, axis] - 2 * np.round(uv[:, axis] / 2))
+    for axis, wrap in enumerate(axes):
+        if wrap == _CLAMP_TO_EDGE:
+            beyond = (uv[:, axis] < 0) | (uv[:, axis] > 1)
+            moved[beyond, axis] = np.clip(uv[beyond, axis], _INSIDE, 1 - _INSIDE)
+        elif wrap == _MIRRORED_REPEAT:
+            moved[:, axis] = np.abs(uv[:, axis] - 2 * np.round(uv[:, axis] / 2))
     return moved
 
 

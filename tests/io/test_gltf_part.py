@@ -158,7 +158,11 @@ def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
         ({}, [[1.25, -0.25], [2.25, -0.25], [1.25, 0.75], [2.25, 0.75]]),
         (
             {"wrapS": 10497, "wrapT": 33071},
-            [[1.25, -0.25], [2.25, -0.25], [1.25, 0.75], [2.25, 0.75]],
+            [[1.25, 1 / 512], [2.25, 1 / 512], [1.25, 0.75], [2.25, 0.75]],
+        ),
+        (
+            {"wrapS": 33071},
+            [[511 / 512, -0.25], [511 / 512, -0.25], [511 / 512, 0.75], [511 / 512, 0.75]],
         ),
         ({"wrapS": 33648}, [[0.75, -0.25], [0.25, -0.25], [0.75, 0.75], [0.25, 0.75]]),
         (
@@ -167,7 +171,7 @@ def test_texture_coordinates_are_transformed(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_images_that_repeat_in_a_mirror_are_folded(
+def test_images_that_end_or_repeat_in_a_mirror_are_as_in_every_viewer(
     tmp_path: Path, wraps: dict[str, int], expected: list[list[float]]
 ) -> None:
     builder = based(extensions={"KHR_texture_transform": {"offset": [1.25, -0.25]}})

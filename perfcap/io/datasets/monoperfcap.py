@@ -69,7 +69,7 @@ def read_monoperfcap(folder: Path, name: str) -> DatasetSequence:
         masks=tuple(masks),
         meshes=tuple(meshes),
         read_mesh=read_surface,
-        warnings=(note,),
+        warnings=(note, *rig.warnings),
     )
 
 

@@ -99,6 +99,7 @@ def _read_train(folder: Path, name: str) -> DatasetSequence:
         rig=rig,
         pixels=torch.stack(pixels, 1),
         videos=present([folder / "imageSequence" / f"video_{i}.avi" for i in range(_VIEWS)]),
+        warnings=rig.warnings,
     )
 
 

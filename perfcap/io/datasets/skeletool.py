@@ -46,7 +46,19 @@ def read_skeletool(path: Path, size: tuple[int, int] | None = None) -> CameraRig
             "16 numbers each"
         )
     views = [_view(path, number, block, size) for number, block in enumerate(blocks)]
-    return make_rig(str(path), views)
+    curved = [
+        view.name for view, block in zip(views, blocks, strict=True) if _is_curved(path, block)
+    ]
+    notes = [
+        f"{path}: camera {', '.join(curved)} has a radial distortion, whose model is not "
+        "published: it is left out; expected 'radial 0', so straighten the images first"
+    ]
+    return make_rig(str(path), views, warnings=notes if curved else ())
+
+
+def _is_curved(path: Path, block: dict[str, list[str]]) -> bool:
+    """Whether a camera has a distortion: ``radial``, with its terms if there are any."""
+    return bool(_numbers(f"{path}", "radial", block).any())
 
 
 def _view(
@@ -70,13 +82,15 @@ def _view(
     )
 
 
-def _numbers(where: str, key: str, block: dict[str, list[str]], count: int) -> NDArray[np.float64]:
+def _numbers(
+    where: str, key: str, block: dict[str, list[str]], count: int | None = None
+) -> NDArray[np.float64]:
     try:
         numbers = np.array([float(value) for value in block.get(key, [])])
     except ValueError as error:
         raise InputError(f"{where}: {key} holds something that is no number") from error
     if not np.isfinite(numbers).all():
         raise InputError(f"{where}: {key} holds NaN or infinity, expected numbers")
-    if len(numbers) != count:
+    if count is not None and len(numbers) != count:
         raise InputError(f"{where}: {key} has {len(numbers)} numbers, expected {count}")
     return numbers

@@ -48,6 +48,16 @@ def test_surfaces_and_camera(tmp_path: Path) -> None:
     assert [path.name for path in sequence.videos] == ["images"]
 
 
+@pytest.mark.parametrize("terms", ["1", "2 -0.21 0.13", "1e-3"])
+def test_distortions_that_are_left_out_are_named(tmp_path: Path, terms: str) -> None:
+    place = write(tmp_path)
+    assert not DATASET.read(tmp_path, place.name).rig.warnings
+    calibration = place / "calib.txt"
+    calibration.write_text(calibration.read_text().replace("radial 0", f"radial {terms}"))
+    warnings = DATASET.read(tmp_path, place.name).warnings
+    assert "camera 0 has a radial distortion" in warnings[-1]
+
+
 def test_files_are_of_the_frames_of_their_numbers(tmp_path: Path) -> None:
     place = write(tmp_path)
     truth = place / "ground_truth"
