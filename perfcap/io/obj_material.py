@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from perfcap.io.doctor.finding import Finding, Severity
 from perfcap.io.files import MEBIBYTE, require_file
 from perfcap.io.mesh_images import beside
+from perfcap.io.texture_tiles import ended
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class ObjMaterial:
         """Coordinates (v, 2) with the origin at the top left, in the image as it is."""
         moved = np.column_stack((uv[:, 0], 1 - uv[:, 1])) * self.scale + self.offset
         if self.clamped:
-            moved = moved.clip(0, 1)
+            moved = ended(moved)
         plain = self.scale == (1.0, 1.0) and self.offset == (0.0, 0.0) and not self.clamped
         return uv if plain else np.column_stack((moved[:, 0], 1 - moved[:, 1]))
 

@@ -31,18 +31,25 @@ def wraps(document: Document, texture: Object) -> Wraps:
 def repeating(uv: Floats, axes: Wraps) -> Floats:
     """Coordinates (v, 2) that show in an image that repeats what these show in one that may not.
 
-    Those beyond an image that ends in the colours of its edge are put just inside the edge (on it,
-    a repeating image blends with its other side), and those in the mirrored copies of one are
-    folded back. Exact where no triangle crosses an edge, as of a character with one half painted.
+    Those beyond an image that ends at its edges are put on them, and those in the mirrored copies
+    of one are folded back. Exact where no triangle crosses an edge, as of a character with one
+    half painted.
     """
     moved = uv.copy()
     for axis, wrap in enumerate(axes):
         if wrap == _CLAMP_TO_EDGE:
-            beyond = (uv[:, axis] < 0) | (uv[:, axis] > 1)
-            moved[beyond, axis] = np.clip(uv[beyond, axis], _INSIDE, 1 - _INSIDE)
+            moved[:, axis] = ended(uv[:, axis])
         elif wrap == _MIRRORED_REPEAT:
             moved[:, axis] = np.abs(uv[:, axis] - 2 * np.round(uv[:, axis] / 2))
     return moved
+
+
+def ended(uv: Floats) -> Floats:
+    """Coordinates, any shape, on the edges of an image where they are beyond it.
+
+    They are put just inside, since on the edge a repeating image blends with its other side.
+    """
+    return np.where((uv < 0) | (uv > 1), uv.clip(_INSIDE, 1 - _INSIDE), uv)
 
 
 def in_one_tile(uv: Floats, faces: Integers | None) -> tuple[Floats, float]:
