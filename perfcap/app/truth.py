@@ -18,14 +18,13 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.clip import RATE_SLACK
 from perfcap.io.datasets import DatasetSequence, Protocol, find_dataset
-from perfcap.io.datasets.layout import at_frames, matching
+from perfcap.io.datasets.layout import MAX_OTHERS, at_frames, matching
 from perfcap.io.result_folder import MOTION, PERSON
 from perfcap.metrics import Alignment
 from perfcap.rates import FASTEST, SLOWEST
 
 _UNKNOWN_FPS = 30.0
 _TRUTH_NAMES = ("truth.npz", "gt.npz")
-_MAX_OTHERS = 16
 _OWN_LAYOUT = ("gt.npz", "camera.json")  # what tells a folder of the rendered sequences
 FILE_PROTOCOL = Protocol(LANDMARKS, tuple(Alignment), {}, "all frames and landmarks")
 
@@ -229,7 +228,7 @@ def _beside(true: FoundJoints) -> dict[str, torch.Tensor]:
         if folder.name == place.name or not PERSON.fullmatch(folder.name):
             continue
         for name in dict.fromkeys((true.path.name, *_TRUTH_NAMES)):
-            if len(found) == _MAX_OTHERS or not (folder / name).is_file():
+            if len(found) == MAX_OTHERS or not (folder / name).is_file():
                 continue
             with suppress(InputError):  # a damaged file of another person is no fault of this one
                 other = read_found(folder / name)

@@ -15,6 +15,7 @@ from perfcap.errors import InputError
 from perfcap.io.files import natural_key
 
 MAX_FRAMES = 1_000_000
+MAX_OTHERS = 16  # people beside the one of a sequence whose joints are read with it
 _FARTHEST = 1e9  # metres or pixels; a joint out there is no measurement
 
 

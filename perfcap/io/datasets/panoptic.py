@@ -21,6 +21,7 @@ from perfcap.io.calibration.view import View, make_view, to_numbers
 from perfcap.io.datasets.joint_sets import COCO19, landmarks_in
 from perfcap.io.datasets.layout import (
     MAX_FRAMES,
+    MAX_OTHERS,
     check_name,
     landmarks_of,
     matching,
@@ -38,7 +39,6 @@ _WHAT = "a frame of CMU Panoptic"
 _RATE = 29.97
 _CENTIMETRE = 1e-2
 _LIMIT = 16 * MEBIBYTE
-_MAX_OTHERS = 16
 _MAX_PEOPLE = 99  # each is read on its own
 _NAME = re.compile(r"[\w-]{1,40}")
 _FRAME = re.compile(r"body3DScene_(\d{1,9})\.json")
@@ -74,7 +74,7 @@ def read_panoptic(folder: Path, name: str) -> DatasetSequence:
         joints3d=landmarks(chosen),
         rig=rig,
         videos=present([place / "hdVideos" / f"hd_{view}.mp4" for view in rig.names]),
-        others={f"{base}/{i}": landmarks(i) for i in sorted(people - {chosen})[:_MAX_OTHERS]},
+        others={f"{base}/{i}": landmarks(i) for i in sorted(people - {chosen})[:MAX_OTHERS]},
     )
 
 

@@ -23,6 +23,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.calibration import read_cameras
 from perfcap.io.datasets.layout import (
+    MAX_OTHERS,
     array_of,
     at_frames,
     check_name,
@@ -43,7 +44,6 @@ _WHAT = "a triangulation: joints3d_m (F, J, 3) in metres and names (J)"
 # a triangulation is better where views were registered to the scene
 _PREFERRED_CALIBRATION = "Calib_scene.toml"
 _DEFAULT_RATE = 60.0
-_MAX_OTHERS = 16
 _PROCESSED = re.compile(r"(_filt_\w+|_LSTM)+$")  # what Pose2Sim adds to the names of its files
 
 
@@ -101,7 +101,7 @@ def _others(
     seen = {_PROCESSED.sub("", own.stem)}
     for path in references:
         person = _PROCESSED.sub("", path.stem)
-        if person in seen or len(found) == _MAX_OTHERS:
+        if person in seen or len(found) == MAX_OTHERS:
             continue
         seen.add(person)
         with suppress(InputError):  # a damaged file of another person is no fault of this one

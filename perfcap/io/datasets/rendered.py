@@ -20,6 +20,7 @@ from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.calibration import CameraRig, read_cameras
 from perfcap.io.datasets.layout import (
+    MAX_OTHERS,
     array_of,
     at_frames,
     check_name,
@@ -39,7 +40,6 @@ _LAYOUT = "NAME/camera.json with NAME/gt.npz, or NAME/cameras.json with NAME/per
 _TRUTH = "the truth of a rendered sequence"
 _TEMPLATE = "the template of a rendered sequence"
 _FARTHEST = 1e6  # m
-_MAX_OTHERS = 16
 _LOOSE = ("skirt", "coat")
 
 
@@ -120,7 +120,7 @@ def _others(folder: Path, person: Path, frames: int) -> dict[str, Tensor]:
     """Landmarks (F, 16, 3) of the other people of a sequence, by name."""
     found: dict[str, Tensor] = {}
     for path in matching(folder, "person*/gt.npz"):
-        if path.parent == person or len(found) == _MAX_OTHERS:
+        if path.parent == person or len(found) == MAX_OTHERS:
             continue
         with suppress(InputError):  # a damaged file of another person is no fault of this one
             joints = _truth(path, ("joints3d",)).get("joints3d")
