@@ -48,12 +48,13 @@ def landmark_findings(template: Template) -> Iterator[Finding]:
         remedy = "correct [landmarks] in manifest.toml, or build the actor again"
         yield Finding(Severity.ERROR, "landmarks", "; ".join(odd), remedy)
         return
-    if "head_top" in at and (above := _above_mesh(at["head_top"], template)) > _ABOVE * height:
+    vertices = template.vertices
+    if "head_top" in at and (above := above_mesh(at["head_top"], vertices)) > _ABOVE * height:
         what = f"head_top lies {100 * above:.0f} cm above the mesh"
         remedy = "put the bone that ends the head at the crown, or correct [landmarks]"
         yield Finding(Severity.WARNING, "landmarks", what, remedy)
     toes = [float(at[name][1]) for name in _TOES if name in at]
-    under = float(template.vertices[:, 1].min()) - max(toes, default=math.inf)
+    under = float(vertices[:, 1].min()) - max(toes, default=math.inf)
     if under > _UNDER * height:
         what = f"toes lie {100 * under:.0f} cm below the mesh, as where its feet were cut off"
         remedy = (
@@ -81,12 +82,12 @@ def _misplaced(
     return "behind the ankle" if float(ahead @ foot) < _BACKWARDS * length else None
 
 
-def _above_mesh(place: Floats, template: Template) -> float:
-    """Metres that a place (3,) is above the vertices around it, as seen from above."""
-    height = float(np.ptp(template.vertices[:, 1]))
-    aside = np.linalg.norm((template.vertices - place)[:, [0, 2]], axis=1)
-    around = template.vertices[aside < _AROUND * height, 1]
-    return float(place[1] - (around if len(around) else template.vertices[:, 1]).max())
+def above_mesh(place: Floats, vertices: Floats) -> float:
+    """Metres that a place (3,) is above the vertices (v, 3) around it, as seen from above."""
+    height = float(np.ptp(vertices[:, 1]))
+    aside = np.linalg.norm((vertices - place)[:, [0, 2]], axis=1)
+    around = vertices[aside < _AROUND * height, 1]
+    return float(place[1] - (around if len(around) else vertices[:, 1]).max())
 
 
 def limit_findings(rig: Rig) -> Iterator[Finding]:

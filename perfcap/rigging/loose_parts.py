@@ -36,10 +36,10 @@ def height_doubt(
     parts = _heights_of_parts(vertices, faces)
     low, high = _person(parts, _SLIT * height)
     size = high - low
-    if size > (1 - _APART) * height:
+    if size > (1 - _SLIT) * height:
         size, low, high = stature, float(body[:, 1].min()), float(body[:, 1].max())
-    if abs(size / height - 1) <= _APART:
-        return None
+        if abs(size / height - 1) <= _APART:
+            return None
     sizes = f"the person in it is {size:.2f} m tall, but the height given is {height:.2f} m"
     beyond = np.maximum(low - parts.mean(1), parts.mean(1) - high)
     if beyond.max() <= 0:
