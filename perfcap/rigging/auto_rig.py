@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,11 +19,11 @@ from perfcap.actor.motion import BODY, Motion
 from perfcap.actor.template import Template
 from perfcap.detect.joint_set import LANDMARKS
 from perfcap.errors import InputError
-from perfcap.io.actor_points import above_mesh
 from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.loose_parts import height_doubt
+from perfcap.rigging.missing_parts import missing_parts
 from perfcap.rigging.overrides import Override
 from perfcap.rigging.surface_match import TargetSurface
 from perfcap.rigging.upright import Upright, stand_up
@@ -44,10 +44,6 @@ MOST_VERTICES = 2_000_000
 _ENDS = {"head_top": "head", "l_toe": "l_ankle", "r_toe": "r_ankle"}
 _INWARDS = 0.1  # of a ball's volume by its surface; four people have 0.24 to 0.29, flat sheets 0
 _ALIKE, _BESIDE = 0.2, 0.25  # of the extent: how like and how far apart two people are
-# Of the height: that the body's crown may be above the mesh, at most 0.000 on 18 whole people and
-# 0.010 to 0.020 where 6 cm of a head are missing; that its toes may be, at most -0.012 and
-# -0.002 to 0.009 where 4 cm of the feet are.
-_CROWN, _SOLES = 0.008, -0.003
 _FAR = 0.25  # share of the mesh far from the fitted body above which it is no such person
 
 
@@ -128,7 +124,7 @@ def auto_rig(
         )
     template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
     inside = measure(model.template(fit.motion.shared[BODY]))
-    found = [*_warnings(best.upright, fit, heat), *_cut_off(best.mesh.vertices, fit, height)]
+    found = [*_warnings(best.upright, fit, heat), *missing_parts(template, height is not None)]
     if turned:
         found.append(
             "its triangles faced inwards and were turned round; export it with normals out"
@@ -265,22 +261,3 @@ def _warnings(upright: Upright, fit: SurfaceFit, heat: HeatReport) -> list[str]:
     if heat.seen < 0.3:
         found.append(f"only {100 * heat.seen:.0f} % of the surface sees a bone")
     return found
-
-
-def _cut_off(vertices: Floats, fit: SurfaceFit, height: float | None) -> Iterator[str]:
-    """Sentences about a mesh that ends below the head of the body in it, or above its soles."""
-    size = float(np.ptp(vertices[:, 1]))
-    crown = above_mesh(fit.joints["head_top"], vertices)
-    toes = max(float(fit.joints[name][1]) for name in ("l_toe", "r_toe"))
-    soles = float(vertices[:, 1].min()) - toes
-    larger = "" if height is None else ": the height given makes all the rest too large"
-    if crown > _CROWN * size:
-        yield (
-            f"the crown of the body in it lies {100 * crown:.0f} cm above the mesh, as where hair "
-            f"or the top of the head was not scanned{larger}"
-        )
-    if soles > _SOLES * size:
-        yield (
-            "the mesh goes no deeper than the toes' joints of the body in it, as where soles were "
-            f"cut off with the floor{larger}"
-        )

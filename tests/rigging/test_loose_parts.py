@@ -1,4 +1,4 @@
-"""Loose parts that are measured with a person, and crowns that are not, are named."""
+"""Loose parts that are measured with a person are named."""
 
 from __future__ import annotations
 
@@ -79,19 +79,3 @@ def test_a_ball_below_the_soles_makes_a_person_smaller(ball: bool) -> None:
     report = auto_rig(BareMesh(*parts, name="scan"), model, height, settings=QUICK)[1]
     said = [line for line in report.warnings if "is measured too" in line]
     assert len(said) == ball and all("a loose part below it, 0.00 to 0.09 m" in s for s in said)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("crown", "soles"), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.04)])
-def test_what_was_cut_off_makes_a_person_larger(crown: float, soles: float) -> None:
-    model = load_body_model()
-    vertices, faces = model.surface.mean.numpy(), np.asarray(model.rig.faces, np.int64)
-    up, height = vertices[:, 1] - vertices[:, 1].min(), float(np.ptp(vertices[:, 1]))
-    kept = (up >= soles) & (up <= height - crown)
-    numbers = np.cumsum(kept) - 1
-    mesh = BareMesh(vertices[kept], numbers[faces[kept[faces].all(-1)]], name="scan")
-    report = auto_rig(mesh, model, height, settings=QUICK)[1]
-    said = [line for line in report.warnings if "makes all the rest too large" in line]
-    expected = ["the crown of the body"] * (crown > 0) + ["the mesh goes no deeper"] * (soles > 0)
-    assert len(said) == len(expected)
-    assert all(line.startswith(start) for line, start in zip(said, expected, strict=True))
