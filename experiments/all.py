@@ -16,6 +16,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "adjoint_speed": ("--windows", "1", "--repeats", "1", "--directions", "1"),
     "auto_rig": ("--people", "4", "--every", "30", "--sequences", "dev_tight"),
     "batch": ("--clips", "4"),
+    "cut_scans": ("--sequences", "rendered/dev_tight", "--crown", "0.06", "--arm", "0.3"),
     "calibration_sweep": ("--seeds", "1", "--turns", "5", "--lenses", "0.1", "--shifts", "0.02"),
     "clocks": ("--views", "3", "--clips", "1", "--frames", "60"),
     "feet": (),

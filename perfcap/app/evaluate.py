@@ -148,9 +148,10 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
         notes.append(lies)
     source = retargeted_from(folder)
     if source is not None:
+        captured = (Path(source) / "motion.npz").is_file()  # else a file of motion
         notes.append(
-            f"{folder}: is the motion of {source} on another actor, whose bones add to all errors; "
-            f"evaluate {source} for those of the capture"
+            f"{folder}: is the motion of {source} on another actor, whose bones add to all errors"
+            + (f"; evaluate {source} for those of the capture" if captured else "")
         )
     surface = None
     if (folder / "surface.npz").is_file():

@@ -116,7 +116,10 @@ def _sides(template: Template) -> Iterator[Finding]:
         yield Finding(Severity.ERROR, "left and right", what, remedy)
     elif facing(template, template.joint_bones) < -SURE:
         what = "joints called left are on the right of where the feet point"
-        remedy = "exchange l_ and r_ in the mapping file, or [joints] of manifest.toml"
+        remedy = (
+            "exchange l_ and r_ in the mapping file, or [joints] of manifest.toml; of a scan, take "
+            "away all but the person, whose feet are needed"
+        )
         yield Finding(Severity.ERROR, "left and right", what, remedy)
 
 

@@ -23,7 +23,7 @@ from perfcap.pipeline.clip_problem import ClipProblem
 from perfcap.pipeline.input_checks import require_kinds, require_trust, require_usable
 from perfcap.pipeline.input_doubts import warn_of_other_joints
 from perfcap.pipeline.objective import FrameProblem, angle_bounds
-from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere
+from perfcap.pipeline.overlap import examined, warn_of_masks_elsewhere, warn_of_trust_within
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.prepare import prepare
 from perfcap.pipeline.presets import CaptureConfig
@@ -138,7 +138,8 @@ def refine_jointly(
             large as the masks, if not given.
         detections: (F, C, 16), where gradients are to reach them; else those of the capture.
         config: weights, sizes and method.
-        trust: how much each pixel counts, 0 to 1, of a shape that broadcasts to the masks.
+        trust: how much each pixel counts, 0 to 1, of a shape that broadcasts to the masks: how sure
+            it is, whether it shows the person or what is behind, not how likely it is the person.
         adjoint: how the solves are differentiated: ``Implicit("products")`` where something
             requires gradients, not at all elsewhere, if not given.
 
@@ -166,6 +167,8 @@ def refine_jointly(
     terms.objective(windows[0], settings.bands[0])  # refuses what cannot be used, before warnings
     if not masks.requires_grad:
         warn_of_masks_elsewhere(masks, terms.drawn(motion))
+    if trust is not None and not trust.requires_grad:
+        warn_of_trust_within(masks, trust)
     solved = [(window, terms.solve(window, motion[window.index], way)) for window in windows]
     return JointRefinement(surface, _blended(solved, actor), tuple(solved))
 

@@ -33,6 +33,7 @@ _BETTER = 0.2  # of the same: more than a pose that is solved already is off
 # Of the person's height, and of the overlap: that of bodies with the masks of three people whom a
 # capture finds is the best where they are, of another actor's as well
 _BESIDE, _FITS_BESIDE, _FEW = 0.03, 0.03, 2.5  # the last: pixels
+_HELD = 0.2  # of what pixels within masks count for, or of all those beyond
 _LARGER = 1.25  # areas of the captured person: masks that are drawn too wide, or of a coat
 
 
@@ -102,6 +103,25 @@ def warn_of_masks_elsewhere(masks: Tensor, drawn: Tensor) -> None:
             f"masks of views {other} have {worst:.1f} times the area of the captured person, who "
             "is moved nearer or farther to fill them; check that they end where the person does, "
             "and that the actor has the person's clothes",
+            stacklevel=3,
+        )
+
+
+def warn_of_trust_within(masks: Tensor, trust: Tensor) -> None:
+    """Warn where pixels count within the masks alone, so that nothing holds the person back.
+
+    Args:
+        masks: (F, C, H, W), bool or from 0 to 1.
+        trust: how much each pixel counts, of a shape that broadcasts to the masks.
+    """
+    found = masks.detach() > 0.5
+    counted = trust.detach().to(found.device)
+    within, around = ((counted * each).sum(dtype=torch.float64) for each in (found, ~found))
+    if bool(around < _HELD * within.clamp(max=float((~found).sum()))):
+        warnings.warn(
+            f"trust counts pixels outside of the masks for {float(around / within):.0%} of what it "
+            "counts those within for: the person may grow beyond the masks at no cost; expected "
+            "how sure a pixel is, whichever it shows, not how likely it shows the person",
             stacklevel=3,
         )
 

@@ -13,13 +13,12 @@ from perfcap.io.actor_points import above_mesh
 
 Floats = NDArray[np.float64]
 
-# Of the height: that the body's crown may be above the mesh, at most 0.000 on 18 whole people and
-# 0.010 to 0.020 where 6 cm of a head are missing; that its toes may be, at most -0.012 and
-# -0.002 to 0.009 where 4 cm of the feet are.
+# Of the height: how far the body's crown may be above the mesh (0 at most of people who are all
+# there), and its toes below (-0.012).
 _CROWN, _SOLES = 0.008, -0.003
-# How many times as much surface a joint may move on one side as on the other: at most 1.07 on 13
-# whole people, 1.4 or more where an arm, a hand or a foot is missing, since the arm of a body lies
-# in the trunk then.
+# How many times as much surface a joint may move on one side as on the other: 1.07 at most of
+# people who are all there. Where an arm is missing, that of the body lies in the trunk.
+# `python experiments/cut_scans.py` cuts parts off.
 _UNLIKE = 1.25
 _PARTS = {
     **{"shoulder": "upper arm", "elbow": "forearm", "wrist": "hand"},

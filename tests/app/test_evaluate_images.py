@@ -140,11 +140,16 @@ def test_a_true_surface_in_millimetres_is_named(
     assert "times as large as its joints from end to end; expected metres" in note
 
 
-def test_motion_on_another_actor_is_named(truth: Path, result: Path, perfcap: Command) -> None:
-    (result / "run.json").write_text(json.dumps({"retargeted_from": "takes/walk"}))
+@pytest.mark.parametrize("captured", [False, True])
+def test_motion_on_another_actor_is_named(
+    truth: Path, result: Path, perfcap: Command, captured: bool
+) -> None:
+    source = result if captured else "takes/walk.bvh"
+    (result / "run.json").write_text(json.dumps({"retargeted_from": str(source)}))
     assert perfcap(["evaluate", result, "--truth", truth]).code == 0
     (note,) = metrics_of(result)["notes"]
-    assert "is the motion of takes/walk on another actor" in note
+    assert f"is the motion of {source} on another actor" in note
+    assert note.endswith(f"evaluate {source} for those of the capture") is captured
 
 
 def test_a_surface_without_the_person_s_clothes_is_not_the_camera_s_fault(

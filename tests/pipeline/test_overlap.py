@@ -5,7 +5,7 @@ import warnings
 import pytest
 import torch
 
-from perfcap.pipeline.overlap import warn_of_masks_elsewhere
+from perfcap.pipeline.overlap import warn_of_masks_elsewhere, warn_of_trust_within
 
 
 def person() -> torch.Tensor:
@@ -45,3 +45,23 @@ def test_masks_that_are_drawn_too_wide_or_too_narrow_are_told(grown: int, told: 
         warnings.simplefilter("always")
         warn_of_masks_elsewhere(masks, person())
     assert ["times the area" in str(each.message) for each in caught] == [True] * told
+
+
+def test_trust_in_the_person_alone_is_told() -> None:
+    sure = torch.ones(3, 2, 40, 40)
+    for trust in (person(), person()[:1, :1], 0.5 * person() + 0.01):
+        with pytest.warns(UserWarning, match="the person may grow beyond the masks"):
+            warn_of_trust_within(person() > 0, trust)
+    box, near = 0 * sure, sure.clone()
+    box[..., 4:34, 7:32] = 1
+    near[..., 6:40, 13:24] = 0.1  # of who is hardly sure
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for masks, trust in ((person(), sure), (person(), sure[:1, :1, :1, :1])):
+            warn_of_trust_within(masks, trust)
+        for masks, trust in ((person(), box), (person(), near), (sure, sure), (0 * sure, sure)):
+            warn_of_trust_within(masks, trust)
+        close = sure.clone()
+        close[..., :2] = 0  # the person fills the image
+        warn_of_trust_within(close, sure)
+    assert not caught
