@@ -1,8 +1,7 @@
 """What `perfcap actor build` says of scans that are not all there.
 
 Clothed templates of the rendered sequences lose their bones, then a crown, soles, or a part of an
-arm or leg, and are rigged with the height of the whole person. Scales are those that the height
-gives, of the right ones. Thresholds were chosen with the same templates in view, and on unclothed
+arm or leg, and are rigged with the height of the whole person. Thresholds were chosen with the same templates in view, and on unclothed
 bodies.
 """
 
@@ -64,7 +63,7 @@ def run(config: Experiment) -> Report:
     """How many are named, by what is missing."""
     kinds = zip(CUTS, (config.crown, config.soles, config.arm, config.leg), strict=True)
     rows = [_row(config, kind, cut) for kind, cuts in kinds for cut in cuts]
-    columns = ("missing", "cm", "scans", "named", "named otherwise", "scale")
+    columns = ("missing", "cm", "scans", "named", "named otherwise", "too large, %")
     return Report((Table("Scans that are not all there", columns, tuple(rows)),))
 
 
@@ -73,8 +72,8 @@ def _row(config: Experiment, kind: str, cut: float) -> tuple[str, float, int, in
     found = list(_rigged(config, keeps, cut))
     named = [any(says in line for line in lines) for lines, _ in found]
     others = [any(says not in line for line in lines) for lines, _ in found]
-    scale = float(np.mean([scale for _, scale in found]))
-    return kind, 100 * cut, len(found), sum(named), sum(others), scale
+    larger = 100 * (float(np.mean([scale for _, scale in found])) - 1)
+    return kind, 100 * cut, len(found), sum(named), sum(others), larger
 
 
 def _rigged(config: Experiment, keeps: Cut, cut: float) -> Iterator[tuple[tuple[str, ...], float]]:
