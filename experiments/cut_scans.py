@@ -1,8 +1,8 @@
 """What `perfcap actor build` says of scans that are not all there.
 
 Clothed templates of the rendered sequences lose their bones, then a crown, soles, or a part of an
-arm or leg, and are rigged with the height of the whole person. Thresholds were chosen with the same templates in view, and on unclothed
-bodies.
+arm or leg, and are rigged with the height of the whole person. Thresholds were chosen with the same
+templates in view, and on unclothed bodies.
 """
 
 from __future__ import annotations
