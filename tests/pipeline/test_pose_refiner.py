@@ -243,6 +243,7 @@ def test_state_dict_and_copies() -> None:
     assert torch.equal(copy.deepcopy(layer)(VIEWS, PIXELS).joints, expected)
 
 
+@pytest.mark.long
 def test_precision_follows_the_module() -> None:
     layer = refiner().eval()
     expected = layer(VIEWS, PIXELS).joints
