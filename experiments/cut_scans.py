@@ -27,8 +27,8 @@ Cut = Callable[[Floats, Floats, float], NDArray[np.bool_]]
 CUTS: dict[str, tuple[str, Cut]] = {
     "crown": ("the crown", lambda up, _, cut: up < up.max() - cut),
     "soles": ("goes no deeper", lambda up, _, cut: up > cut),
-    "left hand": ("as much left", lambda _, left, cut: left < left.max() - cut),
-    "left foot": ("as much left", lambda up, left, cut: (up > cut) | (left < 0)),
+    "left hand": ("look at the colours", lambda _, left, cut: left < left.max() - cut),
+    "left foot": ("look at the colours", lambda up, left, cut: (up > cut) | (left < 0)),
 }
 
 

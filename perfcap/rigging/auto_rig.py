@@ -23,8 +23,8 @@ from perfcap.rigging.bone_heat import HeatReport, bone_heat_weights
 from perfcap.rigging.bones import skeleton_bones
 from perfcap.rigging.fit_surface import BodyFitter, FitSettings, SurfaceFit
 from perfcap.rigging.loose_parts import height_doubt
-from perfcap.rigging.missing_parts import missing_parts
 from perfcap.rigging.overrides import Override
+from perfcap.rigging.scan_doubts import scan_doubts
 from perfcap.rigging.surface_match import TargetSurface
 from perfcap.rigging.upright import Upright, stand_up
 from perfcap.rigging.view_landmarks import (
@@ -124,7 +124,7 @@ def auto_rig(
         )
     template, heat = rig_with_joints(best.mesh, fit.joints, overrides)
     inside = measure(model.template(fit.motion.shared[BODY]))
-    found = [*_warnings(best.upright, fit, heat), *missing_parts(template, height is not None)]
+    found = [*_warnings(best.upright, fit, heat), *scan_doubts(template, height is not None)]
     if turned:
         found.append(
             "its triangles faced inwards and were turned round; export it with normals out"

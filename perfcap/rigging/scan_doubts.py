@@ -1,4 +1,4 @@
-"""What of a person a scan lacks: its crown, its soles, or a limb."""
+"""What speaks against a scan: it lacks a crown, soles or a part of a limb, or raises its hands."""
 
 from __future__ import annotations
 
@@ -17,17 +17,21 @@ Floats = NDArray[np.float64]
 # there), and its toes below (-0.012).
 _CROWN, _SOLES = 0.008, -0.003
 # How many times as much surface a joint may move on one side as on the other: 1.07 at most of
-# people who are all there. Where an arm is missing, that of the body lies in the trunk.
+# people who are all there. Where an arm is missing, that of the body lies in the trunk, and several
+# joints differ; one alone may where arms are bent unlike.
 # `python experiments/cut_scans.py` cuts parts off.
-_UNLIKE = 1.25
+_UNLIKE, _ALONE = 1.25, 1.6
+_HARDLY = 0.2
 _PARTS = {
     **{"shoulder": "upper arm", "elbow": "forearm", "wrist": "hand"},
     **{"hip": "thigh", "knee": "shank", "ankle": "foot"},
 }
 
 
-def missing_parts(template: Template, scaled: bool) -> Iterator[str]:
-    """Sentences about a mesh that ends below a crown or above soles, or has unlike limbs.
+def scan_doubts(template: Template, scaled: bool) -> Iterator[str]:
+    """Sentences about a mesh that ends below a crown, above soles or at raised hands.
+
+    And about one whose left and right limbs are unlike.
 
     Args:
         template: the mesh on the bones of the body that was fitted into it, metres, y up.
@@ -48,18 +52,32 @@ def missing_parts(template: Template, scaled: bool) -> Iterator[str]:
             "the mesh goes no deeper than the toes' joints of the body in it, as where soles were "
             f"cut off with the floor{larger}"
         )
+    weights = template.dense_weights()
+    raised = template.bone_names[int(weights[vertices[:, 1].argmax()].argmax())]
+    if scaled and raised[2:] in ("elbow", "wrist"):
+        yield (
+            f"what {raised} moves is higher than the head: the height given is that of raised "
+            "hands, and makes all the rest too small"
+        )
     area = _moved_by_joints(template)
+    sides = {part: (area[f"l_{joint}"], area[f"r_{joint}"]) for joint, part in _PARTS.items()}
+    ratios = {part: max(pair) / max(min(pair), 1e-9) for part, pair in sides.items()}
     unlike = [
-        f"{left / max(right, 1e-9):.1f} times as much left {part} as right"
-        for joint, part in _PARTS.items()
-        for left, right in [(area[f"l_{joint}"], area[f"r_{joint}"])]
-        if max(left, right) > _UNLIKE * min(left, right)
+        _compared(part, left, right)
+        for part, (left, right) in sides.items()
+        if ratios[part] > _UNLIKE
     ]
-    if unlike:
+    if len(unlike) > 1 or max(ratios.values()) > _ALONE:
         yield (
             f"the mesh has {', '.join(unlike)}, as where a limb is not all there, or something is "
             "carried; look at the colours of the contact sheet"
         )
+
+
+def _compared(part: str, left: float, right: float) -> str:
+    if min(left, right) < _HARDLY * max(left, right):
+        return f"hardly any {'left' if left < right else 'right'} {part}"
+    return f"{left / right:.1f} times as much left {part} as right"
 
 
 def _moved_by_joints(template: Template) -> dict[str, float]:
