@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import robots
 import torch
+import trimesh
 
 from perfcap.actor.anatomy import JOINTS
 from perfcap.actor.motion import Motion
@@ -128,6 +129,20 @@ def test_mjcf_turns_about_axes_in_any_order(tmp_path: Path) -> None:
         # scipy has it the other way round: capitals for axes that turn along
         expected = robots.Rotation.from_euler(order.swapcase(), angles, degrees=True).as_matrix()
         assert np.allclose(read_robot(path).bodies[1].pose[:3, :3], expected, atol=1e-9)
+
+
+def test_mjcf_takes_the_axes_of_a_mesh_away_before_it_is_scaled(tmp_path: Path) -> None:
+    """Ends of the box are those that MuJoCo 3 has."""
+    box = trimesh.creation.box(bounds=[[0, 0, 0], [1, 2, 3]])
+    box.export(tmp_path / "box.stl")
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="m" file="box.stl" refpos="1 0 0" refquat="1 0 0 1" '
+        'scale="1 1 2"/></asset><worldbody><body name="a"><freejoint/>'
+        '<geom type="mesh" mesh="m"/><body name="b"><joint/></body></body></worldbody></mujoco>'
+    )
+    ((vertices, _),) = read_robot(path).bodies[0].shapes
+    assert np.allclose([vertices.min(0), vertices.max(0)], [[0, 0, 0], [2, 1, 6]])
 
 
 def test_mapping_names_bodies(tmp_path: Path) -> None:

@@ -16,7 +16,14 @@ from perfcap.errors import InputError
 from perfcap.io.robot import shapes
 from perfcap.io.robot.description import Body, Floats, Robot, RobotHinge, coupled_note
 from perfcap.io.robot.elements import Element, inside, numbers, unit
-from perfcap.io.robot.mjcf_defaults import MAIN, Rules, least_turn, read_rules, with_includes
+from perfcap.io.robot.mjcf_defaults import (
+    MAIN,
+    Rules,
+    least_turn,
+    read_rules,
+    rotation_of,
+    with_includes,
+)
 
 _FLAT = ("plane", "hfield", "sdf")
 _COLLIDES = ("contype", "conaffinity")
@@ -185,7 +192,15 @@ def _mesh(geom: Element, rules: Rules, left_out: set[str]) -> shapes.Surface | N
         return None
     asset = rules.with_defaults(asset, MAIN)
     path = inside(rules.meshes, asset.get("file", ""))
-    scale = numbers(asset, "scale", 3, "1 1 1")
     if path.suffix.lower() not in shapes.READ:
         left_out.add(path.suffix.lower() or "no format")
-    return shapes.mesh(path, np.ones(3) if scale is None else scale)
+    surface = shapes.mesh(path, np.ones(3))
+    if surface is None:
+        return None
+    # as MuJoCo does it: the file's own axes are taken away, then what is left is scaled
+    place, turn = numbers(asset, "refpos", 3, "0 0 0"), numbers(asset, "refquat", 4, "1 0 0 0")
+    scale = numbers(asset, "scale", 3, "1 1 1")
+    assert place is not None and turn is not None and scale is not None
+    turned = rotation_of(turn, f"{path}: refquat")
+    vertices, faces = surface
+    return (vertices - place) @ turned * scale, faces

@@ -60,8 +60,7 @@ class Rules:
     def _turn(self, element: Element) -> Floats:
         what = f"<{element.tag} name={element.get('name', '')!r:.40}>"
         if (quat := numbers(element, "quat", 4)) is not None:
-            quat = unit(quat, what)
-            return _matrix(Rotation.from_quat(quat, scalar_first=True))
+            return rotation_of(quat, what)
         if (turn := numbers(element, "axisangle", 4)) is not None:
             return _matrix(Rotation.from_rotvec(unit(turn[:3], what) * self.angle(float(turn[3]))))
         if (angles := numbers(element, "euler", 3)) is not None:
@@ -81,6 +80,11 @@ class Rules:
             step = Rotation.from_rotvec(axis * self.angle(float(angle))).as_matrix()
             turn = turn @ step if letter.islower() else step @ turn
         return turn
+
+
+def rotation_of(quat: Floats, what: str) -> Floats:
+    """A rotation (3, 3) of a quaternion (w, x, y, z) of any length but 0."""
+    return _matrix(Rotation.from_quat(unit(quat, what), scalar_first=True))
 
 
 def least_turn(z: Floats) -> Floats:
