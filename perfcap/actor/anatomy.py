@@ -275,7 +275,11 @@ def _leg(side: str, at: Mapping[str, Tensor], body: Tensor) -> list[Hinge]:
     hinges.append(_hinge("knee_flexion", "knee", axis, SIDE_LIMITS, side, bend))
     # the foot is neutral when the ground it stands on is square to the shank
     forward = toe - (toe @ up) * up
-    forward = forward / forward.norm().clamp(min=1e-9)
+    if forward.norm() < 1e-6:
+        raise InputError(
+            f"{side}_toe lies at {side}_ankle; expected a place ahead, as its own bone"
+        )
+    forward = forward / forward.norm()
     lateral = torch.linalg.cross(up, forward)
     lean = torch.atan2(-(shank @ forward), -(shank @ up))
     hinges.append(_hinge("ankle_dorsiflexion", "ankle", -lateral, SIDE_LIMITS, side, float(lean)))

@@ -153,7 +153,8 @@ def _run(
     if request.everybody:
         found = find_people(request, inputs, list(actors.values()), generic)
         if len(found.people) > 1:
-            crowd = Crowd(inputs, found, generic, actors)
+            told_of = (*inputs.warnings, *preset_doubts(request.preset, inputs.clip.views))
+            crowd = Crowd(replace(inputs, warnings=told_of), found, generic, actors)
             good = run_people(request, folder, crowd, work, said)
             return DONE if good else INCOMPLETE
         everybody, told_of = inputs.detections, (*inputs.warnings, *found.notes)

@@ -11,11 +11,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from perfcap.app.joint_names import misnamed
 from perfcap.app.known_frames import known_frames
 from perfcap.detect.crop import Frame
+from perfcap.detect.decode import calibrate
 from perfcap.detect.joint_set import LANDMARKS, map_to_landmarks
 from perfcap.detect.known_person import JUDGED, NEAR, OPPOSITE, look_at_known
 from perfcap.detect.manifest import InputSpec, Manifest
@@ -34,6 +36,7 @@ _EXCHANGED = 0.5
 _PADDING, _ALIKE = 1.25, 0.15  # most networks learned such crops; distances then differ little
 _FEW = 0.7  # of the joints; of the shipped networks 0.94 and more are found
 _THERE = 0.3  # mean confidence from which captures take somebody to be there; see ``detect.look``
+_TWICE, _ROUNDED = (0.5, 0.7311), 1e-3  # what a sigmoid makes of 0 and 1
 _IMAGENET = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _ONES = (1.0, 1.0, 1.0)
 _NONE = (0.0, 0.0, 0.0), _ONES
@@ -48,6 +51,7 @@ class Reading:
         found: share of the joints that are near it.
         opposite: share of them that are near the other side's.
         sure: mean of the network's confidence.
+        range: the least and the greatest confidence.
         misnamed: which joints lie where others are.
     """
 
@@ -55,6 +59,7 @@ class Reading:
     found: float
     opposite: float
     sure: float
+    range: tuple[float, float]
     misnamed: tuple[str, ...] = ()
 
     @property
@@ -136,6 +141,13 @@ def _doubt_of_confidence(manifest: Manifest, own: Reading) -> str:
         return (
             "output.columns has no confidence, so that every joint counts as seen, hidden ones and "
             "those of nobody too; is one that is ignored the confidence?"
+        )
+    ends = calibrate(torch.tensor(_TWICE), manifest.calibration).tolist()
+    within = ends[0] - _ROUNDED < own.range[0] and own.range[1] < ends[1] + _ROUNDED
+    if manifest.output.activation == "sigmoid" and within and ends[0] < ends[1]:
+        return (
+            'all confidences are those that output.activation = "sigmoid" makes of 0 to 1, so that '
+            "hidden joints count as seen; is what the network gives a probability already?"
         )
     if own.sure < _THERE:
         return (
@@ -220,11 +232,13 @@ def _read(network: OnnxDetector | OnnxFinder, manifest: Manifest) -> Reading:
         np.stack([_apart(points, truth[order])[judged] for points, _, truth in seen])
         for order in (list(range(len(LANDMARKS))), OPPOSITE)
     )
+    confidence = np.stack([sure[judged] for _, sure, _ in seen])
     return Reading(
         float(np.median(off)),
         float((off < NEAR).mean()),
         float((opposite < NEAR).mean()),
-        float(np.mean([sure[judged] for _, sure, _ in seen])),
+        float(confidence.mean()),
+        (float(confidence.min()), float(confidence.max())),
         misnamed(points, places, network.joint_set.missing()),
     )
 

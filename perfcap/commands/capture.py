@@ -54,9 +54,9 @@ class Capture(Views):
     until: Until = "refine_surface"
     """The last stage to run."""
     preset: Literal["default", "liu2013", "monoperfcap", "muvs2017", "rhodin2016"] = "default"
-    """Measured defaults, or what Xu et al. 2018, Huang et al. 2017 (several views), Rhodin et al.
-    2016 (several views, raw images without silhouettes) or Liu et al. 2013 (several views, frame by
-    frame from the first one's detections) published."""
+    """Measured defaults, or what Xu et al. 2018 (one view), Huang et al. 2017 (several views),
+    Rhodin et al. 2016 (several views, raw images without silhouettes) or Liu et al. 2013 (several
+    views, frame by frame from the first one's detections) published."""
     bones: Literal["auto", "solve", "template"] = "auto"
     """Solve the person's bone lengths? auto: for a generic actor seen by several views."""
     sync: Literal["auto", "none"] = "none"

@@ -254,6 +254,13 @@ def test_missing_bones_are_named() -> None:
         human_rig(positions)
 
 
+def test_a_toe_at_the_ankle_is_refused_by_its_name() -> None:
+    places = dict(rest_positions())
+    places["r_toe"] = places["r_ankle"] - torch.tensor([0.0, 0.05, 0.0], dtype=F64)
+    with pytest.raises(InputError, match="r_toe lies at r_ankle; expected a place ahead"):
+        human_rig(places)
+
+
 def test_a_body_on_a_line_is_refused() -> None:
     line = {name: torch.tensor([0.0, 1.0, 0.0]) * i for i, name in enumerate(rest_positions())}
     with pytest.raises(InputError, match="on one line"):

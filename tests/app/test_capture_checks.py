@@ -86,17 +86,20 @@ def test_networks_may_follow_different_people() -> None:
     assert "--people" not in str(refused.value)
 
 
-def test_a_preset_of_several_views_is_named_for_one() -> None:
+def test_a_preset_is_named_for_views_that_it_is_not_made_for() -> None:
     for preset in ("liu2013", "muvs2017"):
         assert any("several views" in line for line in preset_doubts(preset, 1))
-    for preset, views in (
-        ("liu2013", 2),
-        ("muvs2017", 2),
-        ("default", 1),
-        ("monoperfcap", 1),
-        ("rhodin2016", 1),
-    ):
+        assert not any("several views" in line for line in preset_doubts(preset, 2))
+    assert any("weights of one view, and there are 3" in s for s in preset_doubts("monoperfcap", 3))
+    assert not any("one view" in line for line in preset_doubts("monoperfcap", 1))
+    for preset, views in (("default", 1), ("default", 3), ("rhodin2016", 1), ("rhodin2016", 3)):
         assert not [*preset_doubts(preset, views)]
+
+
+@pytest.mark.parametrize("preset", ["liu2013", "monoperfcap", "muvs2017"])
+@pytest.mark.parametrize("views", [1, 4])
+def test_presets_of_other_weights_say_whose_errors_are_expected(preset: str, views: int) -> None:
+    assert sum("errors that run.json expects" in line for line in preset_doubts(preset, views)) == 1
 
 
 @pytest.mark.long

@@ -69,6 +69,12 @@ SIDES = [{"l_": "r_", "r_": "l_"}.get(n[:2], n[:2]) + n[2:] for n in COCO17.join
         ),
         ("lightning", '"confidence"', '"ignored"', "output.columns has no confidence, so that"),
         ("lightning", 'set = "COCO-17"', f'set = "COCO-17"{LOW}', "confidences are 0.13 in the"),
+        (
+            "lightning",
+            "[output]",
+            '[output]\nactivation = "sigmoid"',
+            'activation = "sigmoid" makes of 0 to 1',
+        ),
         ("rendered", '"head_top", "neck"', '"neck", "head_top"', "head_top is where neck is"),
         ("lightning", '"y", "x", "confidence"', '"confidence", "y", "x"', "few joints are found"),
     ],
