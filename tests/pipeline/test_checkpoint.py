@@ -154,7 +154,6 @@ def check_killed_every(
     assert blocks[0] > 20 and deaths == (blocks[0] - 1) // (step - 1)
 
 
-@pytest.mark.long
 def test_killed_now_and_then(
     filmed: Filmed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
