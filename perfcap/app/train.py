@@ -17,7 +17,7 @@ from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
 from perfcap.io.result_folder import locked
-from perfcap.train.card import write_lifter_card
+from perfcap.train.card import counted, last_part, origin_of, weights_said, write_lifter_card
 from perfcap.train.checkpoint import (
     described_start,
     require_taps,
@@ -83,8 +83,19 @@ def run_train_lifter(request: TrainLifter) -> int:
         if first:
             trained = trained.cpu()
             model = LifterCommittee([trained, *others]) if others else trained
-            _finish(model, request, library, learned.subjects)
+            _finish(model, request, library, learned.subjects, lifter_sources(request, tracks))
     return 0
+
+
+def lifter_sources(request: TrainLifter, tracks: SeenTracks | None) -> tuple[str, ...]:
+    """All that a lifter is made of, for its card: a phrase each."""
+    found = [f"recorded motion of {last_part(request.motion)}"]
+    if request.tracks is not None and tracks is not None and request.config.data.seen:
+        found.append(f"{counted(len(tracks.plane), 'track')} of {last_part(request.tracks)}")
+    if request.start is not None:
+        found.append(f"to start from, {weights_said(request.start)}")
+    found += [f"averaged with it, {weights_said(path)}" for path in request.together_with]
+    return tuple(found)
 
 
 def _tracks(path: Path) -> SeenTracks:
@@ -126,19 +137,20 @@ def _finish(
     request: TrainLifter,
     library: MotionLibrary,
     learned: tuple[str, ...],
+    sources: tuple[str, ...],
 ) -> None:
     """Export, score on people held out, write the card."""
     config, folder = request.config, request.out / MODEL
     low, high = config.data.rate
-    origin = f"perfcap train lifter, {config.loop.steps} steps, seed {config.loop.seed}"
-    if request.together_with:
-        origin += f", averaged with {len(request.together_with)} of other runs"
-    export_lifter(model, folder, 0.5 * (low + high), origin, request.licence)
+    run = f"perfcap train lifter, {config.loop.steps} steps, seed {config.loop.seed}"
+    origin, licence = origin_of(run, sources), request.licence
+    export_lifter(model, folder, 0.5 * (low + high), origin, licence)
     scores = {
         person: score_lifter(model, library.of([person]), config.data)
         for person in (*config.held_out, *config.validation)
     }
-    write_lifter_card(folder, config, learned, scores, 1 + len(request.together_with))
+    members = 1 + len(request.together_with)
+    write_lifter_card(folder, config, learned, sources, licence, scores, members)
     for doubt in _outcome(model, request, library.of(config.validation)):
         _LOG.warning("%s", doubt)
     console = PlainConsole()

@@ -35,7 +35,7 @@ from perfcap.io.body_model import body_model_files, load_body_model
 from perfcap.train.augment import FOLLOWED
 from perfcap.train.background_looks import background_doubts
 from perfcap.train.backgrounds import Backgrounds
-from perfcap.train.card import write_detector_card
+from perfcap.train.card import counted, last_part, origin_of, weights_said, write_detector_card
 from perfcap.train.cast import Cast
 from perfcap.train.checkpoint import described_start, require_unseen, start_from
 from perfcap.train.config import TrainDetectorConfig
@@ -100,8 +100,33 @@ def run_train_detector(request: TrainDetector) -> int:
         )
         if first:
             learned = library.without((*config.held_out, *config.validation)).subjects
-            _finish(trained, request, validation, learned)
+            sources = detector_sources(request, behind, photographs)
+            _finish(trained, request, validation, learned, sources)
     return 0
+
+
+def detector_sources(
+    request: TrainDetector, behind: Backgrounds, photographs: Photographs | None
+) -> tuple[str, ...]:
+    """All that a detector is made of, for its card: a phrase each."""
+    found = [
+        f"recorded motion of {last_part(request.motion)}",
+        f"the body model {last_part(request.body_model)}",
+    ]
+    if request.actors and request.config.scene.actors:
+        names = ", ".join(map(last_part, request.actors))
+        found.append(f"the actor{'s' if len(request.actors) > 1 else ''} {names}")
+    if request.backgrounds is not None:
+        count = counted(len(behind.files), "background")
+        found.append(f"{count} of {last_part(request.backgrounds)}")
+    if request.photographs is not None and photographs is not None:
+        people = len(photographs)
+        count = counted(len({each.path for each in photographs.people}), "photograph")
+        shown = "1 person" if people == 1 else f"{people} people"
+        found.append(f"{count} with {shown} of {last_part(request.photographs)}")
+    if request.start is not None:
+        found.append(f"to start from, {weights_said(request.start)}")
+    return tuple(found)
 
 
 def _check(config: TrainDetectorConfig) -> None:
@@ -234,7 +259,11 @@ def _scenes(
 
 
 def _finish(
-    trained: Detector, request: TrainDetector, validation: Shots, learned: tuple[str, ...]
+    trained: Detector,
+    request: TrainDetector,
+    validation: Shots,
+    learned: tuple[str, ...],
+    sources: tuple[str, ...],
 ) -> None:
     """Export, score on people held out, write the card."""
     config, folder = request.config, request.out / MODEL
@@ -242,13 +271,13 @@ def _finish(
     device = torch.device("cpu")
     peaks, hits = peaks_and_hits(trained, validation, config, device)
     calibration = fit_calibration(peaks, hits)
-    origin = f"perfcap train detector, {config.loop.steps} steps, seed {config.loop.seed}"
-    export_detector(trained, folder, calibration, origin, request.licence)
+    run = f"perfcap train detector, {config.loop.steps} steps, seed {config.loop.seed}"
+    export_detector(trained, folder, calibration, origin_of(run, sources), request.licence)
     with writing(folder / WEIGHTS) as file:
         file.write((request.out / BEST).read_bytes())
     scores = score_detector(trained, validation, config, device)
     scores["calibration error"] = expected_error(peaks, hits, calibration)
-    write_detector_card(folder, config, learned, scores)
+    write_detector_card(folder, config, learned, sources, request.licence, scores)
     start = None
     if request.start is not None:
         before = Detector(config.detector)

@@ -40,7 +40,7 @@ from perfcap.pipeline.jobs import capture
 from perfcap.pipeline.performance import Performance
 from perfcap.pipeline.presets import PRESETS
 from perfcap.pipeline.stage import Stage
-from perfcap.train.card import write_head_card
+from perfcap.train.card import frames_said, write_head_card
 from perfcap.train.checkpoint import load_checkpoint
 from perfcap.train.config import LoopConfig
 from perfcap.train.export_head import export_head
@@ -105,7 +105,8 @@ def _adapt(request: TrainHead, network: FrozenNetwork, inputs: Inputs) -> None:
             _LOG.warning("%s", line)
         refine = refiner(performance.actor, watched.rate)
         taught = _teach(request, network, crops, watched, refine, tell)
-    _finish(request, network, taught, inputs, step * len(watched.joints))
+    frames = len(watched.joints), performance.frames
+    _finish(request, network, taught, inputs.clip.views, frames)
 
 
 def doubts_of(scores: Mapping[str, float]) -> Iterator[str]:
@@ -310,12 +311,16 @@ class _Study:
 
 
 def _finish(
-    request: TrainHead, network: FrozenNetwork, taught: _Taught, inputs: Inputs, frames: int
+    request: TrainHead,
+    network: FrozenNetwork,
+    taught: _Taught,
+    views: int,
+    frames: tuple[int, int],
 ) -> None:
-    """Export, describe, and say what it gives."""
+    """Export, describe, and say what it gives; frames that were looked at, and all of the clip."""
     folder = request.out / MODEL
     config = request.config
-    origin = f"perfcap train head, {frames} frames of {inputs.clip.views} views"
+    origin = f"perfcap train head, {frames_said(*frames)} of {views} views"
     origin += f", seed {config.loop.seed}"
     export_head(network, taught.head, folder, origin, 1e-3 * taught.scores["expected, mm"])
     name = network.manifest.path.parent.name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,12 +10,66 @@ from perfcap.io.atomic import writing
 from perfcap.train.config import TrainDetectorConfig, TrainHeadConfig, TrainLifterConfig
 
 FILE = "card.md"
+_WIDTH = 100  # characters of a line
+
+
+def last_part(path: Path | str) -> str:
+    """What a file or folder is called, without the folders of this machine that it lies in."""
+    path = Path(path)
+    name = path.resolve().name if path.name in ("", "..") else path.name
+    return _printable(name)
+
+
+def _printable(text: str) -> str:
+    """A text in one line, which can be encoded."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def counted(number: int, name: str) -> str:
+    """So many of something, as ``1 track`` or ``2 tracks``."""
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
+def weights_said(path: Path) -> str:
+    """That a checkpoint's weights went in, and with them what those had learned from."""
+    return f"the weights of {last_part(path)}, with what went into them"
+
+
+def origin_of(run: str, sources: Sequence[str]) -> str:
+    """The origin of weights for a manifest: the run, and all that went in."""
+    return "; ".join((run, *sources))
+
+
+def frames_said(looked_at: int, frames: int) -> str:
+    """How many frames were looked at, and of how many where some were left out."""
+    return f"{frames} frames" if looked_at == frames else f"{looked_at} of {frames} frames"
+
+
+def _went_in(sources: Sequence[str], licence: str) -> str:
+    """Entries of a list: all that went in, and the licence."""
+    shown = _printable(licence)
+    lines = (
+        f"- Went in: {'; '.join(sources)}.",
+        f"- Licence of the weights: {shown}; it follows from those of all that went in.",
+    )
+    return "\n".join(
+        textwrap.fill(
+            line,
+            _WIDTH,
+            subsequent_indent="  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for line in lines
+    )
 
 
 def write_lifter_card(
     folder: Path,
     config: TrainLifterConfig,
     learned: Sequence[str],
+    sources: Sequence[str],
+    licence: str,
     scores: Mapping[str, Mapping[str, float]],
     members: int = 1,
 ) -> None:
@@ -24,6 +79,8 @@ def write_lifter_card(
         folder: of the model.
         config: it was trained with.
         learned: people it was trained on.
+        sources: all that went in, a phrase each.
+        licence: of the weights.
         scores: of each person that it was not trained on.
         members: networks whose answers are averaged; the last ones are of other runs.
     """
@@ -44,6 +101,7 @@ in the axes of the camera, with the error expected of each joint.
   channels{others}; an answer depends on {config.lifter.reach} frames either side.
 - Learned from: recorded motion of {len(learned)} people ({", ".join(learned)}) under random cameras
   with simulated detections, {config.loop.steps} steps of {config.loop.batch}.
+{_went_in(sources, licence)}
 - Best weights chosen by: {", ".join(config.validation)}.
 
 ## Errors on people it has not learned from, with simulated detections
@@ -69,6 +127,8 @@ def write_detector_card(
     folder: Path,
     config: TrainDetectorConfig,
     learned: Sequence[str],
+    sources: Sequence[str],
+    licence: str,
     scores: Mapping[str, float],
 ) -> None:
     """Write ``card.md``.
@@ -77,6 +137,8 @@ def write_detector_card(
         folder: of the model.
         config: it was trained with.
         learned: people whose motion it was shown.
+        sources: all that went in, a phrase each.
+        licence: of the weights.
         scores: on crops of people whose motion it was not shown.
     """
     rows = "\n".join(f"| {name} | {value:.3g} |" for name, value in scores.items())
@@ -92,6 +154,7 @@ positions in metres.
 - Learned from: {config.crops} rendered crops of random bodies and clothes, moving as
   {len(learned)} recorded people ({", ".join(learned)}); {config.loop.steps} steps of
   {config.loop.batch}.
+{_went_in(sources, licence)}
 - Best weights chosen on the motion of {", ".join(config.validation)}, not shown otherwise.
 
 ## Scores on rendered crops with the motion of {", ".join(config.validation)}
@@ -117,7 +180,7 @@ def write_head_card(
     folder: Path,
     network: str,
     config: TrainHeadConfig,
-    frames: int,
+    frames: tuple[int, int],
     scores: Mapping[str, float],
     steps: int | None,
 ) -> None:
@@ -127,7 +190,7 @@ def write_head_card(
         folder: of the model.
         network: what was adapted.
         config: the head was trained with.
-        frames: of the footage, those held out included.
+        frames: of the footage that were looked at, those held out included, and all of them.
         scores: on frames of the footage that it has not learned from.
         steps: of training through the solver that the weights are from: 0 where that was no
             better and they are those learned directly, None where there was none.
@@ -137,8 +200,8 @@ def write_head_card(
 
 The network as it was, with a linear map of its last features added to its 2D and 3D joints.
 
-- Learned from: {frames} frames of calibrated views of one person, without labels. The joints are
-  those of a capture of all views together; each view learns to say them alone,
+- Learned from: {frames_said(*frames)} of calibrated views of one person, without labels. The joints
+  are those of a capture of all views together; each view learns to say them alone,
   {_way(steps)}.
 - Chosen by the last {100 * config.held_out:.0f} % of these frames, held out at first; then learned
   again from all, as was best for them.

@@ -11,14 +11,16 @@ import torch
 from motion_files import write_library
 from runs import Command
 
-from perfcap.app.train_detector import describe_drawn, dressed_actor
+from perfcap.app.train_detector import describe_drawn, detector_sources, dressed_actor
 from perfcap.commands.train import TrainDetector
+from perfcap.detect.joint_set import LANDMARKS
 from perfcap.detect.onnx import OnnxDetector
 from perfcap.io.actor import models_folder
 from perfcap.train.backgrounds import Backgrounds
 from perfcap.train.checkpoint import Checkpoint, save_checkpoint, start_from
-from perfcap.train.config import DetectorConfig
+from perfcap.train.config import DetectorConfig, SceneData, TrainDetectorConfig
 from perfcap.train.detector import Detector
+from perfcap.train.photographs import Photographs
 
 LSPET = Path(__file__).parents[3] / "shared" / "data" / "lspet"
 VALUES = {"step": "1", "best": "1.0", "config": "{}"}
@@ -34,6 +36,82 @@ TINY = (
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_library(tmp_path_factory.mktemp("motion"), frames=20)
+
+
+def write_pictures(folder: Path) -> Path:
+    folder.mkdir()
+    cv2.imwrite(str(folder / "grey.png"), np.full((40, 60, 3), 99, np.uint8))
+    return folder
+
+
+def write_photographs(folder: Path) -> Path:
+    """Three people with annotated joints in two photographs."""
+    (folder / "images").mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    entries = []
+    for name in ("one.png", "two.png", "two.png"):
+        image = rng.integers(0, 255, (80, 60, 3), np.uint8)
+        cv2.imwrite(str(folder / "images" / name), image)
+        rows = np.concatenate([rng.uniform(20, 50, (16, 2)), np.ones((16, 1))], 1)
+        entries.append({"file": name, "joints": rows.tolist()})
+    table = {"joint_names": list(LANDMARKS), "images": entries}
+    (folder / "annotations.json").write_text(json.dumps(table))
+    return folder
+
+
+def test_all_that_goes_in_is_named(tmp_path: Path) -> None:
+    motion = tmp_path / "motion"
+    plain = TrainDetector(motion, tmp_path / "run")
+    first = ("recorded motion of motion", "the body model ada")
+    assert detector_sources(plain, Backgrounds(), None) == (*first, "the actor sam")
+    alone = SceneData(actors=0.0)
+    without = TrainDetector(motion, tmp_path / "run", config=TrainDetectorConfig(scene=alone))
+    assert detector_sources(without, Backgrounds(), None) == first
+    pictures = write_pictures(tmp_path / "pictures")
+    photographs = write_photographs(tmp_path / "people")
+    full = TrainDetector(
+        *(motion, tmp_path / "run"),
+        body_model=str(tmp_path / "bodies" / "eve"),
+        actors=("sam", str(tmp_path / "who.glb")),
+        backgrounds=pictures,
+        photographs=photographs,
+        start=tmp_path / "before" / "weights.safetensors",
+    )
+    found = detector_sources(full, Backgrounds(pictures), Photographs(photographs, 72, 1.8))
+    assert found == (
+        first[0],
+        "the body model eve",
+        "the actors sam, who.glb",
+        "1 background of pictures",
+        "2 photographs with 3 people of people",
+        "to start from, the weights of weights.safetensors, with what went into them",
+    )
+
+
+@pytest.mark.slow
+def test_cards_and_manifests_say_what_went_in(
+    perfcap: Command, library: Path, tmp_path: Path
+) -> None:
+    pictures = write_pictures(tmp_path / "pictures")
+    photographs = write_photographs(tmp_path / "people")
+    call = ["train", "detector", "--motion", library, *PEOPLE, *TINY, "--licence", "CC0"]
+    call += ["--crops-folder", tmp_path / "crops", "--backgrounds", pictures, "--out"]
+    assert perfcap([*call, tmp_path / "a"]).code == 0
+    best = tmp_path / "a" / "best.safetensors"
+    more = ("--photographs", photographs, "--start", best)
+    assert perfcap([*call, tmp_path / "b", *more]).code == 0
+    first = f"recorded motion of {library.name}; the body model ada; 1 background of pictures"
+    then = (
+        "; 2 photographs with 3 people of people; to start from, the weights of best.safetensors, "
+        "with what went into them"
+    )
+    for run, said in (("a", first), ("b", first + then)):
+        model = tmp_path / run / "model"
+        origin, card = OnnxDetector(model).manifest.file.origin, (model / "card.md").read_text()
+        assert origin == f"perfcap train detector, 2 steps, seed 0; {said}"
+        expected = f"- Went in: {said}. - Licence of the weights: CC0; it follows"
+        assert expected in " ".join(card.split())
+        assert str(tmp_path) not in card + origin
 
 
 @pytest.mark.slow
@@ -55,9 +133,7 @@ def test_trains_exports_and_describes(perfcap: Command, library: Path, tmp_path:
     assert "Where it fails" in card and "1 recorded people (01)" in card
     assert "--resume" in perfcap(call).refused()
     assert perfcap([*call, "--resume"]).code == 0
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    cv2.imwrite(str(pictures / "grey.png"), np.full((40, 60, 3), 99, np.uint8))
+    pictures = write_pictures(tmp_path / "pictures")
     behind = perfcap([*call, "--resume", "--backgrounds", pictures])
     assert "crops of other settings, actors, body model or backgrounds" in behind.refused()
     more = ("--crops-folder", out / "crops", "--start", out / "model/weights.safetensors")

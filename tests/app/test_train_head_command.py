@@ -34,15 +34,19 @@ TINY = (
 @pytest.fixture(scope="module")
 def call(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
     """Two small views of a person, with joints that were detected in them."""
-    folder = tmp_path_factory.mktemp("views")
-    one = write_take(folder, FRAMES, size=SIZE)
-    take = make_take(FRAMES, views=VIEWS, actor=one.take.actor)
+    return write_views(tmp_path_factory.mktemp("views"), FRAMES)
+
+
+def write_views(folder: Path, frames: int) -> list[object]:
+    """Write two small views of so many frames; the call that adapts a network to them."""
+    one = write_take(folder, frames, size=SIZE)
+    take = make_take(frames, views=VIEWS, actor=one.take.actor)
     cameras = shrunk(take.cameras, SIZE)
     found = detect(take.actor, cameras, take.truth)
     names = [f"cam{view}" for view in range(VIEWS)]
     for view, name in enumerate(names):
         seen = found.joints2d[:, view]
-        write_video(folder / f"{name}.mp4", FRAMES, SIZE, take.rate, seen=seen)
+        write_video(folder / f"{name}.mp4", frames, SIZE, take.rate, seen=seen)
         write_detections(folder / f"{name}.npz", found.select([view]))
     entries = {name: camera_entry(cameras, view) for view, name in enumerate(names)}
     write_json(folder / "cameras.json", {"views": entries})
@@ -67,6 +71,16 @@ def test_adapts_a_network_and_goes_on(perfcap: Command, call: list[object], tmp_
     assert "holds an unfinished" in perfcap([*call, *TINY, "--out", tmp_path / "a"]).refused()
     assert perfcap([*call, *TINY, "--out", tmp_path / "a", "--resume"]).code == 0
     assert OnnxDetector(tmp_path / "a" / "model").manifest.file.sha256 == written.file.sha256
+
+
+@pytest.mark.long
+def test_frames_that_were_looked_at_are_counted(perfcap: Command, tmp_path: Path) -> None:
+    call = write_views(tmp_path, 19)
+    few = ("--crops.frames", 10, "--no-through-solver", "--out", tmp_path / "a")
+    assert perfcap([*call, *TINY, *few]).code == 0
+    model = tmp_path / "a" / "model"
+    assert "10 of 19 frames of 2 views" in OnnxDetector(model).manifest.file.origin
+    assert "10 of 19 frames of calibrated views" in (model / "card.md").read_text()
 
 
 @pytest.mark.long

@@ -25,6 +25,14 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_library(tmp_path_factory.mktemp("motion"), frames=20)
 
 
+def require_said(model: Path, sources: tuple[str, ...]) -> None:
+    """Require that card and manifest say what went in, and nothing of the folders it lay in."""
+    text, origin = (model / "card.md").read_text(), OnnxLifter(model).manifest.file.origin
+    assert f"- Went in: {'; '.join(sources)}. - Licence" in " ".join(text.split())
+    assert origin == "; ".join(("perfcap train lifter, 2 steps, seed 0", *sources))
+    assert str(model.parents[1]) not in text + origin
+
+
 @pytest.mark.long
 def test_other_motion_does_not_resume(perfcap: Command, library: Path, tmp_path: Path) -> None:
     call = ["train", "lifter", *TINY, "--out", tmp_path / "a", "--motion"]
@@ -54,6 +62,14 @@ def test_trains_exports_and_starts_from_what_it_wrote(
     best = tmp_path / "a" / "best.safetensors"
     slow = ("--start", best, "--loop.learning-rate", 1e-9, "--together-with", best)
     assert perfcap([*call, tmp_path / "b", *slow]).code == 0
+    require_said(
+        tmp_path / "b" / "model",
+        (
+            f"recorded motion of {library.name}",
+            "to start from, the weights of best.safetensors, with what went into them",
+            "averaged with it, the weights of best.safetensors, with what went into them",
+        ),
+    )
     assert "averaged with 1 of other runs" in (tmp_path / "b" / "model" / "card.md").read_text()
     features = torch.randn(1, 5, 49)
     alone, together = (OnnxLifter(tmp_path / run / "model")._run(features) for run in "ab")
@@ -136,10 +152,16 @@ def test_tracks_of_videos_are_learned_from(perfcap: Command, library: Path, tmp_
     call = ["train", "lifter", "--motion", library, *TINY, "--data.seen", 1]
     assert perfcap([*call, "--out", tmp_path / "a", "--tracks", tracks]).code == 0
     assert perfcap([*call, "--out", tmp_path / "b"]).code == 0
+    motion = f"recorded motion of {library.name}"
+    require_said(tmp_path / "a" / "model", (motion, "3 tracks of tracks.npz"))
+    require_said(tmp_path / "b" / "model", (motion,))
     first, second = (
         load_checkpoint(tmp_path / run / "last.safetensors").part("model") for run in "ab"
     )
     assert any(not torch.equal(first[name], second[name]) for name in first)
+    unseen = [*call[:-1], 0, "--out", tmp_path / "d", "--tracks", tracks]
+    assert perfcap(unseen).code == 0
+    require_said(tmp_path / "d" / "model", (motion,))
     other = write_tracks(tmp_path / "other.npz", 90, seed=1)
     resumed = perfcap([*call, "--out", tmp_path / "a", "--tracks", other, "--resume"]).refused()
     assert "another configuration" in resumed
