@@ -277,7 +277,7 @@ def _leg(side: str, at: Mapping[str, Tensor], body: Tensor) -> list[Hinge]:
     forward = toe - (toe @ up) * up
     if forward.norm() < 1e-6:
         raise InputError(
-            f"{side}_toe lies at {side}_ankle; expected a place ahead, as its own bone"
+            f"{side}_toe lies at or straight below {side}_ankle; expected the toes, ahead of it"
         )
     forward = forward / forward.norm()
     lateral = torch.linalg.cross(up, forward)

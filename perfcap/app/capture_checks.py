@@ -215,8 +215,8 @@ def preset_doubts(preset: str, views: int) -> Iterator[str]:
         )
     if preset == "monoperfcap" and views > 1:
         yield (
-            f"--preset {preset}: has the published weights of one view, and there are {views}, "
-            "whose joints count for little in it; --preset default is nearer"
+            f"--preset {preset}: has the published weights of one view, and there are {views}; "
+            "--preset default is made for several"
         )
     if preset in _OTHER_WEIGHTS:
         yield (

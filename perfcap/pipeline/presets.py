@@ -44,7 +44,7 @@ class CaptureConfig(Settings):
     apart: ApartConfig = field(default_factory=ApartConfig)
 
 
-# of one view, as published by Xu et al. 2018, as far as it is; several views count for little in it
+# of one view, as published by Xu et al. 2018, as far as it is
 MONOPERFCAP = CaptureConfig(
     MONOPERFCAP_POSE,
     silhouettes=MONOPERFCAP_SILHOUETTES,

@@ -31,7 +31,8 @@ def height_doubt(
         height: what the whole mesh was scaled to.
 
     Returns:
-        A sentence, or None where the two heights differ by no more than shoes and hair have.
+        A sentence, or None where no part lies apart above or below the others, and the two heights
+        differ by no more than shoes and hair have.
     """
     parts = _heights_of_parts(vertices, faces)
     low, high = _person(parts, _SLIT * height)

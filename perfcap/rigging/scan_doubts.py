@@ -13,13 +13,13 @@ from perfcap.io.actor_points import above_mesh
 
 Floats = NDArray[np.float64]
 
-# Of the height: how far the body's crown may be above the mesh (0 at most of people who are all
-# there), and its toes below (-0.012).
+# `python experiments/cut_scans.py` cuts parts off and counts what is named.
+# Of the height: how far the crown of the body may be above the mesh, and its toes below. Where
+# nothing is missing, the crown is at most as high as the mesh, and toes lie inside of shoes and feet.
 _CROWN, _SOLES = 0.008, -0.003
-# How many times as much surface a joint may move on one side as on the other: 1.07 at most of
-# people who are all there. Where an arm is missing, that of the body lies in the trunk, and several
-# joints differ; one alone may where arms are bent unlike.
-# `python experiments/cut_scans.py` cuts parts off.
+# How many times as much surface a joint may move on one side as on the other. Where an arm is
+# missing, that of the body lies in the trunk, and several joints differ; one alone may where arms
+# are bent unlike.
 _UNLIKE, _ALONE = 1.25, 1.6
 _HARDLY = 0.2
 _PARTS = {
@@ -29,9 +29,9 @@ _PARTS = {
 
 
 def scan_doubts(template: Template, scaled: bool) -> Iterator[str]:
-    """Sentences about a mesh that ends below a crown, above soles or at raised hands.
+    """Sentences about a mesh that is not all of a person, or holds its hands above its head.
 
-    And about one whose left and right limbs are unlike.
+    It ends below the crown or above the soles of the body in it, or left and right are unlike.
 
     Args:
         template: the mesh on the bones of the body that was fitted into it, metres, y up.

@@ -257,7 +257,9 @@ def test_missing_bones_are_named() -> None:
 def test_a_toe_at_the_ankle_is_refused_by_its_name() -> None:
     places = dict(rest_positions())
     places["r_toe"] = places["r_ankle"] - torch.tensor([0.0, 0.05, 0.0], dtype=F64)
-    with pytest.raises(InputError, match="r_toe lies at r_ankle; expected a place ahead"):
+    with pytest.raises(
+        InputError, match="r_toe lies at or straight below r_ankle; expected the toes"
+    ):
         human_rig(places)
 
 

@@ -94,6 +94,8 @@ def test_a_preset_is_named_for_views_that_it_is_not_made_for() -> None:
     assert not any("one view" in line for line in preset_doubts("monoperfcap", 1))
     for preset, views in (("default", 1), ("default", 3), ("rhodin2016", 1), ("rhodin2016", 3)):
         assert not [*preset_doubts(preset, views)]
+    for preset, views in (("liu2013", 2), ("muvs2017", 2), ("monoperfcap", 1)):
+        assert len([*preset_doubts(preset, views)]) == 1  # whose errors are expected
 
 
 @pytest.mark.parametrize("preset", ["liu2013", "monoperfcap", "muvs2017"])

@@ -49,11 +49,11 @@ def read_skeletool(path: Path, size: tuple[int, int] | None = None) -> CameraRig
     curved = [
         view.name for view, block in zip(views, blocks, strict=True) if _is_curved(path, block)
     ]
-    notes = [
+    note = (
         f"{path}: camera {', '.join(curved)} has a radial distortion, whose model is not "
         "published: it is left out; expected 'radial 0', so straighten the images first"
-    ]
-    return make_rig(str(path), views, warnings=notes if curved else ())
+    )
+    return make_rig(str(path), views, warnings=(note,) if curved else ())
 
 
 def _is_curved(path: Path, block: dict[str, list[str]]) -> bool:
