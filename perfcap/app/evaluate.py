@@ -28,7 +28,7 @@ from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.result import require_one_capture, retargeted_from
-from perfcap.io.result_folder import METRICS, is_several
+from perfcap.io.result_folder import METRICS, MOTION, is_several
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (
@@ -138,7 +138,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
         InputError: a file is missing or holds something else, or nothing can be compared.
     """
     require_one_capture(folder)
-    found = read_found(folder / "motion.npz")
+    found = read_found(folder / MOTION)
     scores = joint_scores(found, truth)
     notes = [*truth.sequence.warnings, *rate_doubts(found, truth), *joint_doubts(found, truth)]
     notes += image_doubts(found, truth)
@@ -148,7 +148,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
         notes.append(lies)
     source = retargeted_from(folder)
     if source is not None:
-        captured = (Path(source) / "motion.npz").is_file()  # else a file of motion
+        captured = (Path(source) / MOTION).is_file()  # else a file of motion
         notes.append(
             f"{folder}: is the motion of {source} on another actor, whose bones add to all errors"
             + (f"; evaluate {source} for those of the capture" if captured else "")

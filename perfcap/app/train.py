@@ -16,8 +16,9 @@ from torch import distributed
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.commands.train import TrainLifter
 from perfcap.errors import InputError
+from perfcap.io.doctor.finding import counted
 from perfcap.io.result_folder import locked
-from perfcap.train.card import counted, last_part, origin_of, weights_said, write_lifter_card
+from perfcap.train.card import last_part, origin_of, weights_said, write_lifter_card
 from perfcap.train.checkpoint import (
     described_start,
     require_taps,

@@ -32,10 +32,11 @@ from perfcap.errors import InputError
 from perfcap.io.actor import actor_files, load_actor, models_folder
 from perfcap.io.atomic import writing
 from perfcap.io.body_model import body_model_files, load_body_model
+from perfcap.io.doctor.finding import counted
 from perfcap.train.augment import FOLLOWED
 from perfcap.train.background_looks import background_doubts
 from perfcap.train.backgrounds import Backgrounds
-from perfcap.train.card import counted, last_part, origin_of, weights_said, write_detector_card
+from perfcap.train.card import last_part, origin_of, weights_said, write_detector_card
 from perfcap.train.cast import Cast
 from perfcap.train.checkpoint import described_start, require_unseen, start_from
 from perfcap.train.config import TrainDetectorConfig
@@ -120,9 +121,8 @@ def detector_sources(
         count = counted(len(behind.files), "background")
         found.append(f"{count} of {last_part(request.backgrounds)}")
     if request.photographs is not None and photographs is not None:
-        people = len(photographs)
         count = counted(len({each.path for each in photographs.people}), "photograph")
-        shown = "1 person" if people == 1 else f"{people} people"
+        shown = counted(len(photographs), "person", "people")
         found.append(f"{count} with {shown} of {last_part(request.photographs)}")
     if request.start is not None:
         found.append(f"to start from, {weights_said(request.start)}")

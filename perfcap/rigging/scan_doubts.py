@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 # `python experiments/cut_scans.py` cuts parts off and counts what is named.
 # Of the height: how far the crown of the body may be above the mesh, and its toes below. Where
-# nothing is missing, the crown is at most as high as the mesh, and toes lie inside of shoes and feet.
+# nothing is missing, the crown is at most as high as the mesh, and toes lie inside of it.
 _CROWN, _SOLES = 0.008, -0.003
 # How many times as much surface a joint may move on one side as on the other. Where an arm is
 # missing, that of the body lies in the trunk, and several joints differ; one alone may where arms

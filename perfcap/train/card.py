@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from perfcap.io.atomic import writing
+from perfcap.io.doctor.finding import counted
 from perfcap.train.config import TrainDetectorConfig, TrainHeadConfig, TrainLifterConfig
 
 FILE = "card.md"
@@ -25,11 +26,6 @@ def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def counted(number: int, name: str) -> str:
-    """So many of something, as ``1 track`` or ``2 tracks``."""
-    return f"{number} {name}" if number == 1 else f"{number} {name}s"
-
-
 def weights_said(path: Path) -> str:
     """That a checkpoint's weights went in, and with them what those had learned from."""
     return f"the weights of {last_part(path)}, with what went into them"
@@ -42,7 +38,7 @@ def origin_of(run: str, sources: Sequence[str]) -> str:
 
 def frames_said(looked_at: int, frames: int) -> str:
     """How many frames were looked at, and of how many where some were left out."""
-    return f"{frames} frames" if looked_at == frames else f"{looked_at} of {frames} frames"
+    return counted(frames) if looked_at == frames else f"{looked_at} of {counted(frames)}"
 
 
 def _went_in(sources: Sequence[str], licence: str) -> str:

@@ -79,9 +79,9 @@ def doubting(detections: Detections, findings: Iterable[Finding]) -> Detections:
     return replace(detections, doubted=doubted)
 
 
-def counted(frames: int) -> str:
-    """A number of frames in words: ``1 frame``, ``2 frames``."""
-    return f"{frames} frame" if frames == 1 else f"{frames} frames"
+def counted(number: int, one: str = "frame", several: str = "") -> str:
+    """So many frames, or other things, in words: ``1 frame``, ``2 frames``, ``2 people``."""
+    return f"{number} {one}" if number == 1 else f"{number} {several or f'{one}s'}"
 
 
 def ranges(frames: Sequence[int], limit: int = 6) -> str:
