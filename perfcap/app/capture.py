@@ -13,14 +13,9 @@ import torch
 
 from perfcap.actor.actor import Actor
 from perfcap.app.auto_actor import cast
-from perfcap.app.capture_checks import (
-    examined,
-    made_up,
-    preset_doubts,
-    told,
-    wants_bones,
-)
+from perfcap.app.capture_checks import made_up, preset_doubts, wants_bones
 from perfcap.app.capture_folder import spare_inputs, spare_others, states_of, unchanged
+from perfcap.app.capture_inputs import made_ready
 from perfcap.app.capture_people import Crowd, check_people, find_people, run_people
 from perfcap.app.capture_request import (
     casting_of,
@@ -37,12 +32,10 @@ from perfcap.app.capture_request import (
 from perfcap.app.capture_work import Call, begin_work, drop_if_empty, find_work
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import Inputs, read_inputs
-from perfcap.app.masked_frames import given_doubts, order_doubts, partly_masked
 from perfcap.app.memory_budget import threads_within
 from perfcap.app.project import in_project
 from perfcap.app.report import write_people_report, write_report
 from perfcap.app.said import all_said, hearing
-from perfcap.app.true_views import settled
 from perfcap.commands.capture import AUTO, Capture
 from perfcap.commands.results import Report
 from perfcap.detect.segmenter import OnnxSegmenter
@@ -159,33 +152,14 @@ def _run(
             return DONE if good else INCOMPLETE
         everybody, told_of = inputs.detections, (*inputs.warnings, *found.notes)
         inputs = replace(inputs, detections=found.people[0], warnings=told_of)
-    images, detected = Stage[request.until.upper()].needs_images, bool(request.detectors)
-    given = inputs
-    alone, held = request.cameras is None, request.camera_motion == "auto"
-    inputs, views = settled(
-        given, request.sync == "auto", request.refine_cameras, assumed=alone, held=held
-    )
-    inputs = examined(
-        inputs,
-        needs_images=images,
-        detected=detected,
-        people=request.everybody,
-        given=not alone,
-        everybody=everybody if inputs.detections is given.detections else None,  # frames moved
-    )
-    inputs = told(inputs, [*preset_doubts(request.preset, inputs.clip.views)])
-    masks = MaskFolders.open(request.masks, inputs.clip) if uses_masks(request) else None
-    if masks is not None:
-        more = [*partly_masked(inputs, masks), *order_doubts(inputs, masks)]
-        if request.actor != (AUTO,):  # a body says the same of its own
-            more += given_doubts(inputs, masks)
-        inputs = told(inputs, more)
+    given, ready = inputs, made_ready(request, inputs, everybody)
+    inputs = ready.inputs
     casting = replace(casting_of(request, request.actor[0]), loaded=actors.get(request.actor[0]))
     with progress_bars() as tell:
         chosen = cast(casting, inputs, tell, work)
     require_places(folder, view_folders(list(inputs.rig.names)))
     solve_bones = wants_bones(request.bones, generic[0], inputs.detections)
-    performance = _perform(request, chosen.actor, inputs, masks, solve_bones, workers, work)
+    performance = _perform(request, chosen.actor, inputs, ready.masks, solve_bones, workers, work)
     performance = replace(performance, lost=inputs.lost)
     performance = chosen.dress(performance, inputs)
     with replacing(folder, last=True) as scratch:
@@ -200,7 +174,7 @@ def _run(
         wall = time.perf_counter() - started
         about = replace(inputs, warnings=all_said(said, *inputs.warnings, *chosen.warnings))
         run = {"request": describe(request), "wall_s": wall, **environment(about)}
-        run |= {"view_errors": views} if views else {}
+        run |= {"view_errors": ready.views} if ready.views else {}
         up = axis("y") if request.cameras is None else None  # of a level world
         write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names, up)
     gaps, trust = made_up(performance, inputs.clip.start), performance.trust
