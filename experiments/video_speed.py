@@ -30,7 +30,7 @@ import torch
 from report import Report, Table, data_folder
 
 from perfcap.app import capture as app
-from perfcap.app import inputs, true_views
+from perfcap.app import capture_inputs, inputs, true_views
 from perfcap.app.auto_actor import Cast
 from perfcap.app.capture import run_capture
 from perfcap.commands.capture import Capture
@@ -56,7 +56,7 @@ _PARTS: tuple[tuple[Any, str, str], ...] = (
     (true_views, "camera_moves", "checks: camera at rest"),
     (true_views, "find_motion", "a camera that moves"),
     (true_views, "find_up", "checks: gravity"),
-    (app, "examined", "checks: doctor"),
+    (capture_inputs, "examined", "checks: doctor"),
     (true_views, "solve_lens", "lens"),
     (app, "cast", "body"),
     (move, "prepare", "solve: each frame"),
