@@ -11,6 +11,7 @@ from rich.table import Table
 
 from perfcap.app.capture_folder import named_people, spare_result
 from perfcap.app.console import PlainConsole
+from perfcap.app.expected_doubts import expected_doubts, surface_doubt
 from perfcap.app.left_out import left_out
 from perfcap.app.lying import OF_THE_FLOOR, lying_doubt
 from perfcap.app.scores import joint_scores, joint_tables, surface_scores
@@ -140,8 +141,8 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     require_one_capture(folder)
     found = read_found(folder / MOTION)
     scores = joint_scores(found, truth)
-    notes = [*truth.sequence.warnings, *rate_doubts(found, truth), *joint_doubts(found, truth)]
-    notes += image_doubts(found, truth)
+    doubts = [*rate_doubts(found, truth), *joint_doubts(found, truth), *image_doubts(found, truth)]
+    notes = [*truth.sequence.warnings, *(doubts or expected_doubts(folder, found, truth))]
     lies = lying_doubt(found, truth)
     if lies is not None:
         scores = {name: value for name, value in scores.items() if name not in OF_THE_FLOOR}
@@ -158,7 +159,7 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
         surface = open_surface(folder / "surface.npz")
         errors, remarks = surface_scores(surface, truth, every)
         scores |= errors
-        notes += remarks
+        notes += remarks or ([] if doubts else surface_doubt(folder, scores))
     overlaps, remarks = compare_silhouettes(folder / "masks", surface, truth, every)
     scores |= overlaps
     notes += remarks

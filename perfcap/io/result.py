@@ -167,6 +167,46 @@ def retargeted_from(folder: Path) -> str | None:
     return None if source is None else str(source)
 
 
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What the report of a capture says of its own errors.
+
+    Attributes:
+        error: of joints after a similarity of each frame, (F,) mm; NaN in frames that it doubts.
+        views: how many videos it was made of.
+        cameras: the calibration, where it was one of a file that is still there.
+    """
+
+    error: NDArray[np.float64]
+    views: int
+    cameras: Path | None
+
+
+def read_expectation(folder: Path) -> Expectation | None:
+    """Errors that a capture expects of itself.
+
+    None where its report says nothing of them, as of older versions, or there is none.
+    """
+    if own_file(folder, REPORT) is None:
+        return None
+    report = _read_report(folder)
+    trust = read_archive(folder / MOTION, ("trust",), "the motion.npz of a capture").get("trust")
+    quality, views = report.get("quality"), report.get("views")
+    if not isinstance(quality, dict) or trust is None or trust.dtype.kind != "f":
+        return None
+    errors, threshold = quality.get("expected_error_mm"), quality.get("threshold")
+    if not isinstance(errors, list) or not all(isinstance(each, int | float) for each in errors):
+        return None
+    if trust.shape != (len(errors),) or not isinstance(threshold, int | float):
+        return None
+    error = np.where(trust >= threshold, np.asarray(errors, dtype=float), np.nan)
+    request = report.get("request")
+    given = request.get("cameras") if isinstance(request, dict) else None
+    places = [Path(given), folder / given] if isinstance(given, str) else []
+    cameras = next((place for place in places if place.is_file()), None)
+    return Expectation(error, len(views) if isinstance(views, list) else 1, cameras)
+
+
 def require_one_capture(folder: Path) -> None:
     """Refuse a folder whose motion, surface and report are of different captures.
 

@@ -13,6 +13,7 @@ from perfcap.metrics.alignment import HIPS, NECK, root_of
 from perfcap.metrics.lags import in_words, overlap
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 from perfcap.metrics.mismatch_repeats import repeats
+from perfcap.metrics.mismatch_root import root_mismatches
 
 _FAR = 0.05  # m: a nearer estimate needs no explanation
 _LEFT = 0.4  # share of the error that an explanation may leave
@@ -83,6 +84,8 @@ def _mistakes(
             else _late(estimate, truth, valid, step)
         )
         told = tuple(explain)
+    if far and not told:
+        told = tuple(root_mismatches(estimate, truth, valid))
     told = told or tuple(explained_in_parts(estimate, truth, valid, mirrored, named))
     if told or not far:
         return told
