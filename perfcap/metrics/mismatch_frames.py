@@ -12,7 +12,7 @@ from perfcap.geometry.alignment import similarity_align
 from perfcap.metrics.lags import in_words
 
 _FARTHEST = 200  # frames
-_AROUND = 10  # frames that one reversed truth may be aside from another
+_AROUND = 10  # frames: a reversed truth may be so far aside; lags that are nearer are one
 _LOOKED = 200  # frames whose poses are compared; the error is that of all
 _ENOUGH, _POSES = 30, 0.03  # frames that show it, and m that the distances of the truth change
 _STEADY, _JOINTS = 0.9, 8  # share of frames in which joints are known, and how many of them
@@ -200,13 +200,13 @@ def _best(looked: _Looked, now: float, turned: int | None, lags: Sequence[int]) 
     least = max(_ALIKE if turned is None else _TURNED, 1 - _APART * (1 - now))
     if alike[lag] < least:
         return None
-    peaks = tuple(
-        each
-        for each, value in alike.items()
-        if value >= max(alike[lag] - _RIVAL, least)
-        and value >= max(alike.get(each - 1, -1.0), alike.get(each + 1, -1.0))
-    )
-    return _Fit(lag, peaks, alike[lag], turned)
+    peaks: list[int] = []
+    for each in sorted(alike, key=lambda one: -alike[one]):
+        apart = all(abs(each - other) > _AROUND for other in peaks)
+        if apart and alike[each] >= max(alike[lag] - _RIVAL, least):
+            top = max(alike.get(each - 1, -1.0), alike.get(each + 1, -1.0))
+            peaks += [each] if alike[each] >= top else []
+    return _Fit(lag, tuple(peaks), alike[lag], turned)
 
 
 def _told(

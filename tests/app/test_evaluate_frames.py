@@ -70,6 +70,12 @@ def test_a_result_of_a_clip_that_was_cut(cut: int, dataset: str) -> None:
     assert "check the numbers of its frames (a clip that was cut counts from 0)" in line
 
 
+def test_a_long_clip_is_looked_at_in_some_frames_and_its_lag_is_exact() -> None:
+    true = torch.cat([motion(seed) for seed in range(0, 50, 10)])
+    (line,) = doubts(captured(true[61:]), true, dataset="3dpw")
+    assert "with the truth of 61 frames later" in line
+
+
 @pytest.mark.parametrize("late", [25, -25, 90, -90])
 def test_a_truth_that_is_far_from_its_frames(late: int) -> None:
     true = motion()
