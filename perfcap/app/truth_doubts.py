@@ -57,7 +57,16 @@ def joint_doubts(found: FoundJoints, truth: Truth) -> list[str]:
         return nearer
     numbers = found.frames[rows].tolist()
     order = LANDMARKS16.mirrored()
-    told = mismatches(estimate, true, valid, order, frames=numbers, joints=LANDMARKS)
+    told = mismatches(
+        estimate,
+        true,
+        valid,
+        order,
+        frames=numbers,
+        joints=LANDMARKS,
+        whole=truth.scored(truth.sequence.joints3d),
+        whole_frames=truth.sequence.frames.tolist(),
+    )
     return [*told, *_made_up(true, valid)]
 
 

@@ -8,9 +8,16 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from perfcap.geometry.alignment import procrustes, similarity_align
+from perfcap.geometry.alignment import procrustes
 from perfcap.metrics.alignment import HIPS, NECK, root_of
 from perfcap.metrics.lags import in_words, overlap
+from perfcap.metrics.mismatch_frames import (
+    Recorded,
+    aligned_error,
+    error,
+    in_common,
+    other_frames,
+)
 from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
 from perfcap.metrics.mismatch_repeats import repeats
 from perfcap.metrics.mismatch_root import root_mismatches
@@ -24,6 +31,7 @@ _LAGS = 10  # frames
 _LATE = 0.7
 _RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 1 / 1.2, 2.4, 1 / 2.4)  # among 25, 30, 50, 60, 120 a second
 _FEWEST = 10  # frames that tell a rate
+_NOTHING = 0.05  # share of the error, of a rate that leaves the poses as they are
 _TURN = 10.0  # degrees by which one world differs from another
 _STILL = 1e-3  # m
 _CENTRED = 0.3  # m, from the origin: roots of bodies lie so near to hips or neck
@@ -35,7 +43,6 @@ _LARGER = 1.8  # than a person: a child captured as an average adult is not that
 # Of distances of joints over time: of right results 0.76 and more, poor ones included, of two clips
 # of recorded people 0.15 in nine of ten pairs
 _COMMON = 0.2
-_ENOUGH, _POSES = 30, 0.03  # frames that show it, and m that the distances of the truth change
 _STRANGE = 0.15  # m, after a similarity of each frame: joints of another order
 
 
@@ -47,6 +54,8 @@ def mismatches(
     *,
     frames: Sequence[int] = (),
     joints: Sequence[str] = (),
+    whole: Tensor | None = None,
+    whole_frames: Sequence[int] = (),
 ) -> tuple[str, ...]:
     """A sentence for each mistake in the truth, or in what it is compared with, that shows.
 
@@ -60,26 +69,40 @@ def mismatches(
         mirrored: each joint's counterpart on the other side; itself in the middle.
         frames: their numbers, (F,); counted from 0 where none are given.
         joints: their names, (J,).
+        whole: joints (T, J, 3) of all frames of the truth, metres, NaN where unknown; those of
+            ``truth`` where none are given.
+        whole_frames: their numbers, (T,).
     """
     if not bool(valid.any()):
         return ()
     named = Numbered(frames, joints)
+    numbers = torch.as_tensor(list(frames or range(len(truth))), device=truth.device)
+    known = torch.where(valid[..., None], truth, torch.nan)
+    recorded = Recorded(known, numbers)
+    if whole is not None:
+        recorded = Recorded(whole, torch.as_tensor(list(whole_frames), device=truth.device))
     return (
         *repeats(estimate, truth, valid, named),
-        *_mistakes(estimate, truth, valid, mirrored, named),
+        *_mistakes(estimate, truth, valid, mirrored, named, numbers, recorded),
     )
 
 
 def _mistakes(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], named: Numbered
+    estimate: Tensor,
+    truth: Tensor,
+    valid: Tensor,
+    mirrored: Sequence[int],
+    named: Numbered,
+    numbers: Tensor,
+    whole: Recorded,
 ) -> tuple[str, ...]:
     """Those that take most of the error away, or leave poses that have nothing in common."""
-    far = _error(estimate, truth, valid) >= _FAR
+    far = error(estimate, truth, valid) >= _FAR
     step = _step(named.frames)
     told = tuple(sizes_in_parts(estimate, truth, valid, named))
     if not told:  # a frame or two are most of the error of a good capture, and less than far
         explain = (
-            _explained(estimate, truth, valid, mirrored, step)
+            _explained(estimate, truth, valid, mirrored, step, numbers, whole)
             if far
             else _late(estimate, truth, valid, step)
         )
@@ -89,13 +112,13 @@ def _mistakes(
     told = told or tuple(explained_in_parts(estimate, truth, valid, mirrored, named))
     if told or not far:
         return told
-    left = _aligned(estimate, truth, valid)
+    left = aligned_error(estimate, truth, valid)
     if left > _STRANGE:
         return (
             f"even aligned frame by frame the joints are {1000 * left:.0f} mm off; check that "
             "those of the truth are in the order of the landmarks, and of this person and clip",
         )
-    if _in_common(estimate, truth, valid) < _COMMON:
+    if in_common(estimate, truth, valid) < _COMMON:
         return (
             "the poses of the result and of the truth change independently of each other; check "
             "that the truth is of this clip and person",
@@ -109,31 +132,16 @@ def _step(frames: Sequence[int]) -> int:
     return max(steps[len(steps) // 2], 1) if steps else 1
 
 
-def _in_common(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
-    """Correlation over time of the distances of all joints from each other, in any worlds.
-
-    1 where too few joints are always known, or the truth hardly changes its pose.
-    """
-    always = valid.all(-1)
-    first, second = torch.triu_indices(truth.shape[1], truth.shape[1], 1, device=truth.device)
-    if int(always.sum()) < _ENOUGH:
-        return 1.0
-    own, true = (
-        apart - apart.mean(0)
-        for apart in (
-            (points[:, first] - points[:, second]).norm(dim=-1)
-            for points in (estimate[always], truth[always])
-        )
-    )
-    if not float(true.square().mean().sqrt()) > _POSES:
-        return 1.0
-    return float((own * true).sum() / (own.norm() * true.norm()).clamp(min=1e-9))
-
-
 def _explained(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], step: int
+    estimate: Tensor,
+    truth: Tensor,
+    valid: Tensor,
+    mirrored: Sequence[int],
+    step: int,
+    numbers: Tensor,
+    whole: Recorded,
 ) -> Iterator[str]:
-    now = _error(estimate, truth, valid)
+    now = error(estimate, truth, valid)
     larger = _size(truth, valid) / max(_size(estimate, valid), _STILL)
     if not 1 / _LARGER < larger < _LARGER:
         yield (
@@ -142,7 +150,11 @@ def _explained(
         )
     yield from _relative(estimate, truth, valid)
     rate, left = _best_rate(estimate, truth, valid)
-    if left >= min(_LEFT, _best_lag(estimate, truth, valid, _error)[1]):
+    if left >= min(_LEFT, _best_lag(estimate, truth, valid, error)[1]):
+        elsewhere = list(other_frames(estimate, truth, valid, numbers, whole, step * _LAGS))
+        if elsewhere:  # what the same frames would have in other worlds shows once these are right
+            yield from elsewhere
+            return
         yield from _late(estimate, truth, valid, step)
     else:
         yield (
@@ -150,14 +162,14 @@ def _explained(
             "give the truth of every frame of the result, in its rate"
         )
     order = list(mirrored)
-    left = _error(estimate[:, order], truth, valid) / now
+    left = error(estimate[:, order], truth, valid) / now
     if left < _LEFT:
         yield (
             f"with left and right of the truth exchanged {left:.0%} of the error is left; left and "
             "right are the person's own"
         )
-    elif (pose := _aligned(estimate, truth, valid)) > _FAR:
-        left = _aligned(estimate[:, order], truth, valid) / pose
+    elif (pose := aligned_error(estimate, truth, valid)) > _FAR:
+        left = aligned_error(estimate[:, order], truth, valid) / pose
         if left < _POSED:
             yield (
                 f"with left and right of the truth exchanged {left:.0%} of the error is left, "
@@ -170,7 +182,7 @@ def _explained(
             "is left; give the truth in the world of the cameras"
         )
     shift = (truth - estimate)[valid].mean(0)
-    shifted = _error(estimate + shift, truth, valid)
+    shifted = error(estimate + shift, truth, valid)
     far = float(shift.norm())
     if (far > _AWAY and shifted < _LITTLE * now) or (far > _MOVED and shifted < _HARDLY * now):
         yield (
@@ -183,15 +195,6 @@ def _explained(
             f"in a mirror {image / now:.0%} of the error is left; one axis of the truth runs the "
             "other way, expected none or two"
         )
-
-
-def _error(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
-    return float((estimate - truth)[valid].norm(dim=-1).mean())
-
-
-def _aligned(estimate: Tensor, truth: Tensor, valid: Tensor) -> float:
-    """After a similarity of each frame."""
-    return _error(similarity_align(estimate, truth, valid.to(estimate.dtype)), truth, valid)
 
 
 def _size(points: Tensor, valid: Tensor) -> float:
@@ -229,10 +232,10 @@ def _relative(estimate: Tensor, truth: Tensor, valid: Tensor) -> Iterator[str]:
 
 def _late(estimate: Tensor, truth: Tensor, valid: Tensor, step: int) -> Iterator[str]:
     """A truth of frames a little later or earlier, by places or, in any world, by poses."""
-    lag, left = _best_lag(estimate, truth, valid, _error)
+    lag, left = _best_lag(estimate, truth, valid, error)
     aligned = ""
     if left >= _LEFT:
-        lag, left = _best_lag(estimate, truth, valid, _aligned)
+        lag, left = _best_lag(estimate, truth, valid, aligned_error)
         aligned = ", aligned frame by frame"
     if left < (_LATE if aligned else _LEFT):
         yield (
@@ -262,7 +265,9 @@ def _best_lag(
 def _best_rate(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, float]:
     """In how many times the frame rate the truth fits best, and the share that this leaves.
 
-    Both begin with the same frame, and are not resampled: frames are the nearest ones.
+    Both begin with the same frame, and are not resampled: frames are the nearest ones. Poses must
+    fit better, too, or hardly any error be left: a truth that drifts away drifts less in a few of
+    its frames than in all.
     """
     best = 1.0, 1.0
     for rate in _RATES:
@@ -272,9 +277,13 @@ def _best_rate(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, f
         both = valid[here] & valid[there]
         if len(here) < _FEWEST or not bool(both.any()):
             continue
-        before = _error(estimate[here], truth[here], both)
-        left = _error(estimate[here], truth[there], both) / max(before, 1e-9)
-        best = min(best, (rate, left), key=lambda each: each[1])
+        found, now, then = estimate[here], truth[here], truth[there]
+        left = error(found, then, both) / max(error(found, now, both), 1e-9)
+        if left >= best[1]:
+            continue
+        pose = aligned_error(found, then, both) / max(aligned_error(found, now, both), 1e-9)
+        if left < _NOTHING or pose < _LATE:
+            best = rate, left
     return best
 
 

@@ -99,6 +99,33 @@ def test_another_frame_rate(joints: Tensor, rate: float) -> None:
     assert any(f"a truth of {rate:.3g} times the frame rate" in line for line in lines)
 
 
+@pytest.mark.parametrize("far", [2.0, 5.0])
+def test_a_truth_that_drifts_has_no_other_rate(joints: Tensor, far: float) -> None:
+    """A quarter of its frames drift by a quarter: it was called 0.25 times the frame rate."""
+    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
+    drift = torch.linspace(0, far, 60)[:, None, None] * torch.tensor([1.0, 0.0, 0.3])
+    found = joints + 0.02 * noise
+    assert not any("frame rate" in line for line in told(found, joints + drift.to(joints)))
+    hips = joints[:, [8, 12]].mean(1, keepdim=True)
+    assert not any("frame rate" in line for line in told(found, joints + hips - hips[:1]))
+
+
+def test_frames_of_a_longer_truth(joints: Tensor) -> None:
+    """Of a clip that was cut; numbers of the truth need not begin with 0, nor be in order."""
+    everything = torch.ones(joints[:35].shape[:-1], dtype=torch.bool)
+    order = torch.randperm(60, generator=torch.Generator().manual_seed(0))
+    (line,) = mismatches(
+        joints[18:53],
+        joints[:35],
+        everything,
+        ORDER,
+        frames=range(100, 135),
+        whole=joints[order],
+        whole_frames=(100 + order).tolist(),
+    )
+    assert "with the truth of 18 frames later 0% of the error is left" in line
+
+
 def test_a_mirrored_world(joints: Tensor) -> None:
     (line,) = told(joints, joints * torch.tensor([-1.0, 1.0, 1.0]).to(joints))
     assert "in a mirror 0% of the error is left" in line
