@@ -16,9 +16,8 @@ _AROUND = 10  # frames: a reversed truth may be so far aside; lags that are near
 _LOOKED = 200  # frames whose poses are compared; the error is that of all
 _ENOUGH, _POSES = 30, 0.03  # frames that show it, and m that the distances of the truth change
 _STEADY, _JOINTS = 0.9, 8  # share of frames in which joints are known, and how many of them
-# Poses of one time change together: real captures have 0.92 and more in common, down to 0.4 where
-# noise of 9 cm is added or a third is held; of other frames they have -0.2 to 0.77. What they do
-# not have in common must fall to this share of what it is now
+# Of the same time poses change together, those of captures with large errors too. What they do not
+# have in common must fall to this share of what it is now
 _ALIKE, _APART = 0.6, 0.5
 # The same of a reversed order, and the share of the error of its poses: fewer are mistaken so
 _TURNED, _HALF = 0.8, 0.5
