@@ -16,6 +16,7 @@ _FAR = 0.05  # m: nearer joints of an estimate need no explanation
 # all joints says nothing of one pair of wrists, so that each pair is judged by its own error.
 _LEFT, _WITH = 0.6, 0.8
 _USUAL = 3.0  # times the error of other frames that all joints may keep
+_POOR = 0.15  # m that they may keep in any case: captures begin, and turn, that far off
 _STEP = 0.06  # m that both joints of a pair go from one frame to the next
 _NEARER = 0.5  # share of that way if one takes the place of the other
 _GAP, _SHORTEST = 6, 5  # frames
@@ -125,7 +126,7 @@ def _explains(
         for there in ((truth, valid), (truth[:, order], valid & valid[:, order]))
     )
     outside = torch.cat((now[: part.start], now[part.stop :])).nanmedian()
-    return float(left[part].nanmean()) < max(_FAR, _USUAL * float(outside))
+    return float(left[part].nanmean()) < max(_POOR, _USUAL * float(outside))
 
 
 def _sentence(pairs: Sequence[_Pair], count: int, first: int, last: int, named: Numbered) -> str:
