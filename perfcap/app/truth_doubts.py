@@ -162,8 +162,8 @@ def image_doubts(found: FoundJoints, truth: Truth) -> list[str]:
     span = _span(rows, len(sequence.frames))
     joints = truth.scored(sequence.joints3d[span])
     seen = sequence.rig.cameras.frames(span).project(joints)
-    order, names = LANDMARKS16.mirrored(), sequence.rig.names
-    said = pixel_mismatches(seen, sequence.pixels[span], order, names)
+    order, names, numbers = LANDMARKS16.mirrored(), sequence.rig.names, sequence.frames[span]
+    said = pixel_mismatches(seen, sequence.pixels[span], order, names, numbers.tolist())
     return [f"{sequence.folder}: {what}" for what in said]
 
 

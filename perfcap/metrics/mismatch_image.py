@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from perfcap.metrics.lags import in_words, overlap
+from perfcap.metrics.mismatch_named import Numbered, runs
 
 # --- Annotated joints, against true ones in space that the cameras see ----------------------------
 
@@ -20,11 +21,18 @@ _LEFT = 0.4  # share of the distance that an explanation may leave
 _LAGS = 10  # frames
 _FEWEST = 10  # joints in all frames
 _RESIZED = 0.02
+_PART, _BETWEEN = 10, 6  # frames of a stretch at least, and those within that tell nothing
+_HELD = 0.75  # share of its frames that an explanation must explain
+_SEEN = 4  # joints of a frame
 _LISTED = 3  # sentences, before one stands for all
 
 
 def pixel_mismatches(
-    projected: Tensor, annotated: Tensor, mirrored: Sequence[int], views: Sequence[str]
+    projected: Tensor,
+    annotated: Tensor,
+    mirrored: Sequence[int],
+    views: Sequence[str],
+    frames: Sequence[int] = (),
 ) -> tuple[str, ...]:
     """A sentence for each way in which joints in images are not those that its cameras see.
 
@@ -33,15 +41,20 @@ def pixel_mismatches(
         annotated: true joints in the images, the same; not finite where unknown.
         mirrored: each joint's counterpart on the other side; itself in the middle.
         views: their names, (C,).
+        frames: their numbers, (F,); stretches are told by their length where none are given.
     """
-    said: dict[str, list[_Wrong]] = {}
+    said: dict[tuple[str, str], list[_Wrong]] = {}
     for view, name in enumerate(views):
         wrong = _of_view(projected, annotated, view, list(mirrored), views)
-        if wrong is not None:
-            said.setdefault(wrong.mended_by, []).append(replace(wrong, view=name))
+        told = [] if wrong is None else [wrong]
+        if wrong is None or not wrong.mended_by:  # by medians of all frames
+            parts = _in_parts(projected[:, view], annotated[:, view], list(mirrored), frames)
+            told = list(parts) or told
+        for each in told:
+            said.setdefault((each.mended_by, each.where), []).append(replace(each, view=name))
     if len(said) > _LISTED:
-        said = {"": [wrong for each in said.values() for wrong in each]}
-    return tuple(_sentence(mended_by, wrong) for mended_by, wrong in said.items())
+        said = {("", ""): [wrong for each in said.values() for wrong in each]}
+    return tuple(_sentence(*how, wrong) for how, wrong in said.items())
 
 
 @dataclass(frozen=True)
@@ -52,16 +65,17 @@ class _Wrong:
     far: float
     left: float
     view: str = ""
+    where: str = ""  # stretch of frames
 
 
-def _sentence(mended_by: str, wrong: Sequence[_Wrong]) -> str:
+def _sentence(mended_by: str, where: str, wrong: Sequence[_Wrong]) -> str:
     views = f"view{'s' if len(wrong) > 1 else ''} {', '.join(each.view for each in wrong)}"
     near, far = min(each.far for each in wrong), max(each.far for each in wrong)
     apart = f"{far:.0f}" if len(wrong) == 1 else f"{near:.0f} to {far:.0f}"
     left = f"; {mended_by} {max(each.left for each in wrong):.0f} px are left" if mended_by else ""
     return (
         f"{views}: annotated joints lie {apart} px from where the cameras of the truth see its "
-        f"joints{left}; check that cameras, joints and images of the truth belong together; "
+        f"joints{where}{left}; check that cameras, joints and images of the truth belong together; "
         "reproj_px measures that as well"
     )
 
@@ -98,6 +112,50 @@ def _of_view(
     if left < _LEFT * now:
         return _Wrong(what, size * now, size * left)
     return _Wrong("", size * now, 0.0) if now > _FAR else None
+
+
+def _in_parts(
+    seen: Tensor, known: Tensor, order: list[int], frames: Sequence[int]
+) -> Iterator[_Wrong]:
+    """Stretches of a view, joints (F, J, 2) px, with sides exchanged, or of other frames."""
+    count, size = len(seen), _person(seen)
+    now = _by_frame(seen, known)
+    far = now > _APART * size
+    if int(far.sum()) < _PART // 2:
+        return
+    tries = [("with left and right exchanged", _by_frame(seen[:, order], known))]
+    for lag in range(-_LAGS, _LAGS + 1):
+        if lag and abs(lag) < count // 2:
+            here, there = overlap(count, lag)
+            moved = torch.full_like(known, torch.nan)
+            moved[here] = known[there]
+            tries.append((f"with those of {in_words(lag)}", _by_frame(seen, moved)))
+    found = []
+    for what, errors in tries:
+        better = far & (errors < _LEFT * now)
+        for first, last in runs(better, hole=_BETWEEN):
+            part = slice(first, last + 1)
+            left = float((errors[part] / now[part])[far[part]].nanmedian())
+            # frames in which sides are near each other, or nothing moves, tell nothing
+            held = float(better[part][far[part]].double().mean()) >= _HELD
+            if last - first + 1 >= _PART and held and left < _LEFT:
+                found.append((left, first, last, what))
+    told = torch.zeros(count, dtype=torch.bool)
+    for left, first, last, what in sorted(found):
+        if not bool(told[first : last + 1].any()):
+            told[first : last + 1] = True
+            off = float(now[first : last + 1].nanmedian())
+            stretch = Numbered(frames).stretch(first, last)
+            where = stretch if frames else f"{last - first + 1} frames in a row"
+            yield _Wrong(what, off, left * off, where=f" in {where}")
+
+
+def _by_frame(seen: Tensor, known: Tensor) -> Tensor:
+    """Median distance of each frame, (F,) px; NaN of hardly any joints."""
+    apart = (seen - known).norm(dim=-1)
+    apart = torch.where(apart.isfinite(), apart, torch.nan)
+    enough = apart.isfinite().sum(-1) >= _SEEN
+    return torch.where(enough, apart.nanmedian(-1).values, torch.nan)
 
 
 def _apart(seen: Tensor, known: Tensor, size: float) -> float:

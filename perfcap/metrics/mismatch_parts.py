@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes
+from perfcap.metrics.mismatch_exchanged import exchanged_in_parts
+from perfcap.metrics.mismatch_named import Numbered, runs
+
+__all__ = ["Numbered", "explained_in_parts", "sizes_in_parts"]
 
 _PART = 10  # frames of a part; parts overlap by half
 _FAR = 0.05  # m: a nearer estimate needs no explanation
@@ -20,31 +25,11 @@ _TURN = 10.0  # degrees
 _STEP, _USUAL = 0.08, 4.0  # m from one frame to the next, and times what is usual
 _STILL, _SHORTEST = 1e-4, 5  # m, and frames of a pose that is held
 _LARGER = 1.8
-_HOLE = 3  # frames
+_HELD = 0.75  # share of the frames of a stretch that a cause must explain
+_SUDDEN = 2.0  # times the steps of the truth beside it, and that of the result
+_LEAP = 1.5  # times the error beside a stretch
 _SIMPLER, _NOTHING = 1.2, 0.005  # times the least error that is left, and m
 _NUMBERS = "check the numbers of its frames from there on"
-
-
-@dataclass(frozen=True)
-class Numbered:
-    """What sentences call frames and joints; both are counted from 0 where nothing is given.
-
-    Attributes:
-        frames: numbers, (F,).
-        joints: names, (J,).
-    """
-
-    frames: Sequence[int] = ()
-    joints: Sequence[str] = ()
-
-    def joint(self, index: int) -> str:
-        """Its name."""
-        return self.joints[index] if self.joints else f"joint {index}"
-
-    def stretch(self, first: int, last: int) -> str:
-        """The frames from one row to another in words."""
-        ends = [self.frames[row] if self.frames else row for row in (first, last)]
-        return f"frame {ends[0]}" if first == last else f"frames {ends[0]} to {ends[1]}"
 
 
 def sizes_in_parts(
@@ -64,7 +49,7 @@ def sizes_in_parts(
     share = float(wrong[known].double().mean()) if bool(known.any()) else 0.0
     if not 0 < share < 1:
         return
-    for first, last in _runs(wrong):
+    for first, last in runs(wrong):
         if last - first + 1 >= _SHORTEST:
             yield (
                 f"in {named.stretch(first, last)} the person of the truth is "
@@ -87,9 +72,15 @@ def explained_in_parts(
     """
     held = list(_held(estimate, truth, valid, named))
     yield from held
+    sides = list(exchanged_in_parts(estimate, truth, valid, mirrored, named))
+    yield from (sentence for *_, sentence in sides)
     if not held:
-        yield from _other_frames(estimate, truth, valid, mirrored, named)
-    yield from _exchanged(estimate, truth, valid, named)
+        told = torch.zeros(len(truth), dtype=torch.bool)
+        for first, last, _ in sides:
+            told[first : last + 1] = True
+        yield from _other_frames(estimate, truth, valid, told, named)
+    if not sides:  # of a stretch of half of the clip and more it would say that it is all frames
+        yield from _exchanged(estimate, truth, valid, named)
 
 
 def _errors(estimate: Tensor, truth: Tensor, valid: Tensor) -> Tensor:
@@ -115,7 +106,7 @@ def _held(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) -> It
     """Poses that a truth repeats to the last digit while the result moves on."""
     moved = (truth.diff(dim=0).norm(dim=-1) > _STILL) & valid[1:] & valid[:-1]
     still = torch.cat((moved.new_zeros(1), ~moved.any(-1) & valid[1:].any(-1)))
-    for first, last in _runs(still, hole=0):
+    for first, last in runs(still, hole=0):
         part = slice(first - 1, last + 1)
         both = valid[part].all(0)
         way = (estimate[part] - estimate[first - 1])[:, both].norm(dim=-1)
@@ -134,24 +125,46 @@ class _Explanation:
     errors: Tensor
     words: str
     remedy: str
+    lag: int = 0
+
+    def holds(self, now: Tensor, run: tuple[int, int], far: float) -> bool:
+        """Whether it explains all of a stretch: no cause of its ends alone, and none by half.
+
+        A lag is judged by those frames whose other frame is in the stretch, too: where the truth
+        is wrong in any way, a lag reaches right frames beyond its ends.
+        """
+        first, last = run
+        inside = slice(max(first, first - self.lag), min(last, last - self.lag) + 1)
+        errors, before = self.errors[inside], now[inside]
+        known = errors.isfinite() & before.isfinite()
+        if int(known.sum()) < _SHORTEST:
+            return False
+        better = (errors < _BETTER * before)[known].double().mean()
+        return float(better) >= _HELD and float(errors[known].median()) < far
 
 
 def _other_frames(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], named: Numbered
+    estimate: Tensor, truth: Tensor, valid: Tensor, told: Tensor, named: Numbered
 ) -> Iterator[str]:
-    """Stretches of frames that are far off, and why."""
+    """Stretches of frames that are far off, and why; not those that are told, (F,)."""
     now = _errors(estimate, truth, valid)
     far, count = max(_FAR, _RAISED * float(now.nanmedian())), len(now)
     steps = _steps(truth, valid)
     leaps = steps > max(_STEP, _USUAL * float(steps.median()))
     starts = [*range(0, count - _PART, _PART // 2), count - _PART] if count > _PART else []
-    found = []
+    wrong, found = runs(now > far), []
     for part in (slice(start, start + _PART) for start in starts):
         here = float(now[part].nanmedian())
         if here > far:
-            best, left = _simplest(_explanations(estimate, truth, valid, mirrored, part), part)
-            found.append((left / here, _around(best.errors < _BETTER * now, part), best))
-    told = torch.zeros(count, dtype=torch.bool)
+            run = _most(wrong, part)
+            causes = [
+                one
+                for one in _explanations(estimate, truth, valid, part)
+                if one.holds(now, run, far)
+            ]
+            if causes:
+                best, left = _simplest(causes, part)
+                found.append((left / here, _around(best.errors < _BETTER * now, part), best))
     for left, (first, last), best in sorted(found, key=lambda each: each[0]):
         edges = [edge for edge in (first, last + 1) if 0 < edge < count]
         sudden = any(bool(leaps[max(0, edge - 1) : edge + 2].any()) for edge in edges)
@@ -164,9 +177,45 @@ def _other_frames(
                 f"in {named.stretch(first, last)} {best.words} {left:.0%} of the error is left, "
                 f"and not in the others; {best.remedy}"
             )
+    yield from _without_cause(estimate, truth, valid, told, named)
 
 
-def _simplest(found: Iterator[_Explanation], part: slice) -> tuple[_Explanation, float]:
+def _without_cause(
+    estimate: Tensor, truth: Tensor, valid: Tensor, told: Tensor, named: Numbered
+) -> Iterator[str]:
+    """Stretches that are far off, at whose ends the truth leaps and the result does not."""
+    now, count = _errors(estimate, truth, valid), len(truth)
+    true, own = _steps(truth, valid), _steps(estimate, valid)
+    least = max(_STEP, _USUAL * float(true.median()))
+    edges = []
+    for frame in (true > least).nonzero()[:, 0].tolist():
+        beside = torch.cat((true[max(0, frame - 2) : frame], true[frame + 1 : frame + 3]))
+        known = bool(told[frame] == told[frame - 1])  # not the end of what is told
+        if known and float(true[frame]) > _SUDDEN * max(float(beside.max()), float(own[frame])):
+            edges.append(frame)
+    for start, stop in pairwise([0, *edges, count]):
+        others = torch.ones(count, dtype=torch.bool)
+        others[start:stop] = False
+        here, there = float(now[start:stop].nanmedian()), float(now[others].nanmedian())
+        free = not bool(told[start:stop].any()) and _PART <= stop - start <= count // 2
+        ends = [  # errors of three frames inside, and of three outside
+            (now[start : start + 3], now[max(0, start - 3) : start]),
+            (now[stop - 3 : stop], now[stop : stop + 3]),
+        ]
+        leap = all(
+            float(inside.nanmedian()) > _LEAP * float(outside.nanmedian())
+            for inside, outside in ends
+            if len(outside)
+        )
+        if free and leap and here > max(_FAR, _RAISED * there):
+            yield (
+                f"{named.stretch(start, stop - 1)} are far off ({1000 * here:.0f} mm, "
+                f"{1000 * there:.0f} mm elsewhere), and the truth leaps there from one frame to "
+                "the next while the result does not; check where these frames of it come from"
+            )
+
+
+def _simplest(found: Sequence[_Explanation], part: slice) -> tuple[_Explanation, float]:
     """The first of those that leave hardly more than the least in a part, and the rest, m."""
     each = [(one, float(one.errors[part].nanmedian())) for one in found]
     least = min(left for _, left in each)
@@ -174,11 +223,8 @@ def _simplest(found: Iterator[_Explanation], part: slice) -> tuple[_Explanation,
 
 
 def _explanations(
-    estimate: Tensor, truth: Tensor, valid: Tensor, mirrored: Sequence[int], part: slice
+    estimate: Tensor, truth: Tensor, valid: Tensor, part: slice
 ) -> Iterator[_Explanation]:
-    errors = _errors(estimate[:, list(mirrored)], truth, valid)
-    words = "with left and right of the truth exchanged"
-    yield _Explanation(errors, words, "left and right are the person's own, in all frames")
     yield from _best_lag(estimate, truth, valid, part)
     counts = valid[part]
     if int(counts.sum()) < 4:
@@ -213,7 +259,7 @@ def _best_lag(
         left = float(errors[part].nanmedian())
         if lag and left < least:
             words = f"with the truth of {abs(lag)} frames {'later' if lag > 0 else 'earlier'}"
-            best, least = _Explanation(errors, words, _NUMBERS), left
+            best, least = _Explanation(errors, words, _NUMBERS, lag), left
     if best is not None:
         yield best
 
@@ -248,18 +294,11 @@ def _exchanged(estimate: Tensor, truth: Tensor, valid: Tensor, named: Numbered) 
         )
 
 
-def _runs(wrong: Tensor, hole: int = _HOLE) -> list[tuple[int, int]]:
-    """First and last frames of stretches that are wrong, (F,), with holes that are short."""
-    found: list[tuple[int, int]] = []
-    for frame in wrong.nonzero()[:, 0].tolist():
-        if found and frame - found[-1][1] <= hole + 1:
-            found[-1] = found[-1][0], frame
-        else:
-            found.append((frame, frame))
-    return found
-
-
 def _around(wrong: Tensor, part: slice) -> tuple[int, int]:
     """The stretch of wrong frames that has most of a part."""
-    runs = _runs(wrong) or [(part.start, part.stop - 1)]
-    return max(runs, key=lambda run: min(run[1] + 1, part.stop) - max(run[0], part.start))
+    return _most(runs(wrong) or [(part.start, part.stop - 1)], part)
+
+
+def _most(found: Sequence[tuple[int, int]], part: slice) -> tuple[int, int]:
+    """The stretch that has most of a part."""
+    return max(found, key=lambda run: min(run[1] + 1, part.stop) - max(run[0], part.start))

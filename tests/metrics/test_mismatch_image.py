@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 import torch
@@ -75,6 +75,27 @@ def test_many_wrong_views_are_one_line() -> None:
 @pytest.mark.parametrize("change", [lambda p: p, noisy, lambda p: torch.full_like(p, torch.nan)])
 def test_right_noisy_and_unknown_joints_are_not_named(change: Callable[[Tensor], Tensor]) -> None:
     assert pixel_mismatches(walk(), change(walk()), ORDER, VIEWS) == ()
+
+
+@pytest.mark.parametrize("part", [slice(0, 12), slice(14, 29), slice(28, 40)])
+@pytest.mark.parametrize("frames", [(), range(200, 240)])
+def test_sides_that_are_exchanged_in_a_part(part: slice, frames: Sequence[int]) -> None:
+    points = noisy(walk())
+    points[part] = points[part][:, :, ORDER]
+    (line,) = pixel_mismatches(walk(), points, ORDER, VIEWS, frames)
+    count = part.stop - part.start
+    where = (
+        f"frames {200 + part.start} to {199 + part.stop}" if frames else f"{count} frames in a row"
+    )
+    assert line.startswith("views left, right: ")
+    assert f"joints in {where}; with left and right exchanged" in line
+
+
+def test_a_part_that_is_late() -> None:
+    points = walk()
+    points[20:] = late(points)[20:]
+    (line,) = pixel_mismatches(walk(), points, ORDER, VIEWS, range(40))
+    assert "in frames 20 to " in line and "with those of 3 frames later 0 px are left" in line
 
 
 # --- Silhouettes ----------------------------------------------------------------------------------
