@@ -124,7 +124,7 @@ def test_another_size(tmp_path: Path, perfcap: Command, joints: np.ndarray) -> N
     middle = joints.mean(1, keepdims=True)
     (line,) = notes(perfcap, result, middle + 1.2 * (joints - middle))
     assert line.startswith("the person of the truth is 1.20 times as large as that of the result")
-    growth = np.interp(np.arange(60), [12, 20, 40, 48], [1, 1.3, 1.3, 1])[:, None, None]
+    growth = np.interp(np.arange(60), [20, 24, 36, 40], [1, 1.3, 1.3, 1])[:, None, None]
     part = joints + 0.001 * np.random.default_rng(1).normal(size=joints.shape)
     (line,) = notes(perfcap, result, middle + growth * (part - middle))
     assert "the person of the truth is 1.30 times as large as that of the result, and 1.0" in line
