@@ -27,6 +27,7 @@ from perfcap.io.surface_file import BLOCK, SurfaceFile, open_surface, read_ident
 from perfcap.rates import FASTEST, SLOWEST
 
 _AGAIN = "run perfcap capture again"
+_MOST = 1e6  # mm of an expected error
 _LANDMARKS = 16
 
 
@@ -195,16 +196,28 @@ def read_expectation(folder: Path) -> Expectation | None:
     if not isinstance(quality, dict) or trust is None or trust.dtype.kind != "f":
         return None
     errors, threshold = quality.get("expected_error_mm"), quality.get("threshold")
-    if not isinstance(errors, list) or not all(isinstance(each, int | float) for each in errors):
+    if not isinstance(errors, list) or not all(map(_is_error, errors)):
         return None
-    if trust.shape != (len(errors),) or not isinstance(threshold, int | float):
+    if trust.shape != (len(errors),) or not isinstance(threshold, float):
         return None
     error = np.where(trust >= threshold, np.asarray(errors, dtype=float), np.nan)
     request = report.get("request")
     given = request.get("cameras") if isinstance(request, dict) else None
     places = [Path(given), folder / given] if isinstance(given, str) else []
-    cameras = next((place for place in places if place.is_file()), None)
+    cameras = next((place for place in places if _is_there(place)), None)
     return Expectation(error, len(views) if isinstance(views, list) else 1, cameras)
+
+
+def _is_error(value: object) -> bool:
+    """Whether something read is an error in millimetres."""
+    return isinstance(value, int | float) and 0 <= value < _MOST
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long for any file
+        return False
 
 
 def require_one_capture(folder: Path) -> None:

@@ -137,7 +137,12 @@ def test_another_size(tmp_path: Path, perfcap: Command, joints: np.ndarray) -> N
         {"quality": {"expected_error_mm": None}},
         {"quality": {"expected_error_mm": [12.0] * 59}},
         {"quality": {"expected_error_mm": ["12"] * 60}},
+        {"quality": {"expected_error_mm": [10**400] * 60}},
+        {"quality": {"expected_error_mm": [float("nan")] * 60}},
         {"quality": {"threshold": None}},
+        {"quality": {"threshold": 10**400}},
+        {"views": 1, "request": {"cameras": 5000 * "a"}},
+        {"views": None, "request": {"cameras": "a\0b"}},
         {"trust": np.full(60, 1)},
     ],
 )
