@@ -17,7 +17,7 @@ from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
 from perfcap.app.truth_doubts import joint_doubts
 from perfcap.commands.results import Report
 from perfcap.errors import InputError
-from perfcap.io.result_folder import MOTION, PAGE, REPORT, is_several
+from perfcap.io.result_folder import METRICS, MOTION, PAGE, REPORT, is_several
 from perfcap.report import Places, Wanted, make_comparison, make_people_report, make_report
 
 _LOG = logging.getLogger(__name__)
@@ -56,6 +56,8 @@ def _told(page: Path) -> None:
 def run_view(folders: tuple[Path, ...]) -> int:
     """Open the page of a result, made first where it is missing or older; of several people one.
 
+    Older than the capture, or than what ``perfcap evaluate`` found since.
+
     Of two results it is one page that shows both, in the working directory.
 
     Raises:
@@ -75,9 +77,10 @@ def run_view(folders: tuple[Path, ...]) -> int:
 
 
 def _view(folder: Path) -> int:
-    page, report = folder / PAGE, folder / REPORT
-    fresh = page.is_file() and report.is_file()
-    if not fresh or page.stat().st_mtime < report.stat().st_mtime:
+    page = folder / PAGE
+    shown = [each for each in (folder / REPORT, folder / METRICS) if each.is_file()]
+    fresh = page.is_file() and folder / REPORT in shown
+    if not fresh or any(page.stat().st_mtime < each.stat().st_mtime for each in shown):
         several, request = is_several(folder), Report(folder)
         page = write_people_report(request) if several else write_report(request)
     _open(page)

@@ -98,7 +98,7 @@ def warnings(result: Result, marks: Sequence[Mark], notes: Sequence[str]) -> Mar
 
 
 def metrics_table(metrics: Mapping[str, Any]) -> Markup | None:
-    """Errors that ``perfcap evaluate`` found."""
+    """Errors that ``perfcap evaluate`` found, and what it said of the truth."""
     rows = [
         element(
             "tr", element("th", title, scope="row"), element("td", f"{metrics[key]:.1f} {unit}")
@@ -106,7 +106,11 @@ def metrics_table(metrics: Mapping[str, Any]) -> Markup | None:
         for key, (title, unit) in _METRICS.items()
         if isinstance(metrics.get(key), int | float)
     ]
-    return element("table", element("tbody", rows), class_="numbers") if rows else None
+    if not rows:
+        return None
+    notes = [element("li", _sentence(text)) for text in _texts(metrics.get("notes"))[:_ROWS]]
+    table = element("table", element("tbody", rows), class_="numbers")
+    return join([table, element("ul", notes, class_="warnings") if notes else None])
 
 
 def stages(report: Mapping[str, Any]) -> Markup:

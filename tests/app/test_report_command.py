@@ -91,6 +91,28 @@ def test_view_makes_the_page_once(folder: Path, opened: list[str], perfcap: Comm
     assert page.read_text() != "kept" and len(opened) == 3
 
 
+def test_view_shows_what_evaluate_found_since(
+    folder: Path, take: TakeFiles, tmp_path: Path, opened: list[str], perfcap: Command
+) -> None:
+    """Errors against a truth that was corrected; the page had those of the wrong one."""
+    with np.load(take.truth) as data:
+        joints, frames = data["joints3d"], np.arange(len(data["joints3d"]))
+    np.savez(tmp_path / "away.npz", joints3d=joints + np.array([3.0, 0, 0]), frames=frames)
+    assert perfcap(["evaluate", folder, "--truth", tmp_path / "away.npz"]).code == 0
+    assert perfcap(["view", folder]).code == 0
+    page = (folder / PAGE).read_text()
+    assert "<li>After one shift of all frames by 3 m" in page
+    assert perfcap(["evaluate", folder, "--truth", take.truth]).code == 0
+    made = (folder / PAGE).stat().st_mtime
+    os.utime(folder / "metrics.json", (made + 5,) * 2)
+    assert perfcap(["view", folder]).code == 0
+    shown = (folder / PAGE).read_text()
+    found = json.loads((folder / "metrics.json").read_text())["mpjpe_mm"]
+    row = "Joints, absolute</th><td>"
+    assert f"{row}{found:.1f} mm" in shown and f"{row}{found:.1f} mm" not in page
+    assert "After one shift" not in shown and len(opened) == 2
+
+
 def test_view_without_a_browser_says_where_the_page_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch, perfcap: Command
 ) -> None:
