@@ -29,7 +29,7 @@ from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
 from perfcap.io.result import require_one_capture, retargeted_from
-from perfcap.io.result_folder import METRICS, MOTION, is_several
+from perfcap.io.result_folder import METRICS, MOTION, PAGE, is_several, own_file
 from perfcap.io.surface_file import open_surface
 
 _ROWS = (
@@ -80,6 +80,7 @@ def run_evaluate(request: Evaluate) -> int:
     metrics = compare(request.folder, truth, request.every)
     _write(request.out or request.folder / METRICS, metrics)
     _show(metrics)
+    _tell_of_page(request.folder, request.out)
     return 0
 
 
@@ -94,6 +95,7 @@ def _evaluate_people(request: Evaluate) -> int:
         _write(folder / METRICS, metrics)
         PlainConsole().print(f"\n{folder.name}: {_name(truth)}")
         _show(metrics)
+        _tell_of_page(folder, None)
         together[folder.name] = metrics
     errors = [each["mpjpe_mm"] for each in together.values() if "mpjpe_mm" in each]
     if errors:
@@ -109,6 +111,16 @@ def _evaluate_people(request: Evaluate) -> int:
         PlainConsole().print(note, style="yellow", soft_wrap=True)
     _write(request.out or request.folder / METRICS, together)
     return 0
+
+
+def _tell_of_page(folder: Path, out: Path | None) -> None:
+    """A page shows the errors that were there when it was made."""
+    page = own_file(folder, PAGE)
+    if out is None and page is not None:
+        PlainConsole().print(
+            f"{page} does not show these errors yet: perfcap report {folder} writes it anew",
+            soft_wrap=True,
+        )
 
 
 def _name(truth: Truth) -> str:

@@ -24,11 +24,16 @@ class Outcome:
     err: str
     notes: tuple[str, ...]
 
+    @property
+    def said(self) -> list[str]:
+        """Lines of the error stream but those of progress, which come where a machine is slow."""
+        lines = self.err.strip().splitlines()
+        return [line for line in lines if not _PROGRESS.fullmatch(line)]
+
     def refused(self) -> str:
         """The one line of a refusal."""
         assert self.code == 2, self
-        said = self.err.strip().splitlines()
-        lines = [line for line in said if not _PROGRESS.fullmatch(line)]
+        lines = self.said
         assert len(lines) == 1, self.err
         assert lines[0].startswith("perfcap: ") and "Traceback" not in self.err
         assert not self.notes

@@ -68,7 +68,7 @@ def calls(out: Path, name: str) -> list[str]:
 def test_everything_that_can_happen(clips: Path, tmp_path: Path, perfcap: Command) -> None:
     out = tmp_path / "out"
     outcome = perfcap(["batch", clips, "--out", out, "--processes", "2"])
-    assert outcome.code == 3 and not outcome.err
+    assert outcome.code == 3 and not outcome.said
     rows = table(out)
     states = {name: row["state"] for name, row in rows.items()}
     assert states == {"good": "done", "bad": "failed", "dies": "done", "gaps": "gaps"}

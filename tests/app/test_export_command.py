@@ -53,7 +53,7 @@ def test_turns_of_another_shape_are_left_out(folder: Path, perfcap: Command) -> 
 
 def test_several_formats_at_once(folder: Path, perfcap: Command) -> None:
     outcome = perfcap(["export", folder, "--to", *PLAIN, "--frames", "3:7"])
-    assert outcome.code == 0 and not outcome.err
+    assert outcome.code == 0 and not outcome.said
     name = folder.name
     written = {f"{name}{ending}" for ending in (".glb", ".bvh", "_obj", "_ply", ".trc", ".npz",
                                                 "_joints.csv", "_angles.csv",

@@ -119,7 +119,7 @@ def test_an_actor_and_a_truth_with_such_names(
     (folder / "actor.glb").write_bytes(take.actor.read_bytes())
     (folder / "manifest.toml").write_text('licence = "[/x]"\n')
     outcome = perfcap(["actor", "inspect", folder])
-    assert outcome.code in (0, 2) and "[/x]" in outcome.out and not outcome.err
+    assert outcome.code in (0, 2) and "[/x]" in outcome.out and not outcome.said
 
 
 # --- files ----------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ def frames(path: Path) -> list[np.ndarray]:
 def test_an_orbit_of_the_whole_capture(captured: Path, tmp_path: Path, perfcap: Command) -> None:
     out = tmp_path / "an orbit.mp4"
     outcome = perfcap(["render", captured, "--out", out, *SMALL])
-    assert outcome.code == 0 and not outcome.err
+    assert outcome.code == 0 and not outcome.said
     drawn = frames(out)
     assert len(drawn) == 24 and drawn[0].shape == (48, 64, 3)
     assert [p.name for p in tmp_path.iterdir()] == ["an orbit.mp4"]

@@ -42,7 +42,7 @@ def titles(page: Path) -> list[str]:
 def test_a_capture_writes_its_report(take: TakeFiles, tmp_path: Path, perfcap: Command) -> None:
     out = tmp_path / "out"
     outcome = perfcap(take.command(out, "--report", "--no-overlay"))
-    assert outcome.code == 0 and not outcome.err
+    assert outcome.code == 0 and not outcome.said
     found = titles(out / PAGE)
     assert {"Energy", "Distance to the detections", "Acceleration"} <= set(found)
     assert "report" not in json.loads((out / "run.json").read_text())["request"]
@@ -102,7 +102,10 @@ def test_view_shows_what_evaluate_found_since(
     assert perfcap(["view", folder]).code == 0
     page = (folder / PAGE).read_text()
     assert "<li>After one shift of all frames by 3 m" in page
-    assert perfcap(["evaluate", folder, "--truth", take.truth]).code == 0
+    again = perfcap(["evaluate", folder, "--truth", take.truth])
+    assert again.code == 0 and "does not show these errors yet: perfcap report" in again.out
+    elsewhere = ["evaluate", folder, "--truth", take.truth, "--out", tmp_path / "errors.json"]
+    assert "does not show" not in perfcap(elsewhere).out
     made = (folder / PAGE).stat().st_mtime
     os.utime(folder / "metrics.json", (made + 5,) * 2)
     assert perfcap(["view", folder]).code == 0

@@ -40,7 +40,7 @@ def test_a_capture_on_another_character(
 ) -> None:
     out = tmp_path / "out"
     outcome = perfcap(["retarget", captured, "--actor", hero, "--out", out])
-    assert outcome.code == 0 and not outcome.err
+    assert outcome.code == 0 and not outcome.said
     assert "limbs" in outcome.out and "opens in Blender" in outcome.out
     found, source = read_result(out), read_result(captured)
     assert found.frames == source.frames and found.rate == source.rate
