@@ -19,6 +19,7 @@ from perfcap.io.result_folder import (
     METRICS,
     OWN,
     PAGE,
+    PEOPLE,
     PERSON,
     REPORT,
     SURFACE,
@@ -27,6 +28,7 @@ from perfcap.io.result_folder import (
     is_several,
     own_file,
     people_of,
+    person_folder,
 )
 
 _SHARED = ("input_files", "retargeted_from", "frames", "fps")  # of all people of a capture
@@ -97,6 +99,11 @@ def spare_result(folder: Path, target: Path, own: str = "") -> None:
         report = {}
     inputs = report.get("input_files") if isinstance(report, dict) else None
     places += [Path(name) for name in inputs] if isinstance(inputs, dict) else []
+    beside = target.parent
+    if target.name in OWN and not same_file(beside, folder) and holds_result(beside):
+        raise InputError(
+            f"--out {target}: is a file of another result, {beside}; choose another name"
+        )
     for place in places:
         if same_file(target, place):
             raise InputError(
@@ -196,6 +203,11 @@ def _require_same_capture(folder: Path, places: Iterable[Path]) -> None:
                     f"{REPORT}); put the person's own folder back, or run perfcap capture again"
                 )
         number = report.get("person", place.name)
+        if isinstance(number, int) and place.name != person_folder(number):
+            raise InputError(
+                f"{place}: is person {number} of the capture; call its folder "
+                f"{person_folder(number)} again, {folder / PEOPLE} names who is who"
+            )
         if number in people:
             raise InputError(
                 f"{place}: is person {number} of the capture, as is {people[number]}; put the "

@@ -28,7 +28,7 @@ from perfcap.app.truth_people import match_truths, read_truths
 from perfcap.commands.results import Evaluate
 from perfcap.errors import InputError
 from perfcap.io.atomic import writing
-from perfcap.io.result import require_one_capture, retargeted_from
+from perfcap.io.result import identity_of, require_one_capture, retargeted_from
 from perfcap.io.result_folder import METRICS, MOTION, PAGE, is_several, own_file
 from perfcap.io.surface_file import open_surface
 
@@ -184,9 +184,11 @@ def compare(folder: Path, truth: Truth, every: int = 1) -> dict[str, Any]:
     sequence = truth.sequence
     about = {"dataset": sequence.dataset, "sequence": sequence.name, "action": sequence.action}
     tables, fewer = joint_tables(found, truth)
+    capture = identity_of(folder)
     return {
         **scores,
         **about,
+        **({} if capture is None else {"capture": capture}),
         "notes": notes,
         "per_joint_mm": tables,
         **({"per_joint_frames": fewer} if fewer else {}),

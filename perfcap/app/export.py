@@ -69,6 +69,7 @@ def _export(request: Export, formats: Mapping[str, Format], result: Result, leve
         written = sorted(entry.name for entry in scratch.iterdir())
         for entry in written:
             spare_result(request.folder, out / entry)
+        older = [entry for entry in written if request.out is not None and (out / entry).exists()]
     console = PlainConsole(soft_wrap=True)
     for line in distrust(result.report, result.frame_numbers[recording.first : recording.stop]):
         console.print(f"{request.folder}: {line}")
@@ -78,7 +79,7 @@ def _export(request: Export, formats: Mapping[str, Format], result: Result, leve
             about = "the floor that was found is level"
         console.print(f"turned upright: {about}")
     for entry in written:
-        console.print(out / entry)
+        console.print(f"{out / entry}{' (replaces an older file)' if entry in older else ''}")
     return 0
 
 

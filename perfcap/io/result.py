@@ -220,6 +220,12 @@ def _is_there(path: Path) -> bool:
         return False
 
 
+def identity_of(folder: Path) -> str | None:
+    """Which capture the motion of a result is of; None where it says nothing."""
+    motion = read_archive(folder / MOTION, ("capture",), "the motion.npz of a capture")
+    return read_identity(motion.get("capture"))
+
+
 def require_one_capture(folder: Path) -> None:
     """Refuse a folder whose motion, surface and report are of different captures.
 
@@ -231,8 +237,7 @@ def require_one_capture(folder: Path) -> None:
     if own_file(folder, REPORT) is not None:
         found[REPORT] = _read_report(folder).get("capture")
     if own_file(folder, MOTION) is not None:
-        motion = read_archive(folder / MOTION, ("capture",), "the motion.npz of a capture")
-        found[MOTION] = read_identity(motion.get("capture"))
+        found[MOTION] = identity_of(folder)
     if own_file(folder, SURFACE) is not None:
         found[SURFACE] = open_surface(folder / SURFACE).capture
     _require_one_capture(folder, found)

@@ -172,12 +172,20 @@ def _page(
 
 
 def _sections(result: Result, rows: slice, found: list[Any], notes: list[str]) -> dict[str, Markup]:
-    nothing = Markup("")
+    nothing, metrics = Markup(""), _metrics(result.folder)
+    own, other = result.report.get("capture"), metrics.get("capture")
+    if isinstance(own, str) and isinstance(other, str) and own != other:
+        metrics = {}
+        notes = [
+            *notes,
+            f"{METRICS} is of another capture, so that its errors are not shown; run "
+            "perfcap evaluate again.",
+        ]
     return {
         "summary": sections.summary(result, rows),
         "status": sections.status(result),
         "warnings": sections.warnings(result, found, notes),
-        "metrics": sections.metrics_table(_metrics(result.folder)) or nothing,
+        "metrics": sections.metrics_table(metrics) or nothing,
         "stages": sections.stages(result.report),
         "windows": sections.window_table(result.report) or nothing,
         "configuration": sections.configuration(result),
