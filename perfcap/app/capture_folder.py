@@ -203,15 +203,15 @@ def _require_same_capture(folder: Path, places: Iterable[Path]) -> None:
                     f"{REPORT}); put the person's own folder back, or run perfcap capture again"
                 )
         number = report.get("person", place.name)
-        if isinstance(number, int) and place.name != person_folder(number):
-            raise InputError(
-                f"{place}: is person {number} of the capture; call its folder "
-                f"{person_folder(number)} again, {folder / PEOPLE} names who is who"
-            )
         if number in people:
             raise InputError(
                 f"{place}: is person {number} of the capture, as is {people[number]}; put the "
                 "person's own folder back, or run perfcap capture again"
+            )
+        if isinstance(number, int) and place.name != person_folder(number):
+            raise InputError(
+                f"{place}: is person {number} of the capture; call its folder "
+                f"{person_folder(number)} again, {folder / PEOPLE} names who is who"
             )
         people[number] = place
 

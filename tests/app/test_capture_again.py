@@ -106,6 +106,13 @@ def test_a_result_and_what_it_was_captured_from_are_spared(tmp_path: Path) -> No
     for target in (video, folder / "motion.npz", folder / "metrics.json"):
         with pytest.raises(InputError, match="consists of or was captured from"):
             spare_result(folder, target)
+    another = tmp_path / "another"
+    another.mkdir()
+    (another / "run.json").write_text("{}")
+    spare_result(folder, another / "scores.json")
+    for name in ("run.json", "metrics.json", "motion.bvh", "overlay.mp4"):
+        with pytest.raises(InputError, match=r"is a file of another result, .*another"):
+            spare_result(folder, another / name)
 
 
 # --- resume ---------------------------------------------------------------------------------------

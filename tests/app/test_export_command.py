@@ -63,6 +63,14 @@ def test_several_formats_at_once(folder: Path, perfcap: Command) -> None:
     assert sorted(Path(line).name for line in outcome.out.splitlines()) == sorted(written)
 
 
+def test_older_files_of_a_name_are_told(folder: Path, tmp_path: Path, perfcap: Command) -> None:
+    """Those of another capture, say, of which some formats would stay."""
+    call = ["export", folder, "--name", "walk", "--out", tmp_path / "all", "--to"]
+    assert "replaces" not in perfcap([*call, "bvh", "trc"]).out
+    lines = perfcap([*call, "bvh", "npz"]).out.splitlines()
+    assert [line.endswith("walk.bvh (replaces an older file)") for line in lines] == [True, False]
+
+
 def test_extras(folder: Path, tmp_path: Path, perfcap: Command) -> None:
     pytest.importorskip("pxr", reason="the extra usd is not installed")
     pytest.importorskip("ezc3d", reason="the extra mocap is not installed")

@@ -116,6 +116,23 @@ def test_view_shows_what_evaluate_found_since(
     assert "After one shift" not in shown and len(opened) == 2
 
 
+def test_errors_of_another_capture_are_not_shown(
+    folder: Path, take: TakeFiles, perfcap: Command
+) -> None:
+    assert perfcap(["evaluate", folder, "--truth", take.truth]).code == 0
+    found = json.loads((folder / "metrics.json").read_text())
+    assert perfcap(["report", folder]).code == 0
+    assert "Joints, absolute</th>" in (folder / PAGE).read_text()
+    (folder / "metrics.json").write_text(json.dumps(found | {"capture": "another"}))
+    assert perfcap(["report", folder]).code == 0
+    page = (folder / PAGE).read_text()
+    assert "Joints, absolute</th>" not in page and "metrics.json is of another capture" in page
+    del found["capture"]  # as older versions wrote it
+    (folder / "metrics.json").write_text(json.dumps(found))
+    assert perfcap(["report", folder]).code == 0
+    assert "Joints, absolute</th>" in (folder / PAGE).read_text()
+
+
 def test_view_without_a_browser_says_where_the_page_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch, perfcap: Command
 ) -> None:
