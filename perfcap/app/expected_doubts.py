@@ -16,6 +16,7 @@ from perfcap.io.calibration import read_cameras
 from perfcap.io.result import Expectation, read_expectation
 from perfcap.metrics import counted_joints
 from perfcap.metrics.alignment import body_axes
+from perfcap.metrics.mismatch_named import Numbered, runs
 
 _FEWEST_JOINTS, _FEWEST = 6, 5  # of a frame, and frames
 # Times the expected error, and mm more than it
@@ -28,7 +29,6 @@ _LARGER, _LARGER_PART = 1.1, 1.2  # than the person, in all frames and in ten of
 _PLACE, _ASIDE = 0.12, 0.12
 # Times the error of joints, and mm more than it: garments and vertices along them go further
 _SURFACES = {"surface_transl_mm": (1.0, 20.0), "vertex_transl_mm": (2.5, 30.0)}
-_HOLE = 5  # frames between those that are called one stretch
 _LOOK = (
     "the truth is of other frames, joints or people there, or the capture is wrong where its trust "
     "does not show it; look at both"
@@ -58,7 +58,7 @@ def expected_doubts(folder: Path, found: FoundJoints, truth: Truth) -> list[str]
         return []
     pose, changing = _errors(estimate[kept], true[kept], valid[kept])
     frames = torch.from_numpy(found.frames)[rows][kept]
-    said = list(_larger(pose, changing, limit[kept], frames))
+    said = list(_larger(pose, changing, limit[kept], Numbered(frames.tolist())))
     return said or list(_elsewhere(estimate[kept], true[kept], valid[kept], own, frames))
 
 
@@ -92,7 +92,7 @@ def _errors(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[Tensor, Ten
     return first, second
 
 
-def _larger(pose: Tensor, changing: Tensor, expected: Tensor, frames: Tensor) -> Iterator[str]:
+def _larger(pose: Tensor, changing: Tensor, expected: Tensor, named: Numbered) -> Iterator[str]:
     usual = float(expected.mean())
     checks = ((float(changing.mean()), _CHANGES), (float(pose.mean()), _ALL))
     if any(error > factor * usual and error > usual + more for error, (factor, more) in checks):
@@ -107,12 +107,12 @@ def _larger(pose: Tensor, changing: Tensor, expected: Tensor, frames: Tensor) ->
         part = slice(start, start + _PART)
         error, limit = float(changing[part].mean()), float(expected[part].mean())
         wrong[part] |= error > factor * limit and error > limit + more
-    for stretch in _stretches(wrong):
-        first, last = int(frames[stretch[0]]), int(frames[stretch[-1]])
+    for first, last in runs(wrong):
+        part = slice(first, last + 1)
         yield (
-            f"in frames {first} to {last}, aligned frame by frame, joints are "
-            f"{float(pose[stretch].mean()):.0f} mm off, and the report of the capture expects "
-            f"{float(expected[stretch].mean()):.0f}; {_LOOK}"
+            f"in {named.stretch(first, last)}, aligned frame by frame, joints are "
+            f"{float(pose[part].mean()):.0f} mm off, and the report of the capture expects "
+            f"{float(expected[part].mean()):.0f}; {_LOOK}"
         )
 
 
@@ -120,7 +120,8 @@ def _elsewhere(
     estimate: Tensor, truth: Tensor, valid: Tensor, own: Expectation, frames: Tensor
 ) -> Iterator[str]:
     """That the person of a truth is larger, or at another place than views saw."""
-    said = list(_sized(procrustes(estimate, truth, valid.to(estimate.dtype)).scale, frames))
+    named = Numbered(frames.tolist())
+    said = list(_sized(procrustes(estimate, truth, valid.to(estimate.dtype)).scale, named))
     yield from said
     if said:
         return
@@ -145,7 +146,7 @@ def _elsewhere(
             )
 
 
-def _sized(larger: Tensor, frames: Tensor) -> Iterator[str]:
+def _sized(larger: Tensor, named: Numbered) -> Iterator[str]:
     """That a truth is larger than a result, by factors (F,), or in a part of the frames."""
     usual = float(larger.median())
     if not 1 / _LARGER < usual < _LARGER:
@@ -159,11 +160,12 @@ def _sized(larger: Tensor, frames: Tensor) -> Iterator[str]:
     wrong = torch.zeros(len(larger), dtype=torch.bool)
     for start in ((around > _LARGER_PART) | (around < 1 / _LARGER_PART)).nonzero()[:, 0].tolist():
         wrong[start : start + part] = True
-    for rows in _stretches(wrong):
+    for first, last in runs(wrong):
+        there = float(larger[first : last + 1].median())
         yield (
-            f"in frames {int(frames[rows[0]])} to {int(frames[rows[-1]])} the person of the truth "
-            f"is {float(larger[rows].median()):.2f} times as large as that of the result, and "
-            f"{usual:.2f} times in all; check the unit of the truth there"
+            f"in {named.stretch(first, last)} the person of the truth is {there:.2f} times as "
+            f"large as that of the result, and {usual:.2f} times in all; check the unit of the "
+            "truth there"
         )
 
 
@@ -178,10 +180,3 @@ def _centre(own: Expectation, frames: Tensor) -> Tensor | None:
     if cameras.views != 1 or (cameras.moving and len(cameras.rotation) <= int(frames.max())):
         return None
     return (cameras.frames(frames) if cameras.moving else cameras).centre[..., 0, :]
-
-
-def _stretches(wrong: Tensor) -> list[Tensor]:
-    """Rows of each stretch of frames that are wrong, (F,)."""
-    rows = wrong.nonzero()[:, 0]
-    gaps = (rows.diff() > _HOLE).nonzero()[:, 0] + 1
-    return [each for each in torch.tensor_split(rows, gaps.tolist()) if len(each)]

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes
+from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.metrics.alignment import HIPS, NECK, root_of
 from perfcap.metrics.lags import in_words, overlap
 from perfcap.metrics.mismatch_frames import (
@@ -18,7 +19,8 @@ from perfcap.metrics.mismatch_frames import (
     in_common,
     other_frames,
 )
-from perfcap.metrics.mismatch_parts import Numbered, explained_in_parts, sizes_in_parts
+from perfcap.metrics.mismatch_named import Numbered
+from perfcap.metrics.mismatch_parts import explained_in_parts, sizes_in_parts
 from perfcap.metrics.mismatch_repeats import repeats
 from perfcap.metrics.mismatch_root import root_mismatches
 
@@ -291,6 +293,5 @@ def _turned(estimate: Tensor, truth: Tensor, valid: Tensor) -> tuple[float, floa
     """One rigid motion of all frames: its angle in degrees, and the error it leaves, metres."""
     source, target = estimate[valid], truth[valid]
     moved = procrustes(source, target, scale=False)
-    cosine = (moved.rotation.diagonal().sum() - 1) / 2
     left = float((moved.apply(source) - target).norm(dim=-1).mean())
-    return float(torch.rad2deg(cosine.clamp(-1, 1).arccos())), left
+    return float(matrix_to_rotvec(moved.rotation).norm().rad2deg()), left

@@ -11,10 +11,9 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from perfcap.geometry.alignment import procrustes
+from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.metrics.mismatch_exchanged import exchanged_in_parts
 from perfcap.metrics.mismatch_named import Numbered, runs
-
-__all__ = ["Numbered", "explained_in_parts", "sizes_in_parts"]
 
 _PART = 10  # frames of a part; parts overlap by half
 _FAR = 0.05  # m: a nearer estimate needs no explanation
@@ -237,11 +236,11 @@ def _explanations(
         "the truth jumps there; give all of it in one place",
     )
     turned = procrustes(source, target, scale=False)
-    angle = ((turned.rotation.diagonal().sum() - 1) / 2).clamp(-1, 1).arccos()
-    if float(torch.rad2deg(angle)) > _TURN:
+    angle = float(matrix_to_rotvec(turned.rotation).norm().rad2deg())
+    if angle > _TURN:
         yield _Explanation(
             _errors(turned.apply(estimate), truth, valid),
-            f"after one rotation by {float(torch.rad2deg(angle)):.0f} degrees",
+            f"after one rotation by {angle:.0f} degrees",
             "give all of the truth in the world of the cameras",
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from perfcap.metrics.mismatch_parts import Numbered
+from perfcap.metrics.mismatch_named import Numbered
 
 _STILL = 1e-4  # m
 _REPEATED, _CHANGES = 1 / 3, 1 / 6  # of the frames: repeated ones, and those that end a repetition

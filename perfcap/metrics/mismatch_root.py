@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perfcap.geometry.alignment import Similarity, procrustes
+from perfcap.geometry.rotation import matrix_to_rotvec
 from perfcap.metrics.alignment import HIPS, root_aligned, root_of
 
 _FAR = 0.05  # m: nearer joints need no explanation
@@ -89,8 +90,7 @@ def _differ(first: _Fit, second: _Fit) -> bool:
 
 def _angle(rotation: Tensor) -> float:
     """Of a matrix (3, 3), degrees."""
-    cosine = ((rotation.diagonal().sum() - 1) / 2).clamp(-1, 1)
-    return float(torch.rad2deg(cosine.arccos()))
+    return float(matrix_to_rotvec(rotation).norm().rad2deg())
 
 
 def _turned(body: _Fit) -> Iterator[str]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 import torch
-from takes import make_take
+from swaying_truth import swaying, told, trembling
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
-from perfcap.metrics import mismatches
 
 ORDER = LANDMARKS16.mirrored()
 LEGS = ("hip", "knee", "ankle", "toe")
@@ -16,20 +15,13 @@ LEGS = ("hip", "knee", "ankle", "toe")
 
 @pytest.fixture(scope="module")
 def joints() -> Tensor:
-    take = make_take(60, turns=0.2)
-    return take.actor.joints(take.truth)
+    return swaying()
 
 
 @pytest.fixture(scope="module")
 def captured(joints: Tensor) -> Tensor:
     """Off by some centimetres."""
-    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
-    return joints + 0.02 * noise + 0.01
-
-
-def told(estimate: Tensor, truth: Tensor) -> tuple[str, ...]:
-    known = torch.ones(truth.shape[:-1], dtype=torch.bool)
-    return mismatches(estimate, truth, known, ORDER, frames=range(100, 160), joints=LANDMARKS)
+    return joints + 0.02 * trembling(joints) + 0.01
 
 
 def exchanged(points: Tensor, names: tuple[str, ...], part: slice) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from takes import make_take
+from swaying_truth import swaying, told, trembling
 from torch import Tensor
 
 from perfcap.detect.joint_set import LANDMARKS, LANDMARKS16
@@ -17,21 +17,14 @@ FROM = 40  # of 60 frames
 
 @pytest.fixture(scope="module")
 def joints() -> Tensor:
-    take = make_take(60, turns=0.2)
-    return take.actor.joints(take.truth)
+    return swaying()
 
 
 @pytest.fixture(scope="module")
 def captured(joints: Tensor) -> Tensor:
     """With an error that drifts and trembles."""
-    noise = torch.randn(joints.shape, generator=torch.Generator().manual_seed(0)).to(joints)
     drift = torch.linspace(0, 0.08, 60).to(joints)[:, None, None]
-    return joints + 0.01 * noise + drift
-
-
-def told(estimate: Tensor, truth: Tensor) -> tuple[str, ...]:
-    everything = torch.ones(truth.shape[:-1], dtype=torch.bool)
-    return mismatches(estimate, truth, everything, ORDER, frames=range(100, 160), joints=LANDMARKS)
+    return joints + 0.01 * trembling(joints) + drift
 
 
 def test_errors_of_a_capture_are_not_explained(joints: Tensor, captured: Tensor) -> None:
