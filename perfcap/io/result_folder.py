@@ -17,6 +17,7 @@ from typing import Any
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import settle, unwritable, writing
+from perfcap.io.earlier_files import tell_of_exports, tell_of_others, written_at
 from perfcap.io.files import MEBIBYTE, read_json
 from perfcap.io.mask_files import remove_masks
 
@@ -155,10 +156,16 @@ def finish(folder: Path) -> None:
     _require_all(folder, plan.names)
     for name in plan.names:
         (folder / name).parent.mkdir(exist_ok=True, parents=True)
+    since = written_at(folder / REPORT)
     if own_file(scratch, REPORT) is not None:
         (folder / REPORT).unlink(missing_ok=True)  # no report vouches for files of two results
     _move(scratch, folder, [name for name in plan.names if name != REPORT])
     _remove_older(folder, plan)
+    if plan.older:
+        for place in (folder / EXPORT, *sorted(folder.glob(f"person*/{EXPORT}"))):
+            tell_of_exports(place)
+        own = {name.split("/")[0] for name in plan.names} | {REPORT, MASKS, EXPORT}
+        tell_of_others(folder, own, since)
     _move(scratch, folder, [REPORT])
     settle(folder)
     # the plan goes last: without it, half-removed checkpoints would be those of another call
@@ -263,16 +270,6 @@ def _remove_older(folder: Path, plan: _Plan) -> None:
             _remove_from(place, OWN, own)
             with suppress(OSError):  # something else is in it
                 place.rmdir()
-    if plan.older:
-        _tell_of_exports(folder)
-
-
-def _tell_of_exports(folder: Path) -> None:
-    """Say that files of an older result were exported, which are left where they are."""
-    for place in (folder / EXPORT, *sorted(folder.glob(f"person*/{EXPORT}"))):
-        if _kind(place) == stat.S_IFDIR and os.access(place, os.R_OK) and os.listdir(place):
-            told = "holds files of the result that was replaced; perfcap export writes this one's"
-            _LOG.warning("%s: %s", place, told)
 
 
 def _remove_from(folder: Path, gone: Collection[str], kept: Collection[str]) -> None:

@@ -289,3 +289,23 @@ def test_exports_of_an_older_result_are_said_to_be_of_that(
     (export / "dance.glb").unlink()
     performance.save(tmp_path)
     assert len(caplog.messages) == 1
+
+
+def test_files_that_were_put_beside_an_older_result_are_named(
+    performance: Performance, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"captured from")
+    performance.save(tmp_path)
+    before = (tmp_path / "run.json").stat().st_mtime_ns
+    os.utime(tmp_path / "clip.mp4", ns=(before - 1, before - 1))
+    later = [f"around{n}.mp4" for n in range(6)]
+    for name in later:
+        (tmp_path / name).write_bytes(b"of the first")
+        os.utime(tmp_path / name, ns=(before + 1, before + 1))
+    moved(performance).save(tmp_path)
+    (line,) = caplog.messages
+    named = ", ".join(later[:5])
+    assert line.startswith(f"{tmp_path}: keeps {named} and 1 more from before; ")
+    assert (tmp_path / later[0]).read_bytes() == b"of the first"
+    performance.save(tmp_path)  # they are older than this one, and were said to be
+    assert len(caplog.messages) == 1
