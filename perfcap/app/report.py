@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from perfcap.app.capture_folder import for_everybody
+from perfcap.app.capture_folder import for_everybody, named_people
 from perfcap.app.console import PlainConsole, progress_bars
 from perfcap.app.inputs import parse_frames
 from perfcap.app.truth import find_truth, read_found, read_truth, require_rate
 from perfcap.app.truth_doubts import joint_doubts
+from perfcap.app.truth_people import own_truths
 from perfcap.commands.results import Report
 from perfcap.errors import InputError
 from perfcap.io.result_folder import METRICS, MOTION, PAGE, REPORT, is_several
@@ -31,7 +32,15 @@ def run_report(request: Report) -> int:
     Raises:
         InputError: bad input, in one line; an older page is still there then.
     """
-    code = for_everybody(request.folder, lambda folder, _: _report(replace(request, folder=folder)))
+    truths: dict[Path, Path] = {}
+    if request.truth is not None:
+        people = [place for place, _ in named_people(request.folder)]
+        truths = dict(zip(people, own_truths(people, request.truth), strict=True))
+
+    def write(folder: Path, _: str) -> int:
+        return _report(replace(request, folder=folder, truth=truths.get(folder)))
+
+    code = for_everybody(request.folder, write)
     if is_several(request.folder):
         _told(write_people_report(request))
     return code

@@ -34,7 +34,7 @@ def read_truths(path: Path, dataset: str | None, sequence: str | None) -> list[T
         return [read_truth(path, dataset, each) for each in names]
     if sequence is not None or not path.is_dir():
         return [read_truth(path, dataset, sequence)]
-    people = sorted(each for each in path.iterdir() if PERSON.fullmatch(each.name))
+    people = _people(path)
     if not people:
         return [read_truth(path)]
     if (path / _RIG).is_file():
@@ -52,11 +52,35 @@ def match_truths(folders: Sequence[Path], truths: Sequence[Truth]) -> list[Truth
     if len(truths) < len(folders):
         raise InputError(
             f"--truth: has {len(truths)} people, the result {len(folders)}; expected the truth of "
-            f"everybody{_everybody(truths)}, or evaluate one folder of a person"
+            f"everybody{_everybody(truths)}, or name the folder of one person"
         )
     cost = np.array([[_distance(folder, truth) for truth in truths] for folder in folders])
     _, columns = linear_sum_assignment(np.nan_to_num(cost, nan=_UNKNOWN))
     return [truths[column] for column in columns]
+
+
+def own_truths(folders: Sequence[Path], path: Path) -> list[Path]:
+    """Where the truth of each person lies, as ``match_truths`` finds them.
+
+    Args:
+        folders: of the people of a result.
+        path: a truth where there is one person; of several a folder with ``person1``, ...
+
+    Raises:
+        InputError: there are fewer truths than people, or one cannot be used.
+    """
+    if len(folders) == 1:
+        return [path]
+    places = _people(path) or [path]
+    truths = [read_truth(place) for place in places]
+    chosen = match_truths(folders, truths)
+    return [places[truths.index(truth)] for truth in chosen]
+
+
+def _people(path: Path) -> list[Path]:
+    """Folders of people in a folder; none where it is a file."""
+    entries = path.iterdir() if path.is_dir() else ()
+    return sorted(each for each in entries if PERSON.fullmatch(each.name))
 
 
 def _everybody(truths: Sequence[Truth]) -> str:

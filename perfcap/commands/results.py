@@ -124,7 +124,8 @@ class Report:
     cameras: Path | None = None
     """The calibration, likewise."""
     truth: Path | None = None
-    """True joints, for curves of errors: an npz with joints3d, or a folder that holds one."""
+    """True joints, for curves of errors: an npz with joints3d, or a folder that holds one; of
+    several people the folder with person1, person2, ..."""
     frames: str | None = None
     """Part of the capture, A:B (B exclusive), counted as in its video."""
 

@@ -168,17 +168,19 @@ def test_evaluate_says_who_was_not_captured(
 
 
 @pytest.mark.long
-def test_commands_go_from_one_to_the_next(captured: Path, tmp_path: Path, perfcap: Command) -> None:
+def test_commands_go_from_one_to_the_next(
+    captured: Path, pair: CrowdFiles, tmp_path: Path, perfcap: Command
+) -> None:
     assert perfcap(["export", captured, "--to", "bvh", "--out", tmp_path]).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
     brief = ["--freeze", "3", "--seconds", "0.1", "--size", "64", "64"]
     video = ["--out", tmp_path / "turn.mp4", *brief]
     assert perfcap(["render", captured, *video]).code == 0
     assert (tmp_path / "turn_person1.mp4").is_file() and (tmp_path / "turn_person2.mp4").is_file()
-    again = tmp_path / "again"
-    shutil.copytree(captured, again)
-    assert perfcap(["report", again]).code == 0
-    assert all((folder / "report.html").is_file() for folder in people_of(again))
+    again = shutil.copytree(captured, tmp_path / "again")
+    done = perfcap(["report", again, "--truth", pair.truth])
+    assert done.code == 0 and not done.notes  # each page has the own truth of its person
+    assert all("Joint error" in (p / "report.html").read_text() for p in people_of(again))
     assert perfcap(["export", captured / "person1", "--to", "bvh", "--out", tmp_path]).code == 0
 
 

@@ -14,8 +14,9 @@ from runs import Command
 from takes import camera_entry, write_json
 
 from perfcap.app.truth import read_truth
-from perfcap.app.truth_people import match_truths, read_truths
+from perfcap.app.truth_people import match_truths, own_truths, read_truths
 from perfcap.detect.joint_set import LANDMARKS
+from perfcap.errors import InputError
 
 FRAMES, VIEWS, RATE = 60, 3, 30.0
 Writer = Callable[[Path, np.ndarray], Path]
@@ -167,3 +168,15 @@ def test_a_world_turned_about_the_people_shows_no_other_one(
     take = write_own(tmp_path / "take", half * facing)
     (note,) = notes_of(captured(tmp_path / "r", facing[0]), perfcap, take / "person1")
     assert "one rotation of all frames by 180 degrees" in note
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_pages_of_several_people_have_a_truth_each(
+    people: np.ndarray, tmp_path: Path, order: tuple[int, int]
+) -> None:
+    truth = write_own(tmp_path / "truth", people[list(order)])
+    found = [captured(tmp_path / f"of{number}", joints) for number, joints in enumerate(people)]
+    assert own_truths(found, truth) == [truth / f"person{order.index(k) + 1}" for k in (0, 1)]
+    assert own_truths(found[:1], truth / "person2") == [truth / "person2"]
+    with pytest.raises(InputError, match=r"has 1 people, the result 2.*or name the folder of one"):
+        own_truths(found, truth / "person1" / "truth.npz")
