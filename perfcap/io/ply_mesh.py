@@ -43,8 +43,10 @@ def read_ply(path: Path, notes: list[Finding]) -> BareMesh:
         with path.open("rb") as file:
             # without an image there is no reason to split vertices
             data = load_ply(file, skip_materials=True, fix_texture=painted and of_corners)
-        vertices, faces = np.asarray(data.get("vertices", ())), data.get("faces", ())
+        # to numbers here, where lists in place of them are refused
+        vertices, faces = np.asarray(data.get("vertices", ()), np.float64), data.get("faces", ())
         faces = triangulate_quads(faces) if len(faces) else np.zeros((0, 3), int)
+        faces = np.asarray(faces, np.int64)
         uv = _numbers(getattr(data.get("visual"), "uv", None), len(vertices), "coordinates")
         shown = painted and uv is not None  # then colours are of vertices before they were split
         colors = None if shown else _numbers(data.get("vertex_colors"), len(vertices), "colours")

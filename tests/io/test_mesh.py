@@ -26,6 +26,11 @@ vt 0 1
 usemtl skin
 f 1/1 2/2 3/3 4/4
 """
+LISTS = (  # a vertex whose first number is two
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty list uchar float x\nproperty float y\n"
+    b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    b"2 5 0 0 0\n1 1 0 0\n1 1 1 0\n3 0 1 2\n"
+)
 
 
 def obj(folder: Path, text: str = QUAD, library: str = "newmtl skin\nmap_Kd skin.png\n") -> Path:
@@ -124,6 +129,7 @@ def test_a_skinned_file_is_also_a_mesh(tmp_path: Path) -> None:
     [
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\n", "cannot be read as PLY"),
         ("a.ply", b"\0" * 64, "cannot be read as PLY"),
+        ("a.ply", LISTS, "cannot be read as PLY"),
         ("a.stl", b"\0" * 80 + struct.pack("<I", 10**9), "has no faces|cannot be read"),
         ("a.stl", b"solid x\nendsolid x\n", "has no faces|cannot be read"),
         ("a.zip", b"PK\3\4", "is no mesh that is read"),
