@@ -47,9 +47,10 @@ def read_ply(path: Path, notes: list[Finding]) -> BareMesh:
         vertices, faces = np.asarray(data.get("vertices", ()), np.float64), data.get("faces", ())
         faces = triangulate_quads(faces) if len(faces) else np.zeros((0, 3), int)
         faces = np.asarray(faces, np.int64)
-        uv = _numbers(getattr(data.get("visual"), "uv", None), len(vertices), "coordinates")
+        count = len(vertices)
+        uv = _numbers(getattr(data.get("visual"), "uv", None), count, (2,), "coordinates")
         shown = painted and uv is not None  # then colours are of vertices before they were split
-        colors = None if shown else _numbers(data.get("vertex_colors"), len(vertices), "colours")
+        colors = None if shown else _numbers(data.get("vertex_colors"), count, (3, 4), "colours")
     except Exception as error:  # the parsers raise anything
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
         raise InputError(f"{path}: cannot be read as PLY ({reason}); export it again") from error
@@ -74,12 +75,12 @@ def read_ply(path: Path, notes: list[Finding]) -> BareMesh:
     return BareMesh(vertices, faces, name=path.stem)
 
 
-def _numbers(values: object, count: int, what: str) -> NDArray[Any] | None:
-    """A row of numbers a vertex; None where there are none."""
+def _numbers(values: object, count: int, widths: tuple[int, ...], what: str) -> NDArray[Any] | None:
+    """A row of numbers a vertex, one of these widths; None where there are none."""
     if values is None:
         return None
     rows = np.asarray(values)
-    if rows.dtype.kind not in "fiu" or rows.ndim != 2 or len(rows) != count:
+    if rows.dtype.kind not in "fiu" or rows.shape not in [(count, width) for width in widths]:
         raise ValueError(f"{what} are {rows.dtype} {rows.shape}")
     return rows
 

@@ -31,7 +31,8 @@ def colors_to_texture(colors: NDArray[np.uint8]) -> tuple[Floats, bytes]:
     """
     values = colors.astype(np.float64)
     middle = values.mean(0)
-    axes = np.linalg.svd(values - middle, full_matrices=False)[2][:2]
+    spread = np.pad(values - middle, ((0, max(0, 2 - len(values))), (0, 0)))  # for two axes
+    axes = np.linalg.svd(spread, full_matrices=False)[2][:2]
     places = (values - middle) @ axes.T
     low, extent = places.min(0), np.maximum(np.ptp(places, axis=0), 1.0)
     uv = _MARGIN + (1 - 2 * _MARGIN) * (places - low) / extent

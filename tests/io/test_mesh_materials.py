@@ -12,7 +12,7 @@ from gltf_files import one_pixel_png
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.errors import InputError
 from perfcap.io.mesh import read_mesh
-from perfcap.io.vertex_colors import as_bytes
+from perfcap.io.vertex_colors import as_bytes, colors_to_texture
 
 SQUARE = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0"]
 CORNERS = ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
@@ -237,6 +237,25 @@ def test_several_images_of_a_ply_are_said_to_be_left_out(
 def test_lists_are_no_colours(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read as PLY"):
         ply(tmp_path, "list uchar float", COLORS)
+
+
+def test_two_numbers_are_no_colour(tmp_path: Path) -> None:
+    head = ["ply", "format ascii 1.0", f"element vertex {len(SQUARE)}"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"property {kind}" for kind in ("uchar green", "uchar blue", "list uchar float alpha")]
+    head += ["element face 1"]
+    head += ["property list uchar int vertex_indices", "end_header"]
+    rows = [f"{line[2:]} 9 9 1 9" for line in SQUARE]
+    (tmp_path / "a.ply").write_text("\n".join([*head, *rows, "3 0 1 2"]) + "\n")
+    with pytest.raises(InputError, match="cannot be read as PLY .*colours are"):
+        read_mesh(tmp_path / "a.ply")
+
+
+def test_a_vertex_alone_has_a_colour() -> None:
+    uv, texture = colors_to_texture(np.array([[10, 200, 30]], np.uint8))
+    image = cv2.imdecode(np.frombuffer(texture, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    column, row = np.floor(uv * 256).astype(int)[0]
+    np.testing.assert_array_equal(image[row, column], [10, 200, 30])
 
 
 def test_images_of_a_ply_stay_in_its_folder(tmp_path: Path) -> None:

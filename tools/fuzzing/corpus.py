@@ -151,11 +151,21 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     (meshes / "a.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf -1 -2 -3 -4\n"
     )
+    (meshes / "b.obj").write_text(
+        "mtllib b.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 0 0 1 1 1 1\nvt 0 0\nvt 1 1\n"
+        "usemtl a\nf 1/1 2/2 3/1\nusemtl b\nf 2 3 4\n"
+    )
+    (meshes / "b.mtl").write_text(
+        "newmtl a\nKd 1 0.5 0\nmap_Kd -s 1 1 1 -o 0 0 0 b.png\nnewmtl b\nKd 0.2 0.2 0.2\nd 1.0\n"
+    )
+    cv2.imwrite(str(meshes / "b.png"), np.full((4, 4, 3), 90, np.uint8))
     plys, stls, gltf = (_new(root, name) for name in ("ply", "stl", "gltf"))
     box = trimesh.creation.box()
     box.visual.vertex_colors = np.full((8, 4), 200, np.uint8)
     (plys / "text.ply").write_bytes(box.export(file_type="ply", encoding="ascii"))
     (plys / "binary.ply").write_bytes(box.export(file_type="ply"))
+    (plys / "image.ply").write_text(_PLY)
+    cv2.imwrite(str(plys / "a.png"), np.full((4, 4, 3), 90, np.uint8))
     (stls / "binary.stl").write_bytes(box.export(file_type="stl"))
     (stls / "text.stl").write_text(box.export(file_type="stl_ascii"))
     _write_gltf(gltf / "a.gltf")
@@ -177,7 +187,7 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
     return [
         Target("actor", actor, lambda f, _: load_actor(str(f)).template),
         Target("body", body, lambda f, _: load_body_model(f / "body.npz"), weight=0.3),
-        Target("obj", meshes, lambda f, _: read_mesh(f / "a.obj")),
+        Target("obj", meshes, _meshes),
         Target("ply", plys, _meshes),
         Target("stl", stls, _meshes),
         Target("gltf", gltf, _meshes),
@@ -199,7 +209,8 @@ def _robot(folder: Path, _: Random) -> Any:
 
 
 def _meshes(folder: Path, _: Random) -> Any:
-    return [read_mesh(path) for path in sorted(folder.iterdir()) if path.suffix != ".bin"]
+    beside = (".bin", ".mtl", ".png")
+    return [read_mesh(path) for path in sorted(folder.iterdir()) if path.suffix not in beside]
 
 
 def _write_gltf(path: Path) -> None:
@@ -307,6 +318,12 @@ _TRC = (
     "OrigNumFrames\n30\t30\t2\t2\tm\t30\t1\t2\n"
     "Frame#\tTime\tNeck\t\t\tHip\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
     "1\t0\t0\t1\t0\t0\t0.5\t0\n2\t0.033\t0\t1\t0\t0\t0.5\t0.1\n"
+)
+_PLY = (
+    "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\n"
+    "property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 2\n"
+    "property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+    "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n3 0 1 2 6 0 0 1 0 1 1\n3 0 2 3 6 0 0 1 1 0 1\n"
 )
 # {'a': [1, 2.5, 'x'], 'b': (None, True)} as a pickle of protocol 2
 _PICKLE = (

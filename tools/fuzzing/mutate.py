@@ -23,6 +23,7 @@ NUMBERS = (
 OTHERS: tuple[Any, ...] = (None, True, "", "x", "\x1b[2J", "../../x", "\0", "é" * 40, [], {}, [[]])
 _LONG = 1 << 20  # letters: what is longer is not repeated, or writing it takes longer than reading
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+_WORD = re.compile(r"[^\s,;:=\[\](){}<>\"']+")
 _DTYPES = ("f2", "f4", "f8", "i1", "u1", "i4", "i8", "u8", "?", "c16", "U3", "S2", "M8[s]", ">f8")
 _LONGEST = 1 << 20  # elements that a mutation may make
 
@@ -83,14 +84,17 @@ def _change(rng: Random, holder: Any, key: Any, places: list[Any]) -> None:
 
 
 def text(rng: Random, content: str) -> str:
-    """A text with numbers, lines or letters changed."""
+    """A text with numbers, words, lines or letters changed."""
     for _ in range(rng.choice((1, 1, 2, 4))):
-        kind, lines = rng.randrange(7), content.splitlines(keepends=True) or [""]
+        kind, lines = rng.randrange(10), content.splitlines(keepends=True) or [""]
         if kind < 3:
             found = list(_NUMBER.finditer(content))
             if found:
                 at = rng.choice(found)
                 content = content[: at.start()] + str(rng.choice(NUMBERS)) + content[at.end() :]
+            continue
+        if kind > 6:
+            content = _of_itself(rng, content)
             continue
         line = rng.randrange(len(lines))
         if kind == 3:
@@ -106,6 +110,38 @@ def text(rng: Random, content: str) -> str:
             lines[line] = lines[line].rstrip("\n") + rng.choice(extra) + "\n"
         content = "".join(lines)
     return content
+
+
+def _of_itself(rng: Random, content: str) -> str:
+    """A text with one of its words in the place of another, or of several, or two lines exchanged.
+
+    Words keep a grammar where letters would break it: a kind or a name in another's place.
+    """
+    if rng.random() < 0.3:
+        lines = content.splitlines(keepends=True) or [""]
+        one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+        lines[one], lines[other] = lines[other], lines[one]
+        return "".join(lines)
+    words = list(_WORD.finditer(content))
+    if not words:
+        return content
+    place = rng.randrange(len(words))
+    last = min(len(words) - 1, place + rng.choice((0, 0, 1, 2)))
+    start = rng.randrange(len(words))
+    stop = min(len(words) - 1, start + rng.choice((0, 0, 1, 2)))
+    put = content[words[start].start() : words[stop].end()]
+    return content[: words[place].start()] + put + content[words[last].end() :]
+
+
+def headed(rng: Random, data: bytes) -> bytes:
+    """A PLY with its head, or what follows, changed: numbers as text are, others as bytes."""
+    head, mark, rest = data.partition(b"end_header\n")
+    plain = b"format ascii" in head
+    if rng.random() < 0.7:
+        head = text(rng, head.decode()).encode("utf-8", "surrogatepass")
+    if plain and rng.random() < 0.5:
+        rest = text(rng, rest.decode()).encode("utf-8", "surrogatepass")
+    return head + mark + (raw(rng, rest) if rng.random() < 0.2 else rest)
 
 
 def raw(rng: Random, data: bytes) -> bytes:

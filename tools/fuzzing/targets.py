@@ -21,11 +21,12 @@ from perfcap.errors import InputError
 _BY_SUFFIX: dict[str, Callable[[Random, bytes], bytes]] = {
     ".npz": mutate.archive,
     ".glb": mutate.glb,
+    ".ply": mutate.headed,
 }
 _MOST = 100  # frames of an array
 _TREES = (".json", ".gltf")
 _TEXTS = (".toml", ".yml", ".yaml", ".txt", ".obj", ".off", ".bvh", ".trc", ".calibration")
-_TEXTS += (".calib", ".cal", ".xml", ".csv", ".urdf")
+_TEXTS += (".calib", ".cal", ".xml", ".csv", ".urdf", ".mtl")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def changed(rng: Random, suffix: str, data: bytes) -> bytes:
         return mutate.raw(rng, data)
     if suffix in _TREES:
         return json.dumps(mutate.tree(rng, json.loads(data))).encode()
-    if suffix in _TEXTS:
+    if suffix in _TEXTS or (suffix == ".stl" and data.startswith(b"solid")):
         return mutate.text(rng, data.decode()).encode("utf-8", "surrogatepass")
     return mutate.raw(rng, data)
 
