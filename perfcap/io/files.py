@@ -7,6 +7,7 @@ import re
 import tomllib
 from os import PathLike, fsdecode
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from perfcap.errors import InputError
@@ -41,11 +42,15 @@ def named_path(value: object, name: str, what: str) -> Path:
 
 def require_file(path: Path, limit: int, what: str) -> None:
     """Refuse a path that is no file, is empty, or is larger than ``limit`` bytes."""
-    if not path.exists():
-        raise InputError(f"{path}: no such file; expected {what}")
-    if not path.is_file():
+    try:
+        about = path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # a name with a zero in it
+        raise InputError(f"{path}: no such file; expected {what}") from None
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise InputError(f"{path}: cannot be opened ({error.strerror}); expected {what}") from None
+    if not S_ISREG(about.st_mode):
         raise InputError(f"{path}: is not a file; expected {what}")
-    size = path.stat().st_size
+    size = about.st_size
     if size == 0:
         raise InputError(f"{path}: is empty (0 bytes); expected {what}; write or copy it again")
     if size > limit:

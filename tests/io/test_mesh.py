@@ -75,6 +75,7 @@ def test_colours_become_a_texture_beside_images(tmp_path: Path) -> None:
         (QUAD, "newmtl skin\nmap_Kd ../secret.png", "outside its folder"),
         (QUAD, "newmtl skin\nmap_Kd /etc/hostname", "outside its folder"),
         (QUAD, "newmtl skin\nmap_Kd none.png", "none.png: no such file"),
+        (QUAD, f"newmtl skin\nmap_Kd {'a' * 300}.png", "png: cannot be opened"),
         ("mtllib ../a.mtl\n" + QUAD, "", "outside its folder"),
         ("v 0 0 0\n", "", "has no faces"),
         ("v 0 0 0\nf 1 2 3\n", "", "line 2"),

@@ -245,9 +245,9 @@ def test_two_numbers_are_no_colour(tmp_path: Path) -> None:
     head += [f"property {kind}" for kind in ("uchar green", "uchar blue", "list uchar float alpha")]
     head += ["element face 1"]
     head += ["property list uchar int vertex_indices", "end_header"]
-    rows = [f"{line[2:]} 9 9 1 9" for line in SQUARE]
+    rows = [f"{line[2:]} 9 9 0" for line in SQUARE]  # lists without a number
     (tmp_path / "a.ply").write_text("\n".join([*head, *rows, "3 0 1 2"]) + "\n")
-    with pytest.raises(InputError, match="cannot be read as PLY .*colours are"):
+    with pytest.raises(InputError, match=r"cannot be read as PLY .*colours are"):
         read_mesh(tmp_path / "a.ply")
 
 
