@@ -60,6 +60,14 @@ def require_file(path: Path, limit: int, what: str) -> None:
         )
 
 
+def is_file(path: Path) -> bool:
+    """Whether a file lies there; nothing does where the name is none that a file may have."""
+    try:
+        return path.is_file()
+    except OSError:  # it is too long, or in a folder that may not be entered
+        return False
+
+
 def read_text(path: Path, what: str, limit: int = TEXT_LIMIT) -> str:
     """The text of a UTF-8 file, with or without a byte-order mark."""
     require_file(path, limit, what)

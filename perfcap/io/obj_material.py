@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.io.doctor.finding import Finding, Severity
-from perfcap.io.files import MEBIBYTE, require_file
+from perfcap.io.files import MEBIBYTE, is_file, require_file
 from perfcap.io.mesh_images import beside
 from perfcap.io.texture_tiles import ended
 
@@ -79,8 +79,8 @@ def read_materials(
         # names may hold spaces; else a line may name several files
         whole = beside(path, library, "material library")
         words = (beside(path, word, "material library") for word in library.split())
-        for target in (whole,) if whole.is_file() else words:
-            if not target.is_file():
+        for target in (whole,) if is_file(whole) else words:
+            if not is_file(target):
                 what = f"has no colours of it: {target.name!r:.80} is not beside the mesh"
                 remedy = "copy it there with its images"
                 notes.append(Finding(Severity.WARNING, "materials", what, remedy))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perfcap.errors import InputError
+from perfcap.io.image_file import decode_image
 
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -230,10 +231,12 @@ def read_picture(path: Path) -> Picture:
     Raises:
         InputError: it cannot be read.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise InputError(f"{path}: cannot be read as a picture; remove it from the backgrounds")
-    return np.asarray(image, np.uint8)
+    try:
+        return decode_image(path, cv2.IMREAD_COLOR_RGB, "a picture")
+    except InputError as error:
+        raise InputError(
+            f"{path}: cannot be read as a picture; remove it from the backgrounds"
+        ) from error
 
 
 def _part(path: Path, size: int, rng: np.random.Generator) -> Picture:

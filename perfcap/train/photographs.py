@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from perfcap.detect.joint_set import LANDMARKS, canonical_name
 from perfcap.errors import InputError
+from perfcap.io.image_file import decode_image
 from perfcap.train.backgrounds import digest_of
 from perfcap.train.body_parts import UNKNOWN, part_map_size
 from perfcap.train.crop_batches import Shots
@@ -224,10 +225,13 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; the annotations name it")
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if image is None or image.shape[0] * image.shape[1] > MOST_PIXELS:
+    try:
+        image = decode_image(path, cv2.IMREAD_COLOR_RGB, "a photograph")
+    except InputError:
+        image = np.zeros((0, 0, 3), np.uint8)
+    if not 0 < image.shape[0] * image.shape[1] <= MOST_PIXELS:
         raise InputError(f"{path}: cannot be read as a photograph; remove it from {ANNOTATIONS}")
-    return np.asarray(image, np.uint8)
+    return image
 
 
 # --- Two sources of shots as one ------------------------------------------------------------------

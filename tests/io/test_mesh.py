@@ -119,6 +119,14 @@ def test_colours_of_vertices_become_a_texture(tmp_path: Path) -> None:
     assert np.abs(image[row, column].astype(int) - colors).max() < 25  # off the nearest plane
 
 
+def test_a_library_whose_name_no_file_can_have_is_missing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    obj(tmp_path, QUAD.replace("skin.mtl", "a" * 300 + ".mtl"))
+    read_mesh(tmp_path / "a.obj")
+    assert "is not beside the mesh" in caplog.text
+
+
 def test_a_skinned_file_is_also_a_mesh(tmp_path: Path) -> None:
     mesh = read_mesh(armature_file().write_gltf(tmp_path / "a.gltf"))
     assert len(mesh.vertices) == 7

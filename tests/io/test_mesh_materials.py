@@ -12,6 +12,8 @@ from gltf_files import one_pixel_png
 from perfcap.actor.bare_mesh import BareMesh
 from perfcap.errors import InputError
 from perfcap.io.mesh import read_mesh
+from perfcap.io.mesh_images import MeshImages
+from perfcap.io.texture_file import encoded_image
 from perfcap.io.vertex_colors import as_bytes, colors_to_texture
 
 SQUARE = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0"]
@@ -256,6 +258,21 @@ def test_a_vertex_alone_has_a_colour() -> None:
     image = cv2.imdecode(np.frombuffer(texture, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     column, row = np.floor(uv * 256).astype(int)[0]
     np.testing.assert_array_equal(image[row, column], [10, 200, 30])
+
+
+def test_a_texture_whose_chunks_promise_more_is_damaged(tmp_path: Path) -> None:
+    """OpenCV makes room for what a chunk says that it has, before it reads that."""
+    whole = picture()
+    at = whole.index(b"IDAT") - 4
+    spoilt = whole[:at] + struct.pack(">I", 1 << 30) + whole[at + 4 :]
+    for data, damaged in ((whole, False), (spoilt, True)):
+        (tmp_path / "a.png").write_bytes(data)
+        source = MeshImages(tmp_path / "a.obj", ("a.png",))
+        if damaged:
+            with pytest.raises(InputError, match="image 0 is damaged"):
+                encoded_image(source, 0, [])
+        else:
+            assert encoded_image(source, 0, []) == data
 
 
 def test_images_of_a_ply_stay_in_its_folder(tmp_path: Path) -> None:
