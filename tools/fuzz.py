@@ -33,7 +33,7 @@ for _folder in ("tools", "tests", "tests/io", "tests/io/datasets"):
     sys.path.insert(0, str(_ROOT / _folder))
 
 from fuzzing.corpus import targets  # noqa: E402
-from fuzzing.targets import Target, not_a_number, prepare  # noqa: E402
+from fuzzing.targets import Target, not_a_number, prepare, require_read  # noqa: E402
 
 LONGEST = 10  # s
 PATIENCE = 180  # s, by the clock: what only waits hangs, what starves on a busy machine does not
@@ -55,6 +55,9 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, quiet():
         known = targets(Path(folder) / "corpus")
+        for target in known:
+            if target.mutates_files:
+                require_read(target, Path(folder) / "work")
         if options.case:
             seed, number = (int(part) for part in options.case.split(":"))
             finding = one(known, Path(folder) / "work", seed, number)

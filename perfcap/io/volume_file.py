@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from perfcap.actor.volume import Volume
 from perfcap.errors import InputError
 from perfcap.io.archive import read_archive
 from perfcap.io.atomic import writing
 
-_ARRAYS = ("centres", "deviations", "densities", "joints", "joint_names")
 _WHAT = "a volume (volume.npz)"
 _MOST = 100_000  # Gaussians
+# kinds of numbers or texts, how many axes they have, and what that is
+_KINDS = {
+    "centres": ("f", 2, "numbers (Q, 3)"),
+    "deviations": ("f", 1, "numbers (Q,)"),
+    "densities": ("f", 1, "numbers (Q,)"),
+    "joints": ("iu", 1, "whole numbers (Q,)"),
+    "joint_names": ("U", 1, "texts (J,)"),
+    "colours": ("f", 2, "numbers (Q, 3)"),
+}
 
 
 def save_volume(path: Path, volume: Volume, joints: Sequence[str]) -> None:
@@ -44,25 +54,23 @@ def load_volume(path: Path) -> tuple[Volume, tuple[str, ...]]:
     Raises:
         InputError: the file is missing, damaged, or holds something else.
     """
-    arrays = read_archive(path, (*_ARRAYS, "colours"), _WHAT)
-    missing = [name for name in _ARRAYS if name not in arrays]
+    arrays = read_archive(path, tuple(_KINDS), _WHAT)
+    missing = [name for name in _KINDS if name not in arrays and name != "colours"]
     if missing:
         raise InputError(f"{path}: lacks {', '.join(missing)}; expected {_WHAT}")
-    names, joints = arrays["joint_names"], arrays["joints"]
-    if names.dtype.kind != "U" or names.ndim != 1 or joints.dtype.kind not in "iu":
-        raise InputError(
-            f"{path}: joint_names hold {names.dtype} and joints {joints.dtype}; expected texts and "
-            "whole numbers"
-        )
-    floats = [arrays[name] for name in _ARRAYS[:3]]
-    if any(each.dtype.kind != "f" or not np.isfinite(each).all() for each in floats):
+    _require_kinds(path, arrays)
+    names, joints, colors = arrays["joint_names"], arrays["joints"], arrays.get("colours")
+    floats = [arrays[name] for name in ("centres", "deviations", "densities")]
+    if any(not np.isfinite(each).all() for each in floats):
         raise InputError(f"{path}: centres, deviations or densities are not finite numbers")
-    if len(joints) > _MOST or not (floats[1] > 0).all() or not (floats[2] >= 0).all():
+    if colors is not None and np.isinf(colors).any():
+        raise InputError(f"{path}: colours are not finite numbers, nor NaN where nothing was seen")
+    least = floats[1].min(initial=np.inf)
+    if len(joints) > _MOST or not least > 0 or not (floats[2] >= 0).all():
         raise InputError(
-            f"{path}: has {len(joints)} Gaussians of deviations from {floats[1].min():.3g} m; "
+            f"{path}: has {len(joints)} Gaussians of deviations from {least:.3g} m; "
             f"expected at most {_MOST}, wider than nothing and not less dense"
         )
-    colors = arrays.get("colours")
     if len(joints) and not (joints.min() >= 0 and joints.max() < len(names)):
         raise InputError(f"{path}: joints name {int(joints.max())} of {len(names)} joints")
     centres, deviations, densities = (torch.from_numpy(each.astype(np.float64)) for each in floats)
@@ -74,3 +82,10 @@ def load_volume(path: Path) -> tuple[Volume, tuple[str, ...]]:
         None if colors is None else torch.from_numpy(np.asarray(colors, np.float64)),
     )
     return volume, tuple(str(name) for name in names)
+
+
+def _require_kinds(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    for name, array in arrays.items():
+        kinds, axes, expected = _KINDS[name]
+        if array.dtype.kind not in kinds or array.ndim != axes:
+            raise InputError(f"{path}: {name} are {array.dtype} {array.shape}; expected {expected}")

@@ -34,6 +34,11 @@ def test_comes_back(tmp_path: Path) -> None:
         ({"densities": np.full(4, np.nan)}, "not finite"),
         ({"joints": np.zeros(4)}, "whole numbers"),
         ({"deviations": np.ones(3)}, "expected"),
+        ({"deviations": np.ones(0)}, "expected"),
+        ({"deviations": np.array(1.0)}, r"deviations are float64 \(\); expected numbers \(Q,\)"),
+        ({"joints": np.array(1)}, r"joints are int64 \(\); expected whole numbers"),
+        ({"colours": np.array([[b""] * 3] * 4)}, "colours are"),
+        ({"colours": np.full((4, 3), np.inf)}, "colours are not finite"),
     ],
 )
 def test_something_else_is_refused(

@@ -21,6 +21,7 @@ from fuzzing.arrays import arrays
 from fuzzing.mutate import Random
 from fuzzing.networks import networks
 from fuzzing.recordings import data_sets
+from fuzzing.stored import stored
 from fuzzing.targets import Target, command
 from takes import TakeFiles, detect, make_take, shrunk, write_take
 from tiny_networks import write_tiny
@@ -39,6 +40,7 @@ from perfcap.io.mesh import read_mesh
 from perfcap.io.moving_rig import read_moving_rig
 from perfcap.io.project import open_project
 from perfcap.io.result import Result, read_result
+from perfcap.io.robot import load_robot
 
 SIZES = ((480, 640), (480, 640))
 
@@ -58,6 +60,7 @@ def targets(root: Path) -> list[Target]:
         *networks(root),
         Target("result", out, lambda f, _: _whole(read_result(f))),
         *_commands(root, take, out),
+        *stored(root, root / "whole"),
         *arrays(root),
         *data_sets(root),
     ]
@@ -75,7 +78,7 @@ def _cameras(root: Path) -> list[Target]:
     calibration_files.write_easymocap(places[2])
     calibration_files.write_colmap(places[3])
     maps = _new(root, "pixel_map")
-    calibration_files.write(maps / "map.json", {"cam01": [[1, 0, 0], [0, 1, 0]]})
+    calibration_files.write(maps / "map.json", _MAPS)
 
     def read(folder: Path, _: Random) -> Any:
         inside = [path for path in folder.iterdir() if path.suffix in (".json", ".toml")]
@@ -106,7 +109,7 @@ def _detections(root: Path) -> list[Target]:
     points = [[{"x": x, "y": y, "visibility": c} for x, y, c in row[0, :17].tolist()]
               for row in people]  # fmt: skip
     detection_files.write_json(landmarks / "a.json", [{"pose_landmarks": [p]} for p in points])
-    np.save(plain / "a.npy", people[:, :, :17] + 1)
+    np.save(plain / "a.npy", people[:, :, :17] * (1, 1, 0.005))  # with confidences below 1
     sapiens = root / "detections_sapiens" / "a"
     sapiens.mkdir(parents=True)
     for number, row in enumerate(people[:, 0, :17]):
@@ -205,7 +208,7 @@ def _shapes(root: Path, take: TakeFiles) -> list[Target]:
 
 def _robot(folder: Path, _: Random) -> Any:
     (path,) = folder.iterdir()
-    return load_actor(str(path)).template
+    return load_robot(path).template
 
 
 def _meshes(folder: Path, _: Random) -> Any:
@@ -312,6 +315,7 @@ def _whole(result: Result) -> Any:
     return result.joints, result.vertices(slice(0, 2)), result.rate
 
 
+_MAPS = {"video_px_to_native_px": {"cam01": [[1, 0, 0], [0, 1, 0]]}}
 _TRC = (
     "PathFileType\t4\t(X/Y/Z)\ta.trc\n"
     "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"

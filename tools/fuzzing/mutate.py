@@ -233,6 +233,24 @@ def _lying(rng: Random, data: bytes, name: str) -> bytes:
     return out.getvalue()
 
 
+def plain_array(rng: Random, data: bytes) -> bytes:
+    """An npy with its array or its bytes changed."""
+    if rng.random() < 0.3:
+        return raw(rng, data)
+    out = io.BytesIO()
+    np.save(out, array(rng, np.load(io.BytesIO(data), allow_pickle=False)), allow_pickle=False)
+    return out.getvalue()
+
+
+def tensors(rng: Random, data: bytes) -> bytes:
+    """A safetensors with what its head says, or its bytes, changed."""
+    if rng.random() < 0.3:
+        return raw(rng, data)
+    size = struct.unpack_from("<Q", data)[0]
+    head = json.dumps(tree(rng, json.loads(data[8 : 8 + size]))).encode()
+    return struct.pack("<Q", len(head)) + head + data[8 + size :]
+
+
 def glb(rng: Random, data: bytes) -> bytes:
     """A binary glTF with its tree, its numbers or its bytes changed."""
     if rng.random() < 0.25 or len(data) < 20:

@@ -51,7 +51,8 @@ def _target(root: Path, name: str, dataset: str, write: Callable[[Path], object]
 
     def read(folder: Path, _: Random) -> Any:
         found = []
-        for each in reader.sequences(folder)[:_MOST]:
+        names = reader.sequences(folder)[:_MOST]
+        for each in [who for name in names for who in reader.people(folder, name)][:_MOST]:
             sequence = reader.read(folder, each)
             for mesh in sequence.meshes[:_MOST]:
                 read_off(mesh)

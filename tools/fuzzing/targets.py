@@ -21,7 +21,9 @@ from perfcap.errors import InputError
 _BY_SUFFIX: dict[str, Callable[[Random, bytes], bytes]] = {
     ".npz": mutate.archive,
     ".glb": mutate.glb,
+    ".npy": mutate.plain_array,
     ".ply": mutate.headed,
+    ".safetensors": mutate.tensors,
 }
 _MOST = 100  # frames of an array
 _TREES = (".json", ".gltf")
@@ -60,6 +62,16 @@ def prepare(target: Target, place: Path, rng: Random) -> int:
     data = changed(rng, path.suffix.lower(), path.read_bytes())
     path.write_bytes(data)
     return len(data)
+
+
+def require_read(target: Target, place: Path) -> None:
+    """Read the files as they should be: mutants of what is refused would reach nothing."""
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(target.folder, place)
+    try:
+        target.run(place, Random(0))
+    except target.refuses as error:
+        raise ValueError(f"{target.name}: the files to mutate are refused: {error}") from error
 
 
 def changed(rng: Random, suffix: str, data: bytes) -> bytes:
