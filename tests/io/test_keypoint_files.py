@@ -178,6 +178,7 @@ def test_wrong_arrays(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"{'descr'", b"('descr'", 1))
     with pytest.raises(InputError, match="is no array of numbers"):
         read_detections(path)
-    np.save(tmp_path / "numCams.npy", whole)
-    with pytest.raises(InputError, match="expected FreeMoCap's"):
-        read_detections(tmp_path / "numCams.npy")
+    for other in (whole, np.ones((2, 4, 33, 1))):
+        np.save(tmp_path / "numCams.npy", other)
+        with pytest.raises(InputError, match="expected FreeMoCap's"):
+            read_detections(tmp_path / "numCams.npy")

@@ -46,7 +46,7 @@ def read_keypoint_npy(path: Path) -> list[Listing]:
     values = _load(path)
     name = path.name.lower()
     if _CAMERAS in name:
-        if values.ndim != 4:
+        if values.ndim != 4 or values.shape[-1] < 2:
             raise InputError(f"{path}: has shape {values.shape}, expected FreeMoCap's [C,F,J,2]")
         values = values[..., :2]
         body = values[..., :_BODY, :] if values.shape[2] in _WITH_BODY else values
