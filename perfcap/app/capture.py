@@ -287,12 +287,13 @@ def _known_result(folder: Path, request: Capture, call: Call) -> int | None:
 
 def _expected(request: Capture, folder: Path) -> tuple[str, ...]:
     """Files of a whole result of this request."""
-    found = (DETECTIONS,) if keeps_detections(request) else ()
     surface = (SURFACE,) if Stage[request.until.upper()].needs_images else ()
     if is_several(folder):
         own = (*FILES, *surface)
         names = [f"{place.name}/{name}" for place in people_of(folder) for name in own]
+        found = (DETECTIONS,) if request.detectors else ()
         return (*names, SCENE, *((OVERLAY,) if request.overlay else ()), *found)
+    found = (DETECTIONS,) if keeps_detections(request) else ()
     body = PERSONAL if request.actor == (AUTO,) else ()
     return (*FILES, *_videos(request), *found, *body, *surface)
 

@@ -144,8 +144,13 @@ def networks_of(request: Capture) -> Iterator[Path]:
 
 
 def keeps_detections(request: Capture) -> bool:
-    """Whether the folder holds detections: those of networks, or lifted because that was asked."""
-    return bool(request.detectors) or (request.lifter is not None and bool(request.lifters))
+    """Whether the folder of one person holds detections, which no file that was given has alone.
+
+    Those of networks, those that were lifted because that was asked, and those of one person of
+    files that list everybody.
+    """
+    lifted = request.lifter is not None and bool(request.lifters)
+    return bool(request.detectors) or lifted or request.people in (1, "auto")
 
 
 def casting_of(request: Capture, actor: str) -> Casting:

@@ -12,7 +12,7 @@ from perfcap.app.inputs import Inputs
 from perfcap.app.moving_camera import camera_moves, find_motion
 from perfcap.errors import InputError
 from perfcap.io.body_model import DEFAULT_BODY, load_body_model
-from perfcap.io.clip import Clip, LateSource
+from perfcap.io.clip import Clip, late_views
 from perfcap.pipeline.camera_motion import CameraMotion
 from perfcap.pipeline.lens import solve_lens
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
@@ -103,8 +103,4 @@ def _late(clip: Clip, found: ViewErrors) -> Clip:
     if found.late is None:
         return clip
     whole = [round(value) for value in found.late.tolist()]
-    sources = [
-        LateSource(source, late) if late else source
-        for source, late in zip(clip.sources, whole, strict=True)
-    ]
-    return Clip(sources, clip.fps, clip.warnings, clip.start, clip.start + len(clip))
+    return late_views(clip, whole, clip.start + len(clip))

@@ -332,3 +332,18 @@ class LateSource:
     def close(self) -> None:
         """Let go of files."""
         self.source.close()
+
+
+def late_views(clip: Clip, late: Sequence[int], stop: int) -> Clip:
+    """A clip whose views are read so many whole frames later.
+
+    Args:
+        clip: each view as its file has it.
+        late: of each view; below 0 for earlier ones.
+        stop: number of the frame after the last one.
+    """
+    sources = [
+        LateSource(source, frames) if frames else source
+        for source, frames in zip(clip.sources, late, strict=True)
+    ]
+    return Clip(sources, clip.fps, clip.warnings, clip.start, stop)

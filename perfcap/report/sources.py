@@ -21,10 +21,11 @@ from perfcap.io.calibration import (
     read_cameras,
     read_pixel_map,
 )
-from perfcap.io.clip import Clip
+from perfcap.io.clip import Clip, late_views
 from perfcap.io.detections import read_detections
 from perfcap.io.result import Result
 from perfcap.io.result_folder import ASSUMED_CAMERA, DETECTIONS, own_file
+from perfcap.pipeline.view_errors import ViewErrors
 
 _LOG = logging.getLogger(__name__)
 _RATE = 0.01  # share by which frame rates may differ and mean the same
@@ -106,6 +107,7 @@ class _Finder:
         self.placed = False  # whether videos were given that are not where the capture had them
         self.doubts: list[str] = []  # of what was given
         self.notes: list[str] = []
+        self.clocks = self._clocks()
 
     def clip(self, given: Sequence[Path]) -> Clip | None:
         """The videos, of which there must be one a view."""
@@ -114,7 +116,7 @@ class _Finder:
             self.notes.append("The capture does not say which videos it was made from.")
             return None
         try:
-            clip = Clip.open(paths, fps=self.rate, frames=self.frames)
+            clip = self._in_step(paths)
             if abs(clip.fps / self.rate - 1) > _RATE or clip.views != len(self.names or paths):
                 raise InputError(
                     f"{paths[0]}: {clip.views} videos of {clip.fps:.3g} frames a second, the "
@@ -130,6 +132,29 @@ class _Finder:
             self._compare(text, path, "--videos" if given else "")
         self.placed = bool(given)
         return clip
+
+    def _in_step(self, paths: Sequence[Path]) -> Clip:
+        """The videos' frames that the capture saw at once, whatever their own numbers."""
+        late = None if self.clocks is None else self.clocks.late
+        if late is None:
+            return Clip.open(paths, fps=self.rate, frames=self.frames)
+        whole = [round(value) for value in late.tolist()]
+        ahead = slice(self.frames.start, self.frames.stop + max(0, *whole))
+        clip = Clip.open(paths, fps=self.rate, frames=ahead)
+        return late_views(clip, whole, self.frames.stop) if clip.views == len(whole) else clip
+
+    def _clocks(self) -> ViewErrors | None:
+        """By how much views are later, as the capture found it."""
+        found = _mapping(self.report.get("view_errors")).get("clock_frames")
+        if found is None:
+            return None
+        known = [_mapping(each) for each in _mapping(found).values()]
+        parts = [[each.get(key) for each in known] for key in ("value", "deviation")]
+        if len(known) != len(self.names) or not all(map(_are_numbers, parts)):
+            self.notes.append("By how much views are later cannot be read.")
+            return None
+        clock, deviation = (torch.tensor(part, dtype=torch.float64) for part in parts)
+        return ViewErrors(clock, deviation)
 
     def _compare(self, text: str, path: Path, option: str) -> None:
         """Note a file of another size than the capture read: another, or written anew.
@@ -185,14 +210,17 @@ class _Finder:
         """The joints that were detected, in pixels of the clip."""
         if rig is None or pixel_map is None:
             return None
-        paths = [self._find(text) for text in _texts(self.request.get("detections"))]
-        if not paths:
-            kept = own_file(self.folder, DETECTIONS)
-            if kept is None:
-                self.notes.append("Detected joints are not shown: there are none in the folder.")
-                return None
-            paths = [kept]
-        in_video = self.request.get("detections_in") == "video"
+        texts = _texts(self.request.get("detections"))
+        # files that list everybody do not say whom the capture followed; what it kept does
+        kept = own_file(self.folder, DETECTIONS)
+        if texts and self.request.get("people") is None:
+            paths = [self._find(text) for text in texts]
+        elif kept is None:
+            self.notes.append("Detected joints are not shown: there are none in the folder.")
+            return None
+        else:
+            texts, paths = [], [kept]
+        in_video = bool(texts) and self.request.get("detections_in") == "video"
         sizes = clip.sizes if in_video and clip is not None else rig.cameras.size
         try:
             found, _ = read_detections(
@@ -204,10 +232,12 @@ class _Finder:
                 sizes=None if clip is None else sizes,
                 images=() if clip is None else clip.image_names,
             )
+            if self.clocks is not None:
+                found = self.clocks.of_detections(found)
             found = found.frames(self.frames)
             if found.frame_count != self.frames.stop - self.frames.start:
                 raise InputError(f"{paths[0]}: holds other frames than the capture")
-            for text, path in zip(_texts(self.request.get("detections")), paths, strict=False):
+            for text, path in zip(texts, paths, strict=False):
                 self._compare(text, path, "")
         except InputError as error:
             self.notes.append(f"Detected joints are not shown: {error}.")
@@ -268,6 +298,8 @@ def _texts(value: Any) -> list[str]:
 
 def _is_step(value: Any) -> bool:
     """Whether something read is a rotation vector and a shift, six numbers."""
-    if not isinstance(value, list) or len(value) != 6:
-        return False
-    return all(isinstance(each, int | float) and isfinite(each) for each in value)
+    return isinstance(value, list) and len(value) == 6 and _are_numbers(value)
+
+
+def _are_numbers(values: Sequence[Any]) -> bool:
+    return all(isinstance(each, int | float) and isfinite(each) for each in values)

@@ -14,6 +14,7 @@ from runs import Command
 from perfcap.app.capture_people import _with_bones_of
 from perfcap.detect.association import associate
 from perfcap.io.result import read_result
+from perfcap.report.sources import find_sources
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +34,10 @@ def test_it_is_the_one_with_the_bones_of_the_actor(
     assert any("has other bones" in note for note in done.notes)
     error = read_result(tmp_path).joints - pair.crowd.joints[number].numpy()
     assert 1000 * np.linalg.norm(error, axis=-1).mean() < 25
+    shown = find_sources(read_result(tmp_path), slice(0, 20)).detections  # on pages
+    assert shown is not None
+    apart = (shown.joints2d - pair.crowd.cameras.project(pair.crowd.joints[number])).norm(dim=-1)
+    assert float(apart[shown.confidence2d > 0].median()) < 5  # px; of noise of 2
 
 
 @pytest.mark.long

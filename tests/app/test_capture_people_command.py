@@ -213,7 +213,7 @@ def test_one_of_them_writes_what_one_person_writes(
     options = ("--people", "1", "--no-overlay", "--until", "track_motion")
     done = perfcap(pair.command(tmp_path, *options, actors=pair.actors[:1]))
     assert done.code == 0 and not (tmp_path / "people.json").exists()
-    assert {"motion.npz", "capture.glb"} <= files_of(tmp_path)
+    assert {"motion.npz", "capture.glb", "detections.npz"} <= files_of(tmp_path)
     assert any("further people: 1, left out, since" in note for note in done.notes)
 
 
@@ -229,7 +229,7 @@ def test_another_number_of_people_leaves_nothing_behind(
     assert not (place / "people.json").exists() and not (place / "scene.glb").exists()
     assert not (place / "person1").exists() and files_of(place / "person2") == {"mine.txt"}
     assert perfcap(pair.command(place, "--overwrite", "--no-overlay")).code == 0
-    assert files_of(place) == SHARED
+    assert files_of(place) == SHARED | {"detections.npz"}  # of the video, as one person's are
 
 
 def test_resume_knows_a_whole_result(captured: Path, pair: CrowdFiles, perfcap: Command) -> None:
