@@ -175,8 +175,11 @@ def _run(
         about = replace(inputs, warnings=all_said(said, *inputs.warnings, *chosen.warnings))
         run = {"request": describe(request), "wall_s": wall, **environment(about)}
         run |= {"view_errors": ready.views} if ready.views else {}
-        up = axis("y") if request.cameras is None else None  # of a level world
-        write_result(performance, scratch, inputs.clip.start, run, inputs.rig.names, up)
+        clip, up = inputs.clip, axis("y") if request.cameras is None else None  # of a level world
+        late = {name: clip.late(view) for view, name in enumerate(inputs.rig.names)}
+        run |= {"late_frames": late} if any(late.values()) else {}  # of masks, as they are numbered
+        own = [clip.file_frames(view).tolist() for view in range(clip.views)]
+        write_result(performance, scratch, clip.start, run, inputs.rig.names, up, own)
     gaps, trust = made_up(performance, inputs.clip.start), performance.trust
     untrusted = trust.sentences(inputs.clip.start) if trust else ()
     for line in (*chosen.warnings, *performance.warnings, *gaps, *untrusted):

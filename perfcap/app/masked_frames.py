@@ -33,31 +33,34 @@ def masked_frames(
 
 def partly_masked(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """Views of which some frames alone have masks, a sentence each."""
-    clip, start = inputs.clip, inputs.clip.start
-    for name, files in zip(clip.names, masks.files, strict=True):
-        if len(files) < len(clip):
-            first, last = start + min(files), start + max(files)
+    clip = inputs.clip
+    for view, (name, files) in enumerate(zip(clip.names, masks.files, strict=True)):
+        rows = clip.file_frames(view).tolist()
+        there = {row for row in rows if row >= 0}  # a view that is late has no image of some
+        given = sorted(there & {rows[frame] for frame in files})
+        if given and len(given) < len(there):
             yield (
-                f"masks of {name}: are given for {len(files)} of {len(clip)} frames, {first} to "
-                f"{last} (counted from 0); those of the others are found in the images"
-                f"{_FROM_ONE if start == 0 and _counts_from_one(files, len(clip)) else ''}"
+                f"masks of {name}: are given for {len(given)} of {len(there)} frames, {given[0]} "
+                f"to {given[-1]} (counted from 0); those of the others are found in the images"
+                f"{_FROM_ONE if _counts_from_one(given, there) else ''}"
             )
 
 
 def order_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:
     """Views whose masks are of other frames for a while, or stay the same, a sentence each."""
-    seen, start = inputs.detections, inputs.clip.start
+    seen, clip = inputs.detections, inputs.clip
     pixels = inputs.pixel_map.to_video(seen.joints2d)
-    for view, name in enumerate(inputs.clip.names):
+    for view, name in enumerate(clip.names):
         read = partial(masks.mask, view)
         shown = pixels[:, view].numpy(), seen.confidence2d[:, view].numpy()
-        for found in examine_masks(name, read, *shown, first=start):
+        first = clip.start + clip.late(view)
+        for found in examine_masks(name, read, *shown, first=first):
             yield f"{found.subject}: {found.what}; {found.remedy}"
 
 
-def _counts_from_one(frames: Collection[int], count: int) -> bool:
+def _counts_from_one(given: Collection[int], there: Collection[int]) -> bool:
     """Whether masks of all frames but the first are there: their numbers may begin with 1."""
-    return count > 1 and set(frames) == set(range(1, count))
+    return 0 in there and set(given) == set(there) - {0}
 
 
 def given_doubts(inputs: Inputs, masks: MaskFolders) -> Iterator[str]:

@@ -207,13 +207,23 @@ class Clip:
     def halted(self, view: int) -> NDArray[np.bool_]:
         """Which frames show the picture of the frame before once more, (F,), as videos tell."""
         given = self.sources[view]
-        source, late = (given.source, given.late) if isinstance(given, LateSource) else (given, 0)
+        source = given.source if isinstance(given, LateSource) else given
         found = np.zeros(len(self), np.bool_)
         if isinstance(source, VideoFile):
-            rows = np.arange(self.start + late, self._stop + late)
-            there = (rows > 0) & (rows < len(source)) & (np.arange(len(self)) > 0)
+            rows = self.file_frames(view)
+            there = (rows > 0) & (np.arange(len(self)) > 0)
             found[there] = source.halted[rows[there]]
         return found
+
+    def late(self, view: int) -> int:
+        """Frames by which a view is read later in its file than the others, see ``LateSource``."""
+        source = self.sources[view]
+        return source.late if isinstance(source, LateSource) else 0
+
+    def file_frames(self, view: int) -> NDArray[np.int64]:
+        """Number of each frame in the file of a view, (F,); -1 where that ends or begins before."""
+        rows = np.arange(self.start, self._stop) + self.late(view)
+        return np.where((rows >= 0) & (rows < len(self.sources[view])), rows, -1)
 
     def keep(self, frames: Iterable[int]) -> None:
         """Have videos hold some frames of the clip when they are read; see ``VideoFile.keep``."""

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,7 +17,7 @@ from skimage.draw import polygon2mask
 
 from perfcap.errors import InputError
 from perfcap.io.atomic import unwritable, writing
-from perfcap.io.clip import Clip, LateSource
+from perfcap.io.clip import Clip
 from perfcap.io.files import TEXT_LIMIT, natural_key, read_json
 from perfcap.io.image_file import SUFFIXES, decode_image, image_size
 from perfcap.io.view_names import rows_of
@@ -26,7 +27,12 @@ _PLAIN = re.compile(r"\w[\w .-]{0,99}")  # names of views that can be names of f
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-def save_masks(folder: Path, views: Mapping[str, Iterable[bytes]], start: int = 0) -> int:
+def save_masks(
+    folder: Path,
+    views: Mapping[str, Iterable[bytes]],
+    start: int = 0,
+    numbers: Sequence[Sequence[int]] | None = None,
+) -> int:
     """Write encoded masks as ``000000.png`` ..., each complete or not at all.
 
     One view lies in the folder itself, several in folders of their names. Masks that an older run
@@ -36,6 +42,8 @@ def save_masks(folder: Path, views: Mapping[str, Iterable[bytes]], start: int = 
         folder: made if missing.
         views: one encoded PNG a frame, by the view's name: 0 background, k person.
         start: number of the first frame.
+        numbers: of the frames of each view, C of F, where these are not those from ``start`` on:
+            masks of a view that is late are of its own frames. Those below 0 are not written.
 
     Returns:
         Number of files.
@@ -46,9 +54,10 @@ def save_masks(folder: Path, views: Mapping[str, Iterable[bytes]], start: int = 
     if folder.is_symlink():
         raise _elsewhere(folder)
     remove_masks(folder)
+    rows: Sequence[Iterable[int]] = numbers or [count(start) for _ in views]
     return sum(
-        _save_view(folder / name, images, start)
-        for name, images in zip(view_folders(list(views)), views.values(), strict=True)
+        _save_view(folder / name, images, own)
+        for name, images, own in zip(view_folders(list(views)), views.values(), rows, strict=True)
     )
 
 
@@ -97,20 +106,22 @@ def remove_masks(folder: Path, kept: Collection[str] = ()) -> None:
         raise unwritable(folder, error) from error
 
 
-def _save_view(folder: Path, images: Iterable[bytes], start: int) -> int:
+def _save_view(folder: Path, images: Iterable[bytes], numbers: Iterable[int]) -> int:
     if folder.is_symlink():
         raise _elsewhere(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from error
-    number = start
-    for number, data in enumerate(images, start + 1):
+    written = 0
+    for data, number in zip(images, numbers, strict=False):  # some count on and on
         if not data.startswith(_SIGNATURE):
-            raise InputError(f"{folder}: mask of frame {number - 1} is not an encoded PNG")
-        with writing(folder / f"{number - 1:06d}.png") as file:
-            file.write(data)
-    return number - start
+            raise InputError(f"{folder}: mask of frame {number} is not an encoded PNG")
+        if number >= 0:
+            with writing(folder / f"{number:06d}.png") as file:
+                file.write(data)
+            written += 1
+    return written
 
 
 def _elsewhere(folder: Path) -> InputError:
@@ -180,7 +191,8 @@ class MaskFolders:
 
     As many images as the video has frames are those of its frames, in order. Fewer are those of
     the images that are called like them, or of the frames that the numbers at the ends of their
-    names say, as captures write them: the first frame of the video is 0.
+    names say, as captures write them: the first frame of the video is 0. Those of a view that is
+    late are of the frames of its own video.
 
     Attributes:
         files: of each view, C, by the frame of the clip.
@@ -204,15 +216,14 @@ class MaskFolders:
             )
         files = []
         for view, folder in enumerate(folders):
-            source, size = clip.sources[view], clip.sizes[view]
-            late = source.late if isinstance(source, LateSource) else 0
-            numbered = _numbered(folder, source.total, clip.image_names[view])
-            own = {n - late - clip.start: path for n, path in numbered.items()}
+            size, first = clip.sizes[view], clip.start + clip.late(view)
+            numbered = _numbered(folder, clip.sources[view].total, clip.image_names[view])
+            own = {number - first: path for number, path in numbered.items()}
             own = {frame: path for frame, path in own.items() if 0 <= frame < len(clip)}
             if not own:
                 raise InputError(
                     f"--masks {folder}: holds images {min(numbered)} to {max(numbered)}, none of "
-                    f"the frames {clip.start} to {clip.start + len(clip) - 1} that are captured; "
+                    f"the frames {max(first, 0)} to {first + len(clip) - 1} that are captured; "
                     "expected images numbered as the frames of the video, the first is 0"
                 )
             for path in own.values():

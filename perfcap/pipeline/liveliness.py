@@ -12,8 +12,17 @@ _LIVELY = 2.5  # steps between blocks, in deviations within one; see ``_liveline
 _SURE = 0.3  # confidence
 
 
+def least_frames(rate: float) -> int:
+    """Frames of the shortest clip that says whether a person moves: two blocks, at a rate in Hz."""
+    return 2 * _block(rate)
+
+
 def require_motion(detections: Detections, rate: float) -> None:
     """Refuse to tell clocks by somebody who stands still.
+
+    Args:
+        detections: (F, C, 16), of ``least_frames`` or more: a single block has no step to another.
+        rate: frames a second.
 
     Raises:
         InputError: what moves is no more than errors of a detector.
@@ -32,7 +41,7 @@ def _liveliness(detections: Detections, rate: float) -> float:
     Errors of a detector that stay alike for 8 frames make 0.5 to 2.3 of somebody who stands,
     people who walk, dance or balance 3.4 to 6 in the median of the views.
     """
-    length = max(2, round(_BLOCK * rate))
+    length = _block(rate)
     seen = (detections.confidence2d[:, 0] > _SURE).unfold(0, length, length).all(-1)  # N 16
     paths = detections.joints2d[:, 0].unfold(0, length, length)  # N 16 2 L
     steps = paths.mean(-1).diff(dim=0)[seen[1:] & seen[:-1]]
@@ -40,6 +49,10 @@ def _liveliness(detections: Detections, rate: float) -> float:
     if not len(steps):
         return 0.0
     return float(steps.square().mean().sqrt() / within.median().sqrt().clamp(min=1e-9))
+
+
+def _block(rate: float) -> int:
+    return max(2, round(_BLOCK * rate))
 
 
 def liveliest(detections: Detections, frames: int) -> slice:

@@ -36,6 +36,7 @@ def write_result(
     run: Mapping[str, Any] | None = None,
     view_names: Sequence[str] | None = None,
     up: Tensor | None = None,
+    view_frames: Sequence[Sequence[int]] | None = None,
 ) -> None:
     """Write motion.npz, motion.bvh, capture.glb, config.yaml and, last, run.json into a folder.
 
@@ -50,6 +51,8 @@ def write_result(
         run: what the caller knows about the run, added to run.json.
         view_names: of the views, for folders of masks where there are several.
         up: of the world, (3,); the axis along which the person stands if None.
+        view_frames: numbers of the frames in the video of each view, C of F, for masks, where a
+            view is late; below 0 where it has none.
 
     Raises:
         InputError: the folder cannot be written.
@@ -71,7 +74,7 @@ def write_result(
     if performance.contours is not None:
         joints = performance.actor.skeleton.rig.joints
         save_volume(folder / VOLUME, performance.contours.volume, joints)
-    _write_masks(performance, folder / MASKS, first_frame, view_names)
+    _write_masks(performance, folder / MASKS, first_frame, view_names, view_frames)
     moving = None if surface is None else surface_blocks(surface)
     path = folder / "capture.glb"
     whole = save_animation(path, template, transforms, performance.rate, moving, known, turn)
@@ -98,14 +101,18 @@ def identity(performance: Performance, first_frame: int, settings: bytes) -> str
 
 
 def _write_masks(
-    performance: Performance, folder: Path, first_frame: int, names: Sequence[str] | None
+    performance: Performance,
+    folder: Path,
+    first_frame: int,
+    names: Sequence[str] | None,
+    numbers: Sequence[Sequence[int]] | None,
 ) -> None:
     if performance.refinement is None:
         return
     silhouettes = performance.refinement.evidence.silhouettes
     names = names or [f"view_{view}" for view in range(silhouettes.views)]
     masks = {name: silhouettes.png(view) for view, name in enumerate(names)}
-    save_masks(folder, masks, first_frame)
+    save_masks(folder, masks, first_frame, numbers)
 
 
 def _write_motion(performance: Performance, path: Path, first_frame: int, known: str) -> None:

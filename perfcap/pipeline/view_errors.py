@@ -19,7 +19,7 @@ from perfcap.geometry.triangulation import triangulate
 from perfcap.pipeline.config import PoseConfig
 from perfcap.pipeline.initialize import initialize
 from perfcap.pipeline.input_checks import require_kinds, require_matching
-from perfcap.pipeline.liveliness import liveliest, require_motion
+from perfcap.pipeline.liveliness import least_frames, liveliest, require_motion
 from perfcap.pipeline.objective import FrameProblem
 from perfcap.pipeline.prepare import prepare, relaxed
 from perfcap.pipeline.uncertain_problem import UncertainProblem
@@ -28,6 +28,7 @@ from perfcap.setting_checks import Settings
 
 _MUCH = 3.0  # deviations, beyond which a correction is no small one
 _WHOLE = 0.1  # frames that a clock may be off where it is taken for a whole number
+_LEAST = 15  # frames, of cameras and clocks
 _UNKNOWN = 0.5  # frames of deviation, beyond which a clock is not found: others have 0.05 to 0.2
 
 
@@ -195,12 +196,15 @@ def solve_views(
     require_kinds(actor=actor, cameras=cameras, detections=detections)
     rate, detections = frame_rate(rate), detections.finite()
     _require_views(cameras, detections)
+    _require_length(detections, rate, sync)
     require_matching(cameras, detections, None)
     part = liveliest(detections, settings.frames)
     some = replace(detections.frames(part), joints3d=None)
     found = ViewErrors()
     if sync:
-        require_motion(some, rate)
+        # at hundreds of frames a second the stretch is shorter than what shows motion
+        long = liveliest(detections, max(settings.frames, least_frames(rate)))
+        require_motion(detections.frames(long), rate)
         clock = _whole_frames(cameras, some, round(settings.reach * rate))
         found = replace(found, clock=clock)
     frames = FrameProblem.of(actor, cameras.to(some.joints2d), some, config)
@@ -223,9 +227,15 @@ def _require_views(cameras: Camera, detections: Detections) -> None:
         raise InputError("cameras move; clocks and small errors are found of fixed cameras only")
     if cameras.views < 2:
         raise InputError("one view has no other to be compared with; give two or more")
-    if detections.frame_count < 15:
+
+
+def _require_length(detections: Detections, rate: float, sync: bool) -> None:
+    """Clocks need a person seen to move, which takes more frames where there are more a second."""
+    count, need = detections.frame_count, max(_LEAST, least_frames(rate) if sync else 0)
+    if count < need:
+        what = f"clocks at {rate:g} frames a second" if sync else "places of cameras"
         raise InputError(
-            f"clip has {detections.frame_count} frames; clocks and cameras need 15 or more"
+            f"clip has {count} frames; {what} need {need} or more: give a longer part (--frames)"
         )
 
 

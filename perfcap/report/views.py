@@ -30,6 +30,7 @@ LONGEST_SIDE = 640  # px of a shown video
 BUDGET = 12_000_000  # bytes of all videos of a page, for long clips
 _MOST = 100_000_000  # bits a second, more than any quality needs; the encoder counts to 2^31
 _BATCH = 8  # frames in memory at once
+_FAR = 1_000_000  # frames, more than any view is late by
 _QUALITY = {"crf": "25", "preset": "medium", "profile": "baseline"}
 # Key frames close together and no frames that are shown in another order: scrubbing is quick,
 # and frame i is shown at its own time.
@@ -170,11 +171,18 @@ def _add_overlay(views: Views, result: Result, rows: slice, tell: Progress) -> N
 def _add_masks(
     views: Views, result: Result, rows: slice, sources: Sources, sizes: list[Size]
 ) -> None:
-    numbers = result.frame_numbers[rows].tolist()
     for view, size in enumerate(sizes):
+        numbers = (result.frame_numbers[rows] + _late(result, sources.names[view])).tolist()
         found = mask_outlines(result.folder, sources.names, view, numbers, size)
         if found is not None:
             _put(views, view, "mask", found)
+
+
+def _late(result: Result, name: str) -> int:
+    """Frames by which a view's masks are numbered later; older results number all alike."""
+    late = result.report.get("late_frames")
+    step = late.get(name) if isinstance(late, dict) else None
+    return step if isinstance(step, int) and abs(step) < _FAR else 0
 
 
 def _add_projections(

@@ -10,6 +10,7 @@ from takes import Take, make_take
 from perfcap.detect.detections import Detections, at_clock
 from perfcap.errors import InputError
 from perfcap.geometry.rotation import rotvec_to_matrix
+from perfcap.pipeline.liveliness import least_frames, require_motion
 from perfcap.pipeline.view_errors import ViewErrors, solve_views
 
 F64 = torch.float64
@@ -104,6 +105,31 @@ def test_what_cannot_be_solved_is_refused() -> None:
         solve_views(take.actor, parts[0].every_frame(20), parts[1], 30.0)
     with pytest.raises(InputError, match="has 9 frames"):
         solve_views(take.actor, parts[0], parts[1].frames(slice(0, 9)), 30.0)
+
+
+@pytest.mark.parametrize(("rate", "least"), [(10.0, 15), (30.0, 16), (60.0, 32), (300.0, 162)])
+def test_short_clips_are_refused_as_short(rate: float, least: int) -> None:
+    """And not as of somebody who stands still: the first that is long enough shows its motion."""
+    take = make_take(least, views=2, lifted=False, rate=rate)
+    short = take.detections.frames(slice(0, least - 1))
+    words = f"has {least - 1} frames; clocks at {rate:g} frames a second need {least} or more"
+    with pytest.raises(InputError, match=words):
+        solve_views(take.actor, take.cameras, short, rate)
+    require_motion(take.detections, rate)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rate", [30.0, 300.0])
+def test_the_shortest_clips_show_clocks(rate: float) -> None:
+    take = make_take(least_frames(rate), views=2, lifted=False, rate=rate)
+    found = solve_views(actor(), take.cameras, take.detections, rate)
+    assert found.clock is not None and float(found.clock.abs().max()) < 0.5
+
+
+def test_places_of_cameras_need_as_many_frames_at_any_rate() -> None:
+    take = make_take(14, views=2, lifted=False, rate=60.0)
+    with pytest.raises(InputError, match="14 frames; places of cameras need 15 or more"):
+        solve_views(actor(), take.cameras, take.detections, 60.0, sync=False, refine=True)
 
 
 @pytest.mark.long
