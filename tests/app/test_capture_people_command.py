@@ -175,7 +175,11 @@ def test_commands_go_from_one_to_the_next(
     assert {p.name for p in tmp_path.iterdir()} == {"both_person1.bvh", "both_person2.bvh"}
     brief = ["--freeze", "3", "--seconds", "0.1", "--size", "64", "64"]
     video = ["--out", tmp_path / "turn.mp4", *brief]
-    assert perfcap(["render", captured, *video]).code == 0
+    assert "replaces" not in perfcap(["render", captured, *video]).out
+    (tmp_path / "turn_person1.mp4").unlink()
+    lines = perfcap(["render", captured, *video]).out.splitlines()
+    assert f"{tmp_path / 'turn_person1.mp4'}" in lines
+    assert f"{tmp_path / 'turn_person2.mp4'} (replaces an older file)" in lines
     assert (tmp_path / "turn_person1.mp4").is_file() and (tmp_path / "turn_person2.mp4").is_file()
     again = shutil.copytree(captured, tmp_path / "again")
     done = perfcap(["report", again, "--truth", pair.truth])
